@@ -1,0 +1,47 @@
+# Needs python3 (3.11 or newer, with venv) and a C compiler. Every target makes .venv itself.
+#   PYTHON=python3.12 make test      another interpreter (after `make clean`)
+#   PIP_INDEX_URL, PIP_FIND_LINKS,…  are pip's own and honoured, for instance
+#   PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu make demo    torch without CUDA
+
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+WORKERS ?= 2
+
+.PHONY: help demo test test-slow lint bench clean
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make demo | test | test-slow | lint | bench | clean"
+
+demo: $(READY)
+	$(BIN)/dl2c demo
+
+test: $(READY)
+	$(BIN)/python -m pytest -n $(WORKERS) -q -m "not slow"
+
+test-slow: $(READY)
+	$(BIN)/python -m pytest -n $(WORKERS) -q -m slow
+
+lint: $(READY)
+	@status=0; \
+	$(BIN)/ruff check dl2c tests examples || status=1; \
+	$(BIN)/pyright --pythonpath $(BIN)/python || status=1; \
+	exit $$status
+
+bench: $(READY)
+	$(BIN)/dl2c bench
+
+clean:
+	rm -rf .venv dist .pytest_cache .ruff_cache .hypothesis
+	find build -mindepth 1 ! -name README.md -delete
+	find . -name __pycache__ -not -path './.venv/*' -exec rm -rf {} +
+
+# torch comes first: stable-baselines3 would choose a version itself.
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit("dl2c needs Python 3.11 or newer; set PYTHON=" if sys.version_info < (3, 11) else 0)'
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv || \
+	  { rm -rf .venv; echo "cannot make .venv: install python3-venv" >&2; exit 1; }
+	$(BIN)/python -m pip install -q -c constraints.txt torch
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[train,dev]'
+	@touch $@

@@ -1,0 +1,125 @@
+/* actions.h -- which paths are open, which values of an input pass, which path a request takes. */
+#ifndef DL2C_ACTIONS_H
+#define DL2C_ACTIONS_H
+
+typedef struct dl2c_range {
+  bool empty;
+  real low, high;
+} dl2c_range;
+
+/*
+ * The passing value furthest in `direction` (-1 down, 1 up), searched from `start`
+ * inside the input's limits: steps of 1, 2, 4, ... units in the last place bracket the
+ * end of the passing values, bisection finds it. False if no tried value passes.
+ */
+static bool dl2c_outermost(int path, int input, const real *x, const real *p, real start,
+                           int direction, real *out)
+{
+  const int64_t least = dl2c_ordinal(INPUT_LOW[input]);
+  const int64_t most = dl2c_ordinal(INPUT_HIGH[input]);
+  int64_t here = dl2c_ordinal(start);
+  here = here < least ? least : here > most ? most : here;
+  const bool found = model_admits(path, input, x, p, dl2c_from_ordinal(here));
+  const int64_t outward = found ? direction : -direction;
+  int64_t there = here;
+  for (int64_t step = 1;; step *= 2) {
+    const int64_t room = outward > 0 ? most - here : here - least;
+    there = here + outward * (step < room ? step : room);
+    if (there == here) {
+      *out = dl2c_from_ordinal(here);
+      return found;
+    }
+    if (model_admits(path, input, x, p, dl2c_from_ordinal(there)) != found) break;
+    here = there;
+  }
+  int64_t inside = found ? here : there;
+  int64_t outside = found ? there : here;
+  while (inside - outside > 1 || outside - inside > 1) {
+    const int64_t middle = outside + (inside - outside) / 2;
+    if (model_admits(path, input, x, p, dl2c_from_ordinal(middle)))
+      inside = middle;
+    else
+      outside = middle;
+  }
+  *out = dl2c_from_ordinal(inside);
+  return true;
+}
+
+/* The values of an input that pass the tests it decides on a path. */
+static dl2c_range dl2c_admissible(int path, int input, const real *x, const real *p)
+{
+  dl2c_range range = {true, INPUT_LOW[input], INPUT_HIGH[input]};
+  model_limits(path, input, x, p, &range.low, &range.high);
+  range.empty = !dl2c_outermost(path, input, x, p, range.low, -1, &range.low)
+      || !dl2c_outermost(path, input, x, p, range.high, 1, &range.high);
+  return range;
+}
+
+/* Which paths of a point pass all their tests up to their flow.   enabled: (paths of the point) */
+static inline void dl2c_enabled(int point, const real *x, const real *p, uint8_t *enabled)
+{
+  model_guards(point, x, p, enabled);
+  if (NU == 0) return;
+  const int first = POINT_START[point];
+  for (int k = first; k < POINT_START[point + 1]; k++)
+    for (int j = 0; j < PATHS[k].ninput && enabled[k - first]; j++)
+      if (dl2c_admissible(k, PATHS[k].inputs[j], x, p).empty) enabled[k - first] = 0;
+}
+
+/* How many of a path's decisions, in order, are as requested. */
+static inline int dl2c_agreement(int path, const int32_t *choices)
+{
+  int agreed = 0;
+  while (agreed < PATHS[path].nmet
+         && DECISIONS[path][PATHS[path].met[agreed]] == choices[PATHS[path].met[agreed]])
+    agreed++;
+  return agreed;
+}
+
+/*
+ * The open path to try first: the requested one, else the one that agrees longest with
+ * the request, then one whose first other alternative is marked as fallback, then the
+ * first in program order. Once a run has left the request only that order counts.
+ * Returns -1 if none is open.
+ */
+static int dl2c_preferred(int point, const uint8_t *enabled, const int32_t *choices, bool left,
+                          bool *as_requested)
+{
+  const int first = POINT_START[point];
+  int best = -1;
+  int best_rank = -1;
+  for (int k = first; k < POINT_START[point + 1]; k++) {
+    if (!enabled[k - first]) continue;
+    const int agreed = left ? 0 : dl2c_agreement(k, choices);
+    const bool whole = !left && agreed == PATHS[k].nmet;
+    if (whole) {
+      *as_requested = true;
+      return k;
+    }
+    const int rank = left ? 0 : 2 * agreed + (PATHS[k].marked[agreed] != 0);
+    if (rank > best_rank) {
+      best = k;
+      best_rank = rank;
+    }
+  }
+  *as_requested = false;
+  return best;
+}
+
+/* The value an input takes, and in *executed how the action space writes it. */
+static inline real dl2c_resolve(int32_t map, dl2c_range range, real requested, real *executed)
+{
+  const real span = range.high - range.low;
+  real value = requested;
+  if (map == DL2C_MAP_SQUASH) {
+    const real unit = !(requested >= -1.0) ? -1.0 : requested > 1.0 ? 1.0 : requested;
+    value = range.low + span * (0.5 * (unit + 1.0));
+  }
+  if (!(value >= range.low)) value = range.low;
+  if (value > range.high) value = range.high;
+  *executed = value;
+  if (map == DL2C_MAP_SQUASH) *executed = span > 0.0 ? 2.0 * ((value - range.low) / span) - 1.0 : 0.0;
+  return value;
+}
+
+#endif

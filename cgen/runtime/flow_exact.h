@@ -1,0 +1,52 @@
+/*
+ * flow_exact.h -- when a polynomial motion leaves its domain.
+ *
+ * The margin of a condition is c0 + c1*tau + c2*tau^2, inside at tau = 0. The same
+ * operations in the same order as dl2c/ir/exact.py.
+ */
+#ifndef DL2C_FLOW_EXACT_H
+#define DL2C_FLOW_EXACT_H
+
+#include "numbers.h"
+
+/* A rounded end point may step back into the domain so often, each time four times as far. */
+enum { DL2C_RETREATS = 27 };
+#define DL2C_RETREAT_FIRST 0x1p-52
+
+/* Where the margin of a starting point on or inside the boundary crosses zero; INFINITY for never. */
+static inline real dl2c_crossing(real c0, real c1, real c2, bool touching_counts)
+{
+  if (c0 <= 0.0) {
+    if (c1 <= 0.0) return c1 < 0.0 || c2 < 0.0 ? 0.0 : (real)INFINITY;
+    return c2 < 0.0 ? -c1 / c2 : (real)INFINITY;
+  }
+  if (c1 >= 0.0 && c2 >= 0.0) return (real)INFINITY;
+  const real disc = c1 * c1 - 4.0 * c2 * c0;
+  if (disc < 0.0 || (disc == 0.0 && c2 > 0.0 && !touching_counts)) return (real)INFINITY;
+  const real root = sqrt(disc);
+  if (c1 < 0.0) return c0 / ((root - c1) / 2.0);
+  return (-(c1 + root) / 2.0) / c2;
+}
+
+/* margin >= 0: leaves where the margin becomes negative. */
+static inline real dl2c_exit_closed(real c0, real c1, real c2)
+{
+  return dl2c_crossing(c0, c1, c2, false);
+}
+
+/* margin > 0: leaves where it becomes zero. */
+static inline real dl2c_exit_open(real c0, real c1, real c2)
+{
+  return dl2c_crossing(c0, c1, c2, true);
+}
+
+/* margin != 0: leaves where it becomes zero from either side. */
+static inline real dl2c_exit_apart(real c0, real c1, real c2)
+{
+  return c0 < 0.0 ? dl2c_crossing(-c0, -c1, -c2, true) : dl2c_crossing(c0, c1, c2, true);
+}
+
+/* margin = 0 that motion changes: leaves at once. */
+static inline real dl2c_exit_equal(void) { return 0.0; }
+
+#endif

@@ -1,0 +1,73 @@
+/*
+ * model.h -- what a generated model tells the runtime.
+ *
+ * A generated file includes this header, defines the sizes, tables and functions named
+ * below, and then includes batch.h, which compiles the runtime around them. Arrays of
+ * size zero do not exist in C: tables have at least one entry.
+ *
+ *   enum { NX, NP, NU, NCHOICE, NMASK, NPRED, NOBS, NPOINT, NPATH, NFREE, NBOX };
+ *   typedef float dl2c_obs;                      one observation entry, or double
+ *   static const dl2c_path PATHS[];              all paths, grouped by point
+ *   static const int32_t POINT_START[];          (NPOINT + 1) first path of each point
+ *   static const int8_t DECISIONS[][];           (NPATH, NCHOICE) alternative taken, or -1
+ *   static const int32_t MASK_START[];           (NCHOICE + 1) first mask entry of each decision
+ *   static const double INPUT_LOW[], INPUT_HIGH[];
+ *   static const double SAMPLE_LOW[][], SAMPLE_HIGH[][], SAMPLE_SHARE[]; static const int32_t SAMPLE_ALIAS[];
+ *
+ *   void model_guards(int point, x, p, uint8_t *enabled)         tests that no input decides
+ *   void model_limits(int path, int input, x, p, real *low, real *high)
+ *   bool model_admits(int path, int input, x, p, real value)     tests that this input decides
+ *   bool model_update(int path, x, p, u, real *y)                false: a value is undefined
+ *   bool model_flow(int flow, real *x, p, real *duration)        false: a value is undefined
+ *   void model_judge(x, p, dl2c_judgement *out)                  rewards and the end of episodes
+ *   bool model_postcondition(x, p)
+ *   bool model_precondition(x, p)
+ *   void model_observe(x, p, dl2c_obs *obs, uint8_t *saturated)
+ *   void model_initial(const real *drawn, real *x, real *p)      a state from the drawn values
+ *   bool model_accept(x, p)                                      and whether it is admissible
+ */
+#ifndef DL2C_MODEL_H
+#define DL2C_MODEL_H
+
+#include "dl2c.h"
+#include "flow_exact.h"
+#include "numbers.h"
+
+/* The longest list of decisions or inputs of one path that a table row holds. */
+enum { DL2C_END = -1, DL2C_NO_FLOW = -1 };
+
+typedef struct dl2c_path {
+  int32_t flow;         /* DL2C_NO_FLOW for none */
+  int32_t target;       /* the next point, or DL2C_END */
+  int32_t nmet;         /* decisions met, */
+  const int8_t *met;    /* which, in order, */
+  const int8_t *marked; /* and whether the alternative taken is marked as fallback */
+  int32_t ninput;       /* inputs met, */
+  const int8_t *inputs; /* and which, in order */
+} dl2c_path;
+
+/* offset + slope * value >= 0: a lower limit of the value where slope > 0, else an upper one. */
+static inline void dl2c_limit(real offset, real slope, real *low, real *high)
+{
+  const real root = -offset / slope;
+  if (slope > 0.0 && root > *low) *low = root;
+  if (slope < 0.0 && root < *high) *high = root;
+}
+
+typedef enum dl2c_end {
+  DL2C_GOES_ON = 0,
+  DL2C_TERMINATE = 1,
+  DL2C_TRUNCATE = 2,
+} dl2c_end;
+
+/* What the annotated predicates say of a state. */
+typedef struct dl2c_judgement {
+  real reward;
+  int32_t cost;   /* violated @safety predicates */
+  int32_t end;    /* dl2c_end */
+  int32_t status; /* dl2c_outcome */
+  int32_t reason; /* dl2c_reason */
+  bool undefined; /* a reward term has no finite value */
+} dl2c_judgement;
+
+#endif

@@ -1,0 +1,72 @@
+/* numbers.h -- small exact operations on doubles that models and runtime share. */
+#ifndef DL2C_NUMBERS_H
+#define DL2C_NUMBERS_H
+
+#include <float.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+
+typedef double real;
+
+/* dL's min and max: the second where neither is smaller (greater). */
+static inline real dl2c_min(real a, real b) { return a < b ? a : b; }
+static inline real dl2c_max(real a, real b) { return a > b ? a : b; }
+
+static inline bool dl2c_all_finite(const real *x, int n)
+{
+  bool finite = true;
+  for (int k = 0; k < n; k++) finite = finite && isfinite(x[k]);
+  return finite;
+}
+
+/* The next double towards zero from a positive one. */
+static inline real dl2c_before(real a)
+{
+  uint64_t bits;
+  memcpy(&bits, &a, sizeof bits);
+  bits -= 1;
+  memcpy(&a, &bits, sizeof a);
+  return a;
+}
+
+/* Doubles numbered in order: neighbours differ by one, both zeros are 0. */
+static inline int64_t dl2c_ordinal(real a)
+{
+  int64_t bits;
+  memcpy(&bits, &a, sizeof bits);
+  return bits >= 0 ? bits : -(bits & INT64_MAX);
+}
+
+/* The double of that number. */
+static inline real dl2c_from_ordinal(int64_t number)
+{
+  const int64_t bits = number >= 0 ? number : -number;
+  real a;
+  memcpy(&a, &bits, sizeof a);
+  return number >= 0 ? a : -a;
+}
+
+/* An observation entry, saturated to its bounds; notes in *saturated that it was. */
+static inline float dl2c_observe_float(real a, float low, float high, uint8_t *saturated)
+{
+  const float narrow = (float)a;
+  if (narrow < low) {
+    *saturated = 1;
+    return low;
+  }
+  if (narrow > high) {
+    *saturated = 1;
+    return high;
+  }
+  return narrow;
+}
+
+static inline double dl2c_observe_double(real a, double low, double high, uint8_t *saturated)
+{
+  if (a < low || a > high) *saturated = 1;
+  return a < low ? low : a > high ? high : a;
+}
+
+#endif

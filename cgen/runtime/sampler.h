@@ -1,0 +1,36 @@
+/*
+ * sampler.h -- initial states: a box by its share, a uniform point in it, then the rest of the precondition.
+ */
+#ifndef DL2C_SAMPLER_H
+#define DL2C_SAMPLER_H
+
+#include "rng.h"
+
+/* Draws that may fail before a reset gives up, and states without a run that may be drawn. */
+enum { DL2C_MAX_DRAWS = 10000000, DL2C_MAX_DEADLOCKS = 1000 };
+
+/* One draw; false if it is not admissible. */
+static inline bool dl2c_draw(dl2c_rng *rng, real *x, real *p)
+{
+  real drawn[NFREE + 1];
+  int box = 0;
+  if (NBOX > 1) {
+    const real place = dl2c_rng_unit(rng) * (real)NBOX;
+    box = (int)place;
+    if (place - (real)box >= SAMPLE_SHARE[box]) box = SAMPLE_ALIAS[box];
+  }
+  for (int k = 0; k < NFREE; k++)
+    drawn[k] = dl2c_rng_uniform(rng, SAMPLE_LOW[box][k], SAMPLE_HIGH[box][k]);
+  model_initial(drawn, x, p);
+  return model_accept(x, p);
+}
+
+/* Draws until one is admissible; false if none was. */
+static bool dl2c_sample(dl2c_rng *rng, real *x, real *p)
+{
+  for (int k = 0; k < DL2C_MAX_DRAWS && NBOX > 0; k++)
+    if (dl2c_draw(rng, x, p)) return true;
+  return false;
+}
+
+#endif

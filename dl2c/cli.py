@@ -1,0 +1,273 @@
+"""The command `dl2c`.
+
+Results go to stdout, messages and progress bars to stderr. Exit codes: see `commands.failures`;
+2 for a wrong command line.
+"""
+
+import csv
+import math
+import shutil
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from dl2c.commands.failures import CommandError, as_json, report, show, to_json
+from dl2c.commands.flags import model_options
+from dl2c.diagnostics import CompileError
+from dl2c.version import __version__
+
+if TYPE_CHECKING:
+    from dl2c.pipeline import Compiled
+    from dl2c.training.evaluation import Evaluation
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    help="Compile KeYmaera X models with RL annotations to native environments.",
+)
+
+INTERNAL = ("sealed.json", "warnings.json")
+"""Files of a cache entry that concern nobody else."""
+
+Model = Annotated[str, typer.Argument(help="A .kyx file, or example:NAME.", show_default=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show the traceback of an internal error.")]
+PolicyName = Annotated[str, typer.Option("--policy", help="random, first, or a policy's zip file.")]
+Episodes = Annotated[int, typer.Option(min=1, help="How many episodes.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the first episode; the next ones count up.")]
+Masked = Annotated[bool, typer.Option("--masked/--unmasked", help="Keep the policy to enabled alternatives.")]
+
+
+def main() -> None:
+    """Run the command line; the only place where exceptions become messages and exit codes."""
+    try:
+        app()
+    except Exception as failure:
+        raise SystemExit(report(failure, bool({"-v", "--verbose"} & set(sys.argv)))) from None
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"dl2c {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options_of_dl2c(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Compile KeYmaera X models with RL annotations to native environments."""
+
+
+@app.command()
+@model_options
+def build(
+    model: Model,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for build/<model>/.")] = Path(
+        "build"
+    ),
+    json: Json = False,
+    verbose: Verbose = False,
+    *,
+    options: Mapping[str, Any],
+) -> None:
+    """Compile a model and write its C, library and manifest to a folder."""
+    compiled = _compile(model, options)
+    show(compiled.warnings)
+    target = output / compiled.library.manifest.name
+    shutil.copytree(compiled.directory, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*INTERNAL))
+    files = sorted(path.name for path in compiled.directory.iterdir() if path.name not in INTERNAL)
+    print(to_json({"directory": str(target), "files": files}) if json else target)
+
+
+@app.command()
+@model_options
+def check(model: Model, json: Json = False, verbose: Verbose = False, *, options: Mapping[str, Any]) -> None:
+    """Report every error and warning in a model."""
+    from dl2c.env.opening import source_of
+    from dl2c.pipeline import check_model, resolve_options
+
+    try:
+        with _working(f"checking {model}"):
+            found, failed = check_model(source_of(model), resolve_options(options)), False
+    except CompileError as error:
+        found, failed = error.diagnostics, True
+    if json:
+        print(as_json(found))
+    else:
+        show(found)
+    if failed:
+        raise typer.Exit(1)
+    if not json:
+        print(f"{model}: no errors, {len(found)} warning{'s' * (len(found) != 1)}")
+
+
+@app.command()
+@model_options
+def info(model: Model, json: Json = False, verbose: Verbose = False, *, options: Mapping[str, Any]) -> None:
+    """Describe a model's environment: spaces, decisions, bounds, kernels, predicates, options."""
+    from dl2c.commands.describe import describe
+
+    manifest = _compile(model, options).library.manifest
+    if json:
+        print(manifest.to_json(), end="")
+    else:
+        describe(manifest)
+
+
+@app.command()
+@model_options
+def emit(
+    model: Model,
+    stage: Annotated[str, typer.Option(help="tree, expanded, ir, paths or c.")] = "c",
+    verbose: Verbose = False,
+    *,
+    options: Mapping[str, Any],
+) -> None:
+    """Print what a model has become after a stage of the compiler."""
+    from dl2c.env.opening import source_of
+    from dl2c.pipeline import emit as emitted
+    from dl2c.pipeline import resolve_options
+
+    print(emitted(source_of(model), stage, resolve_options(options)).rstrip("\n"))
+
+
+@app.command()
+@model_options
+def rollout(
+    model: Model,
+    policy: PolicyName = "random",
+    episodes: Episodes = 1,
+    seed: Seed = 0,
+    masked: Masked = True,
+    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every step to this file.")] = None,
+    json: Json = False,
+    verbose: Verbose = False,
+    *,
+    options: Mapping[str, Any],
+) -> None:
+    """Run a policy and say how its episodes ended; with --csv, every step."""
+    from dl2c.training.rollout import rollout as run
+
+    rows = list(run(policy, model, episodes, seed, masked, **options))
+    if csv_file is not None:
+        with csv_file.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, tuple(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+    last = [row for row in rows if row["terminated"] or row["truncated"]]
+    ends = Counter((row["status"], row["reason"]) for row in last)
+    summary = {
+        "episodes": episodes,
+        "steps": len(rows) - episodes,
+        "mean_return": sum(row["reward"] for row in rows) / episodes,
+        "mean_time": sum(row["time"] for row in last) / episodes,
+        "ends": [{"status": s, "reason": r, "episodes": n} for (s, r), n in sorted(ends.items())],
+    }
+    if json:
+        print(to_json(summary))
+        return
+    print(
+        f"{episodes} episodes, {summary['steps']} steps, mean return {summary['mean_return']:.6g}, ", end=""
+    )
+    print(f"mean duration {summary['mean_time']:.6g} s")
+    for (status, reason), count in sorted(ends.items()):
+        print(f"{count:>6}  {status}: {reason}")
+
+
+@app.command()
+@model_options
+def train(
+    model: Model,
+    algo: Annotated[str, typer.Option(help="ppo or maskable-ppo.")] = "ppo",
+    steps: Annotated[int, typer.Option(min=1, help="Environment steps.")] = 400_000,
+    n_envs: Annotated[int, typer.Option(min=1, help="Environments stepped together.")] = 64,
+    seed: Seed = 0,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")] = Path(
+        "build/train"
+    ),
+    verbose: Verbose = False,
+    *,
+    options: Mapping[str, Any],
+) -> None:
+    """Train a policy; writes policy.zip, run.json and curve.png and evaluates the result."""
+    from dl2c.training.evaluation import evaluate
+    from dl2c.training.plots import plot_curves
+    from dl2c.training.ppo import Settings
+    from dl2c.training.ppo import train as learn
+
+    if algo not in ("ppo", "maskable-ppo"):
+        raise CommandError(f"no algorithm {algo!r}; there is ppo, maskable-ppo")
+    settings = Settings(steps=steps, n_envs=n_envs)
+    with _progress(steps) as note:
+        run = learn(model, algo, seed=seed, directory=output, settings=settings, progress=note, **options)
+    plot_curves({algo: [run.curve]}, output / "curve.png")
+    print(f"{run.policy}: {_sentence(evaluate(run.policy, model, masked=algo == 'maskable-ppo', **options))}")
+
+
+@app.command()
+def demo(verbose: Verbose = False) -> None:
+    """Train on the waypoint example and compare with policies that do not learn (some minutes)."""
+    from dl2c.training.demo import main as run
+
+    run()
+
+
+def _compile(model: str, options: Mapping[str, Any]) -> "Compiled":
+    from dl2c.env.opening import build as build_model
+    from dl2c.env.opening import source_of
+
+    with _working(f"compiling {model}") as note:
+        return build_model(source_of(model), options, note)
+
+
+@contextmanager
+def _working(what: str) -> Iterator[Callable[[str], None]]:
+    """A spinner on a terminal's stderr, nothing elsewhere; yields what changes its text."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda _: None
+        return
+    with console.status(what) as status:
+        yield lambda text: status.update(f"{what}: {text}")
+
+
+@contextmanager
+def _progress(steps: int) -> Iterator[Any]:
+    """A bar on a terminal's stderr, nothing elsewhere; yields what takes a point of the learning curve."""
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
+    with Progress(
+        *columns, TextColumn("{task.description}"), console=console, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task("", total=steps)
+
+        def note(point: Any) -> None:
+            rates = f"success {point.success:4.0%}  violations {point.violations:4.0%}"
+            bar.update(
+                task, completed=point.steps, description=f"{rates}  {point.steps_per_second:,.0f} steps/s"
+            )
+
+        yield note
+
+
+def _sentence(found: "Evaluation") -> str:
+    def percent(name: str) -> str:
+        e = asdict(found)[name]
+        return f"{e['value']:.1%} [{e['low']:.1%}, {e['high']:.1%}]"
+
+    text = f"{found.episodes} episodes: success {percent('success')}, violations {percent('violations')}"
+    if math.isnan(found.travel_time.value):
+        return text
+    return f"{text}, mean duration of successes {found.travel_time.value:.3g} s"

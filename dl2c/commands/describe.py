@@ -1,0 +1,72 @@
+"""A compiled model, for people: its spaces, decisions, bounds, kernels, predicates and options."""
+
+from collections.abc import Iterable
+
+from rich.console import Console
+from rich.table import Table
+
+from dl2c.env.actions import action_space, encoding
+from dl2c.env.spaces import observation_space
+from dl2c.native.manifest import Manifest, Quantity
+
+PIPED_WIDTH = 160
+"""Columns of output that is not a terminal's."""
+
+
+def describe(manifest: Manifest) -> None:
+    """Print what `dl2c info` shows."""
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=PIPED_WIDTH)
+    box = observation_space(manifest)
+    console.print(f"[bold]{manifest.name}[/bold]  (dl2c {manifest.dl2c_version}, build {manifest.key})")
+    console.print(f"observation space  Box({len(manifest.observations)}, {box.dtype})", markup=False)
+    console.print(f"action space       {action_space(encoding(manifest))}", markup=False)
+    console.print(f"initial states     {manifest.certificate}", markup=False)
+    for title, columns, rows in (
+        ("Observation", ("entry", "low", "high", "unit", "meaning"), _quantities(manifest.observations)),
+        ("Constants", ("name", "low", "high", "unit", "meaning", "fixed"), _constants(manifest)),
+        ("Choices", ("decision", "#", "alternative"), _choices(manifest)),
+        ("Inputs", ("decision", "variable", "low", "high"), _inputs(manifest)),
+        ("Continuous evolutions", ("ODE", "kernel", "because"), _flows(manifest)),
+        ("Predicates", ("name", "category"), [(p.name, p.category) for p in manifest.predicates]),
+        ("Options", ("name", "value"), [(k, str(v)) for k, v in sorted(manifest.options.items())]),
+    ):
+        if found := list(rows):
+            console.print(_table(title, columns, found))
+    for note in manifest.notes:
+        console.print(f"note: {note}", markup=False)
+
+
+def _table(title: str, columns: Iterable[str], rows: Iterable[tuple[str, ...]]) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(*(cell.replace("[", r"\[") for cell in row))
+    return table
+
+
+def _quantities(quantities: Iterable[Quantity]) -> list[tuple[str, ...]]:
+    return [(q.name, f"{q.low:g}", f"{q.high:g}", q.unit, q.description) for q in quantities]
+
+
+def _constants(manifest: Manifest) -> list[tuple[str, ...]]:
+    fixed = ["" if q.value is None else f"{q.value:g}" for q in manifest.constants]
+    return [(*row, value) for row, value in zip(_quantities(manifest.constants), fixed, strict=True)]
+
+
+def _choices(manifest: Manifest) -> list[tuple[str, ...]]:
+    return [
+        (c.key if k == 0 else "", str(k), text)
+        for c in manifest.choices
+        for k, text in enumerate(c.alternatives)
+    ]
+
+
+def _inputs(manifest: Manifest) -> list[tuple[str, ...]]:
+    return [(i.key, i.variable, f"{i.low:g}", f"{i.high:g}") for i in manifest.inputs]
+
+
+def _flows(manifest: Manifest) -> list[tuple[str, ...]]:
+    return [(f.text, f.kernel, f.reason) for f in manifest.flows]

@@ -1,0 +1,101 @@
+"""How failures reach the user: mistakes in a model as diagnostics, the rest in one line.
+
+Exit code 1: the model, an option, a file or the machine. Exit code 70: a bug of dl2c.
+"""
+
+import json
+import sys
+import traceback
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from dl2c.diagnostics import CompileError, Diagnostic, render
+from dl2c.native.errors import NativeError
+from dl2c.options import UnknownOption
+from dl2c.source import NOWHERE
+from dl2c.training.policies import PolicyError
+from dl2c.version import __version__
+
+USER, BUG = 1, 70
+"""Exit codes; 70 is EX_SOFTWARE of sysexits.h."""
+
+COLOURS = {"error": "bold red", "warning": "bold yellow", "note": "cyan", "help": "green"}
+
+EXTRA = {"torch", "stable_baselines3", "sb3_contrib", "matplotlib"}
+
+
+class CommandError(Exception):
+    """Something a command cannot do; the message says why."""
+
+
+def report(failure: BaseException, verbose: bool) -> int:
+    """Say on stderr what went wrong; the exit code."""
+    match failure:
+        case CompileError(diagnostics=diagnostics):
+            show(diagnostics)
+            return USER
+        case NativeError() | UnknownOption() | PolicyError() | CommandError():
+            _line(str(failure))
+            return USER
+        case UnicodeDecodeError():
+            _line(f"the model is not UTF-8 text: {failure.reason} at byte {failure.start}")
+            return USER
+        case OSError(filename=str() | bytes() as name):
+            _line(f"{failure.strerror}: {name}")
+            return USER
+        case ModuleNotFoundError(name=name) if name in EXTRA:
+            _line(f"this needs {name}; install it with `pip install dl2c[train]`")
+            return USER
+        case _:
+            if verbose:
+                traceback.print_exception(failure)
+            _line(f"internal error: {type(failure).__name__}: {failure}")
+            advice = "with the model and the output of the same command with -v"
+            print(f"This is a bug in dl2c {__version__}. Please report it {advice}.", file=sys.stderr)
+            return BUG
+
+
+def show(diagnostics: Iterable[Diagnostic]) -> None:
+    """Diagnostics on stderr, in colour on a terminal."""
+    console = Console(stderr=True, highlight=False)
+    for k, diagnostic in enumerate(diagnostics):
+        text = render(diagnostic)
+        if k:
+            print(file=sys.stderr)
+        if console.is_terminal:
+            console.print(_coloured(text), soft_wrap=True)
+        else:
+            print(text, file=sys.stderr)
+
+
+def _coloured(text: str) -> Text:
+    styled = Text(text)
+    for word, style in COLOURS.items():
+        styled.highlight_regex(rf"(?m)^{word}:", style)
+    styled.highlight_regex(r"(?m)^ +\| +\^+.*$", COLOURS["error"])
+    return styled
+
+
+def _line(message: str) -> None:
+    print(f"error: {message}", file=sys.stderr)
+
+
+def as_json(diagnostics: Iterable[Diagnostic]) -> str:
+    """Diagnostics for scripts: a list of objects; `file`, `line` and `column` where there is a place."""
+    return to_json([_plain(d) for d in diagnostics])
+
+
+def _plain(d: Diagnostic) -> Mapping[str, Any]:
+    what = {"severity": d.severity, "code": d.code, "title": d.title, "label": d.label, "help": d.help}
+    if d.span == NOWHERE:
+        return what | {"notes": list(d.notes)}
+    place = {"file": d.span.source.name, "line": d.span.line, "column": d.span.column, "text": d.span.text}
+    return what | {"notes": list(d.notes)} | place
+
+
+def to_json(value: Any) -> str:
+    """JSON as every command prints it."""
+    return json.dumps(value, indent=1, sort_keys=True)

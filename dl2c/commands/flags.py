@@ -1,0 +1,86 @@
+"""The options of an environment as command-line flags, made once from `Options`."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import Field, fields
+from functools import wraps
+from typing import Annotated, Any, get_args
+
+import typer
+
+from dl2c.options import Options, UnknownOption
+
+HELP = {
+    "entry": "Entry of a KeYmaera X archive that holds several.",
+    "loop": "Which top-level loop is the episode, counted from 1.",
+    "dt": "Longest time of a continuous evolution, in seconds.",
+    "tolerance": "Relative tolerance of annotated predicates.",
+    "progress_failure": "When a progress predicate with on_failure fails.",
+    "observe_constants": "Observe the sampled constants too.",
+    "obs_dtype": "Type of observations and continuous actions.",
+    "observation_bounds": "Limits of the observation space.",
+    "action_format": "How decisions become an action space.",
+    "action_map": "How continuous actions meet their admissible set.",
+    "on_blocked": "What happens to a step whose requested run blocks.",
+    "blocked_penalty": "Added to the reward of such a step.",
+    "max_episode_steps": "Truncate episodes after so many steps; 0: never.",
+    "stall_limit": "Truncate after so many zero-duration steps in a row; 0: never.",
+    "native": "Tune for this machine's CPU.",
+}
+
+
+UNFLAGGED = ("constants", "given")
+"""`--set` gives constants; `given` is bookkeeping."""
+
+
+def model_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command a flag for every option; it receives those given as the mapping `options`."""
+    given_names = [f.name for f in fields(Options) if f.name not in UNFLAGGED]
+    own = [p for p in inspect.signature(command).parameters.values() if p.name != "options"]
+    flags = [_flag(f) for f in fields(Options) if f.name in given_names]
+    settable = _parameter("set_", list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=_SET))
+
+    @wraps(command)
+    def run(**arguments: Any) -> None:
+        options = {name: value for name in given_names if (value := arguments.pop(name)) is not None}
+        if constants := arguments.pop("set_"):
+            options["constants"] = dict(map(_constant, constants))
+        command(**arguments, options=options)
+
+    signature = inspect.Signature([*own, settable, *flags])
+    run.__signature__ = signature  # pyright: ignore[reportAttributeAccessIssue] # read by inspect.signature
+    run.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
+    return run
+
+
+_SET = "Fix a constant of the model. May be repeated."
+
+
+def _flag(option: "Field[Any]") -> inspect.Parameter:
+    """The flag of one option; numbers stay text, so that decimals are read exactly."""
+    name = f"--{option.name.replace('_', '-')}"
+    text = HELP.get(option.name, "")
+    match option.name:
+        case "observe_constants" | "native":
+            both = f"{name}/--no-{name.removeprefix('--')}"
+            return _parameter(option.name, bool | None, typer.Option(both, help=text))
+        case "max_episode_steps" | "stall_limit" | "loop":
+            return _parameter(option.name, int | None, typer.Option(name, help=text))
+        case _:
+            words = get_args(option.type)
+            metavar = "|".join(words) if words and all(isinstance(w, str) for w in words) else None
+            return _parameter(option.name, str | None, typer.Option(name, metavar=metavar, help=text))
+
+
+def _parameter(name: str, kind: Any, option: Any) -> inspect.Parameter:
+    option.rich_help_panel = "Environment"
+    return inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind, option]
+    )
+
+
+def _constant(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise UnknownOption(f"--set takes NAME=VALUE, not {text!r}")
+    return name.strip(), value.strip()

@@ -1,0 +1,1 @@
+"""From the step model to readable C."""

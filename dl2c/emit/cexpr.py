@@ -1,0 +1,151 @@
+"""Instruction tapes as C expressions.
+
+Operations used once are written in place; shared ones get a name. The printed code does
+the tape's operations in the tape's order of operands, so its results have the same bits.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import assert_never
+
+from dl2c.emit import names
+from dl2c.symbolic.tape import Instruction, Tape
+from dl2c.symbolic.terms import LARGEST
+
+ATOM, UNARY, PRODUCT, SUM, ORDER, EQUALITY, CONJUNCTION, DISJUNCTION = 9, 8, 7, 6, 5, 4, 3, 2
+LONGEST = 72
+"""Longer operands get a name of their own."""
+
+INFIX = {
+    "add": ("+", SUM),
+    "sub": ("-", SUM),
+    "mul": ("*", PRODUCT),
+    "div": ("/", PRODUCT),
+    "lt": ("<", ORDER),
+    "le": ("<=", ORDER),
+    "eq": ("==", EQUALITY),
+    "ne": ("!=", EQUALITY),
+    "and": ("&&", CONJUNCTION),
+    "or": ("||", DISJUNCTION),
+}
+MIRRORED = {"<": ">", "<=": ">="}
+FUNCTIONS = {
+    "abs": "fabs",
+    "min": "dl2c_min",
+    "max": "dl2c_max",
+    "arcsin": "asin",
+    "arctan": "atan",
+} | {f: f for f in ("sqrt", "exp", "sin", "cos", "tan", "tanh", "pow")}
+TRUTHS = frozenset({"lt", "le", "eq", "ne", "and", "or", "not"})
+
+
+@dataclass(frozen=True, slots=True)
+class Printed:
+    """Statements to be placed first, and the expression of the result. `trivial`: a name or a number alone."""
+
+    statements: tuple[str, ...]
+    expression: str
+    trivial: bool
+
+
+def number(value: float) -> str:
+    """The shortest text that reads back as the same double."""
+    if value == LARGEST:
+        return "DBL_MAX"
+    return repr(value)
+
+
+def print_tape(tape: Tape, name: Callable[[str], str] = names.local, truth: bool = False) -> Printed:
+    """The tape as C, input `a` written as `name(a)`; `truth` for a result that is a condition."""
+    uses = [0] * len(tape.instructions)
+    for instruction in tape.instructions:
+        for arg in instruction.args:
+            uses[arg] += 1
+    prefix = _prefix({i.name for i in tape.instructions})
+    statements: list[str] = []
+    texts: list[tuple[str, int]] = []
+    for k, instruction in enumerate(tape.instructions):
+        text, binds = _expression(instruction, tape, texts, name)
+        shared = uses[k] > 1 and instruction.operation not in ("input", "constant")
+        if shared or (len(text) > LONGEST and k != tape.result and instruction.operation not in ("and", "or")):
+            temporary = f"{prefix}{len(statements)}"
+            kind = "bool" if instruction.operation in TRUTHS else "real"
+            statements.append(f"const {kind} {temporary} = {text};")
+            text, binds = temporary, ATOM
+        texts.append((text, binds))
+    text, _ = texts[tape.result]
+    result = tape.instructions[tape.result]
+    if truth and result.operation == "constant":
+        text = "true" if result.value else "false"
+    return Printed(_needed(statements, text), text, result.operation in ("input", "constant"))
+
+
+def _needed(statements: list[str], text: str) -> tuple[str, ...]:
+    """Without names that only a peephole rewriting left unused."""
+    kept: list[str] = []
+    for statement in reversed(statements):
+        name = statement.split()[2]
+        if any(re.search(rf"\b{name}\b", t) for t in (text, *kept)):
+            kept.append(statement)
+    return tuple(reversed(kept))
+
+
+def _prefix(taken: set[str]) -> str:
+    """A stem for temporaries that no input can be mistaken for."""
+    stem = "t"
+    while any(re.fullmatch(rf"{stem}\d+", n) for n in taken):
+        stem += "t"
+    return stem
+
+
+def _expression(
+    instruction: Instruction, tape: Tape, texts: list[tuple[str, int]], name: Callable[[str], str]
+) -> tuple[str, int]:
+    operation, args = instruction.operation, instruction.args
+
+    def operand(k: int, level: int, strictly: bool = False) -> str:
+        text, binds = texts[args[k]]
+        return f"({text})" if binds < level or (strictly and binds == level) else text
+
+    match operation:
+        case "input":
+            return name(instruction.name), ATOM
+        case "constant":
+            text = number(instruction.value)
+            return text, UNARY if text.startswith("-") else ATOM
+        case "neg":
+            return f"-{operand(0, ATOM)}", UNARY
+        case "not":
+            return f"!{operand(0, ATOM)}", UNARY
+        case "le" if _is_finiteness(tape, args):
+            inner = tape.instructions[args[0]].args[0]
+            return f"isfinite({texts[inner][0]})", ATOM
+        case "lt" | "le" if tape.instructions[args[0]].operation == "constant":
+            sign, level = INFIX[operation]
+            return f"{operand(1, level)} {MIRRORED[sign]} {operand(0, level, True)}", level
+        case "add" | "sub" | "mul" | "div" | "lt" | "le" | "eq" | "ne":
+            sign, level = INFIX[operation]
+            return f"{operand(0, level)} {sign} {operand(1, level, True)}", level
+        case "and" | "or":
+            sign, level = INFIX[operation]
+            return f"{_condition(operand, args, texts, 0, level)} {sign} {_condition(operand, args, texts, 1, level)}", level
+        case "abs" | "min" | "max" | "sqrt" | "exp" | "sin" | "cos" | "tan" | "arcsin" | "arctan" | "tanh" | "pow":
+            return f"{FUNCTIONS[operation]}({', '.join(texts[a][0] for a in args)})", ATOM
+        case _:
+            assert_never(operation)
+
+
+def _condition(
+    operand: Callable[[int, int], str], args: tuple[int, ...], texts: list[tuple[str, int]], k: int, level: int
+) -> str:
+    """An operand of && or ||; mixed operators are parenthesised for the reader and the compiler."""
+    _, binds = texts[args[k]]
+    if binds in (CONJUNCTION, DISJUNCTION) and binds != level:
+        return f"({texts[args[k]][0]})"
+    return operand(k, level)
+
+
+def _is_finiteness(tape: Tape, args: tuple[int, ...]) -> bool:
+    left, right = (tape.instructions[a] for a in args)
+    return left.operation == "abs" and right.operation == "constant" and right.value == LARGEST

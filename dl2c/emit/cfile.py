@@ -1,0 +1,96 @@
+"""The shapes of C that generated files are made of: comments, functions, tables.
+
+Every function here returns text or lines of text; what they say is decided elsewhere.
+"""
+
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
+
+from dl2c.source import NOWHERE, Span
+
+WIDTH = 100
+
+
+def comment(text: str) -> str:
+    """A block comment, wrapped; nothing in the text can end it early."""
+    safe = "".join(c if c.isprintable() and c.isascii() else "?" for c in text.replace("\n", " "))
+    safe = safe.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
+    lines = textwrap.wrap(safe, WIDTH - 6, break_long_words=False, break_on_hyphens=False) or [""]
+    if len(lines) == 1:
+        return f"/* {lines[0]} */"
+    return "\n".join(["/*", *(f" * {line}" for line in lines), " */"])
+
+
+def place(span: Span) -> str:
+    """`file:line`, the file without its directory."""
+    if span == NOWHERE:
+        return ""
+    name = span.source.name.replace("\\", "/").rsplit("/", 1)[-1]
+    return f"{name}:{span.line}"
+
+
+def function(head: str, body: Iterable[str], about: str = "") -> str:
+    """A function definition with its comment above; `body` lines are indented.
+
+    Parameters that the body has no use for are marked so.
+    """
+    listed = list(body)
+    parameters = re.findall(r"(\w+)(?=[,)])", head.split("(", 1)[1])
+    used = set(re.findall(r"\w+", " ".join(listed)))
+    idle = [f"(void){p};" for p in parameters if p not in used and p != "void"]
+    lines = [comment(about)] if about else []
+    lines += [_signature(head), "{", *textwrap.wrap(" ".join(idle), WIDTH, initial_indent="  ", subsequent_indent="  ")]
+    lines += [f"  {line}" if line else "" for line in listed]
+    return "\n".join([*lines, "}"]) + "\n"
+
+
+def _signature(head: str) -> str:
+    """The head of a function, broken after commas where it is too long."""
+    if len(head) <= WIDTH:
+        return head
+    opening, rest = head.split("(", 1)
+    indent = " " * (len(opening) + 1)
+    lines = [opening + "("]
+    for parameter in re.split(r"(?<=,) ", rest):
+        if len(lines[-1]) + len(parameter) > WIDTH:
+            lines[-1] = lines[-1].rstrip()
+            lines.append(indent)
+        lines[-1] += parameter + " "
+    return "\n".join(lines).rstrip()
+
+
+def wrapped(statement: str) -> list[str]:
+    """A long statement over several lines, broken before operators."""
+    if len(statement) <= WIDTH - 2:
+        return [statement]
+    parts = statement.replace(" && ", "\n&& ").replace(" || ", "\n|| ").split("\n")
+    lines: list[str] = []
+    for part in parts:
+        if lines and len(lines[-1]) + len(part) + 1 <= WIDTH - 2:
+            lines[-1] += " " + part
+        else:
+            lines.append(part if not lines else "    " + part)
+    return lines
+
+
+def enumeration(entries: Sequence[str], size: str, about: str) -> str:
+    """`enum { A, B, SIZE };`"""
+    return textwrap.fill(
+        f"enum {{ {', '.join([*entries, size])} }};", WIDTH, subsequent_indent="       "
+    ) + f" {comment(about)}\n"
+
+
+def row(values: Iterable[object]) -> str:
+    """A row of a table; one zero where it would be empty."""
+    listed = [str(v) for v in values]
+    return "{" + ", ".join(listed or ["0"]) + "}"
+
+
+def table(kind: str, name: str, shape: str, rows: Sequence[str], about: str = "") -> str:
+    """`static const kind name shape = {rows};` with one row a line."""
+    head = f"static const {kind} {name}{shape} = {{"
+    lines = [comment(about)] if about else []
+    flat = f"{head}{', '.join(rows)}}};"
+    lines += [flat] if len(flat) <= WIDTH else [head, *(f"  {r}," for r in rows), "};"]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,59 @@
+"""Leaf functions: one term or condition each, scalars in, one scalar out.
+
+A leaf is pure and knows nothing of arrays, so the same text serves the simulator, its
+vectorised form and the monitor. Adapters call leaves with `call`; a term that is only a
+name or a number gets no function.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from dl2c.emit import names
+from dl2c.emit.cexpr import Printed, print_tape
+from dl2c.emit.cfile import function, wrapped
+from dl2c.ir.model import Formula, Symbol, Term
+from dl2c.symbolic.tape import Tape, defined_tape, formula_tape, term_tape
+from dl2c.symbolic.terms import Builder
+
+
+@dataclass(slots=True)
+class Leaves:
+    """The leaf functions of one file, in the order they are made. `order` ranks parameters."""
+
+    builder: Builder
+    order: Callable[[Symbol], int]
+    texts: list[str] = field(default_factory=list[str])
+
+    def term(self, name: str, term: Term, about: str, state: str = "x") -> str:
+        """An expression for a term's value, read from array `state`."""
+        return self._leaf(name, term_tape(self.builder, term), "real", about, state)
+
+    def condition(self, name: str, formula: Formula, about: str, state: str = "x") -> str:
+        """An expression for a formula's truth."""
+        return self._leaf(name, formula_tape(self.builder, formula), "bool", about, state)
+
+    def defined(self, name: str, terms: list[Term], about: str, state: str = "x") -> str | None:
+        """An expression for whether all terms are defined and finite; None if they always are."""
+        tape = defined_tape(self.builder, terms)
+        return None if tape is None else self._leaf(name, tape, "bool", about, state)
+
+    def call(self, name: str, inputs: tuple[Symbol, ...], state: str = "x") -> str:
+        """A call of a leaf with its arguments read from the arrays."""
+        arguments = ", ".join(names.slot(s, state) for s in sorted(inputs, key=self.order))
+        return f"{name}({arguments})"
+
+    def _leaf(self, name: str, tape: Tape, kind: str, about: str, state: str) -> str:
+        slots = {s.name: names.slot(s, state) for s in tape.inputs}
+        direct = print_tape(tape, lambda n: slots[n], kind == "bool")
+        if direct.trivial:
+            return direct.expression
+        ordered = sorted(tape.inputs, key=self.order)
+        parameters = ", ".join(f"real {names.local(s.name)}" for s in ordered) or "void"
+        head = f"static inline {kind} {name}({parameters})"
+        self.texts.append(function(head, _body(print_tape(tape, truth=kind == "bool")), about))
+        return self.call(name, tape.inputs, state)
+
+
+def _body(printed: Printed) -> list[str]:
+    lines = [line for s in printed.statements for line in wrapped(s)]
+    return [*lines, *wrapped(f"return {printed.expression};")]

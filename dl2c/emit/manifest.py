@@ -1,0 +1,107 @@
+"""What a library says of itself, from the environment it was generated from."""
+
+import math
+from dataclasses import fields
+from fractions import Fraction
+from typing import Any
+
+from dl2c.emit.judge_c import observation_limits, observed
+from dl2c.emit.cfile import place
+from dl2c.emit.plan import Environment
+from dl2c.ir.inputs import rounded_down, rounded_up
+from dl2c.ir.model import Bound, Constant, Variable
+from dl2c.ir.printer import print_flow
+from dl2c.native.manifest import ChoiceSpec, FlowSpec, InputSpec, Manifest, PredicateSpec, Quantity
+from dl2c.options import Options
+
+ABI_VERSION = 1
+STREAM_VERSION = 1
+"""Of cgen/include/dl2c.h; a test holds them together."""
+
+
+def manifest_of(environment: Environment, key: str, platform: dict[str, str]) -> Manifest:
+    """The manifest of an environment; `key` names the build, `platform` where it was made."""
+    model, paths, plan, options = environment.model, environment.paths, environment.sampling, environment.options
+    items: dict[str, Variable | Constant] = {v.name: v for v in (*model.variables, *model.constants)}
+    return Manifest(
+        name=model.name,
+        source=model.source.replace("\\", "/").rsplit("/", 1)[-1],
+        dl2c_version=environment.version,
+        abi_version=ABI_VERSION,
+        stream_version=STREAM_VERSION,
+        key=key,
+        variables=tuple(_quantity(v, _declared(v.bound)) for v in model.variables),
+        constants=tuple(_quantity(c, _declared(c.bound)) for c in model.constants),
+        observations=tuple(
+            _quantity(items[name], observation_limits(bound, options)) for name, _, bound in observed(model, options)
+        ),
+        choices=tuple(ChoiceSpec(d.key, d.alternatives, d.name) for d in paths.decisions),
+        inputs=tuple(
+            InputSpec(i.key, i.variable, rounded_up(i.low), rounded_down(i.high)) for i in paths.inputs
+        ),
+        runs=paths.runs,
+        run_texts=tuple(_run_text(environment, run) for run in paths.runs),
+        predicates=tuple(PredicateSpec(p.name, p.category) for p in model.predicates),
+        flows=tuple(
+            FlowSpec(f"{place(f.flow.span)}  {print_flow(f.flow)}", "exact", "every variable is a polynomial in time")
+            for f in environment.flows
+        ),
+        certificate="none" if plan is None else plan.certificate,
+        sampler={}
+        if plan is None
+        else {"boxes": len(plan.boxes), "acceptance": plan.estimated_acceptance, "error_bound": plan.error_bound},
+        options=_options(options),
+        notes=_notes(environment),
+        platform=platform,
+    )
+
+
+def _declared(bound: Bound) -> tuple[float, float]:
+    low = -math.inf if bound.low is None else float(bound.low)
+    return low, math.inf if bound.high is None else float(bound.high)
+
+
+def _quantity(item: Variable | Constant, limits: tuple[float, float]) -> Quantity:
+    value = item.value if isinstance(item, Constant) else None
+    return Quantity(
+        name=item.name,
+        low=limits[0],
+        high=limits[1],
+        description=item.description,
+        unit=item.unit,
+        plot=item.plot,
+        value=None if value is None else float(value),
+    )
+
+
+def _run_text(environment: Environment, run: tuple[int, ...]) -> str:
+    decisions = environment.paths.decisions
+    taken = [d.alternatives[k] for d, k in zip(decisions, run, strict=True) if k >= 0]
+    return " ".join(taken) or "the only run"
+
+
+def _options(options: Options) -> dict[str, Any]:
+    """Effective options as JSON values; exact numbers as text."""
+    values: dict[str, Any] = {}
+    for option in fields(options):
+        value = getattr(options, option.name)
+        match value:
+            case frozenset():
+                continue
+            case Fraction():
+                values[option.name] = str(value)
+            case tuple():
+                values[option.name] = {name: str(number) for name, number in value}
+            case _:
+                values[option.name] = value
+    return values
+
+
+def _notes(environment: Environment) -> tuple[str, ...]:
+    """What a user should know about this environment."""
+    notes: list[str] = []
+    if environment.paths.points > 1:
+        notes.append("tests after the first flow are not part of the action mask: a run it allows may still block")
+    if environment.sampling is None:
+        notes.append('initial states cannot be drawn: give one, reset(options={"state": {...}})')
+    return tuple(notes)

@@ -1,0 +1,150 @@
+"""The discrete part in C: guards, inputs and assignments of every path.
+
+Sections, in order: leaf functions (through `Leaves`), `model_guards`, `model_limits`,
+`model_admits`, `model_update`, and the tables DECISIONS, MASK_START, PATHS, POINT_START,
+INPUT_LOW, INPUT_HIGH.
+"""
+
+from dl2c.emit.cexpr import number
+from dl2c.emit.cfile import function, place, row, table
+from dl2c.emit.leaf import Leaves
+from dl2c.emit.names import index, slot
+from dl2c.emit.plan import Environment
+from dl2c.ir.inputs import rounded_down, rounded_up
+from dl2c.ir.model import TRUE, Symbol
+from dl2c.ir.printer import print_formula, print_term
+from dl2c.paths.path import Path
+
+STATE = "const real *x, const real *p"
+
+
+def path_functions(environment: Environment, leaves: Leaves) -> list[str]:
+    """The four functions that the runtime asks about paths."""
+    return [
+        _guards(environment, leaves),
+        _limits(environment, leaves),
+        _admits(environment, leaves),
+        _update(environment, leaves),
+    ]
+
+
+def _guards(environment: Environment, leaves: Leaves) -> str:
+    paths = environment.paths
+    body: list[str] = []
+    for point in range(paths.points):
+        lines: list[str] = []
+        for k, path in enumerate(paths.of(point)):
+            number_of = paths.paths.index(path)
+            about = f"{place(path.span)}  {print_formula(path.guard)}"
+            name = f"path{number_of}_guard"
+            open_ = "true" if path.guard == TRUE else leaves.condition(name, path.guard, about)
+            lines.append(f"enabled[{k}] = {open_};")
+        body += lines if paths.points == 1 else [f"if (point == {point}) {{", *(f"  {x}" for x in lines), "}"]
+    return function(
+        f"static inline void model_guards(int point, {STATE}, uint8_t *enabled)",
+        body,
+        "Which paths of a point pass the tests that no input decides.   enabled: (paths of the point)",
+    )
+
+
+def _limits(environment: Environment, leaves: Leaves) -> str:
+    body: list[str] = []
+    for k, path in enumerate(environment.paths.paths):
+        for admission in path.admissions:
+            if not admission.limits:
+                continue
+            body.append(f"if (path == {k} && input == {admission.input}) {{")
+            for j, limit in enumerate(admission.limits):
+                stem = f"path{k}_limit{admission.input}_{j}"
+                name = environment.paths.inputs[admission.input].variable
+                offset = leaves.term(f"{stem}_offset", limit.offset, f"{print_term(limit.offset)} + ... * {name}")
+                slope = leaves.term(f"{stem}_slope", limit.slope, f"... + ({print_term(limit.slope)}) * {name}")
+                body.append(f"  dl2c_limit({offset}, {slope}, low, high);")
+            body.append("}")
+    return function(
+        f"static inline void model_limits(int path, int input, {STATE}, real *low, real *high)",
+        body,
+        "Narrows the values of an input to those its tests leave, up to rounding.",
+    )
+
+
+def _admits(environment: Environment, leaves: Leaves) -> str:
+    body: list[str] = []
+    for k, path in enumerate(environment.paths.paths):
+        for admission in path.admissions:
+            if admission.tests == TRUE:
+                continue
+            about = f"{place(path.span)}  {print_formula(admission.tests)}"
+            call = leaves.condition(f"path{k}_admits{admission.input}", admission.tests, about)
+            symbol = environment.paths.inputs[admission.input].symbol
+            call = call.replace(slot(symbol), "value")
+            body.append(f"if (path == {k} && input == {admission.input}) return {call};")
+    return function(
+        f"static inline bool model_admits(int path, int input, {STATE}, real value)",
+        [*body, "return true;"],
+        "Whether a value of an input passes the tests that it decides.",
+    )
+
+
+def _update(environment: Environment, leaves: Leaves) -> str:
+    body = ["switch (path) {"]
+    for k, path in enumerate(environment.paths.paths):
+        lines = _assignments(k, path, leaves)
+        body += [f"case {k}:", *(f"  {line}" for line in lines)]
+    body += ["default:", "  return true;", "}"]
+    return function(
+        f"static inline bool model_update(int path, {STATE}, const real *u, real *y)",
+        body,
+        "Executes the assignments of a path from x into y. False where a value is undefined.",
+    )
+
+
+def _assignments(k: int, path: Path, leaves: Leaves) -> list[str]:
+    lines: list[str] = []
+    for variable, term in path.updates:
+        target = index(Symbol(variable, "variable"))
+        about = f"{place(path.span)}  {variable} := {print_term(term)}"
+        lines.append(f"y[{target}] = {leaves.term(f'path{k}_set_{variable}', term, about)};")
+    defined = leaves.defined(f"path{k}_defined", [t for _, t in path.updates], "all of these have a value")
+    return [*lines, f"return {defined or 'true'};"]
+
+
+def path_tables(environment: Environment) -> list[str]:
+    """Everything about paths that is data."""
+    paths = environment.paths
+    starts = [0]
+    for point in range(paths.points):
+        starts.append(starts[-1] + len(paths.of(point)))
+    masks = [0]
+    for decision in paths.decisions:
+        masks.append(masks[-1] + len(decision.alternatives))
+    lows = [number(rounded_up(i.low)) for i in paths.inputs]
+    highs = [number(rounded_down(i.high)) for i in paths.inputs]
+    width = max(1, len(paths.decisions))
+    return [
+        table("int32_t", "POINT_START", f"[{len(starts)}]", [str(s) for s in starts]),
+        table("int32_t", "MASK_START", f"[{len(masks)}]", [str(m) for m in masks]),
+        table("int8_t", "DECISIONS", f"[{max(1, len(paths.paths))}][{width}]", [row(p.decisions) for p in paths.paths] or ["{0}"]),
+        table("real", "INPUT_LOW", f"[{max(1, len(lows))}]", lows or ["0.0"]),
+        table("real", "INPUT_HIGH", f"[{max(1, len(highs))}]", highs or ["0.0"]),
+        *(_lists(k, p) for k, p in enumerate(paths.paths)),
+        table("dl2c_path", "PATHS", f"[{max(1, len(paths.paths))}]", [_path(k, p) for k, p in enumerate(paths.paths)] or ["{0}"]),
+    ]
+
+
+def _lists(k: int, path: Path) -> str:
+    """The decisions and inputs a path meets."""
+    inputs = [a.input for a in path.admissions]
+    return (
+        f"static const int8_t PATH{k}_MET[] = {row(path.met)};\n"
+        f"static const int8_t PATH{k}_MARKED[] = {row(int(m) for m in path.marks)};\n"
+        f"static const int8_t PATH{k}_INPUTS[] = {row(inputs)};\n"
+    )
+
+
+def _path(k: int, path: Path) -> str:
+    flow = -1 if path.flow is None else path.flow
+    return (
+        f"{{{flow}, {path.target}, {len(path.met)}, PATH{k}_MET, PATH{k}_MARKED, "
+        f"{len(path.admissions)}, PATH{k}_INPUTS}}"
+    )

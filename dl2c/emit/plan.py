@@ -1,0 +1,21 @@
+"""Everything the code generator needs about one environment, gathered by the pipeline."""
+
+from dataclasses import dataclass
+
+from dl2c.ir.exact import ExactPlan
+from dl2c.ir.model import Model
+from dl2c.options import Options
+from dl2c.paths.path import Paths
+from dl2c.sampling.plan import SamplingPlan
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """One environment to generate code for. `sampling` is None where resets need a given state."""
+
+    model: Model
+    paths: Paths
+    flows: tuple[ExactPlan, ...]
+    sampling: SamplingPlan | None
+    options: Options
+    version: str

@@ -1,0 +1,71 @@
+"""From what a user names to a loaded library: `a/model.kyx`, a model's text, `example:waypoint`.
+
+Goes in: a path, a text or a `Source`, and options by name. Comes out: the `Source` and the
+built library. The pipeline is imported on first use, so that importing dl2c stays cheap.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from dl2c.native.manifest import Manifest
+from dl2c.source import Source
+
+if TYPE_CHECKING:
+    from dl2c.native.binding import Library
+    from dl2c.pipeline import Compiled
+
+Model: TypeAlias = Source | Path | str
+"""A model as a user names it; see `source_of`."""
+
+EXAMPLE = "example:"
+
+
+def examples_dir() -> Path:
+    """Where the example models are: inside the installed package, or else in the checkout."""
+    packaged = Path(__file__).resolve().parent.parent / "examples"
+    return packaged if packaged.is_dir() else packaged.parent.parent / "examples"
+
+
+def source_of(model: Model) -> Source:
+    """The text a model stands for. A string of several lines is the text itself,
+    `example:NAME` a model that comes with dl2c, anything else a path.
+
+    Raises `OSError` if there is no such file.
+    """
+    match model:
+        case Source():
+            return model
+        case str() if "\n" in model:
+            return Source("<string>", model)
+        case str() if model.startswith(EXAMPLE):
+            path = examples_dir() / f"{model.removeprefix(EXAMPLE)}.kyx"
+            return Source(f"examples/{path.name}", Source.read(path).text)
+        case _:
+            return Source.read(model)
+
+
+def build(
+    source: Source, options: Mapping[str, Any], progress: Callable[[str], None] | None = None
+) -> "Compiled":
+    """A model with these options, built or taken from the cache.
+
+    `max_steps`, as in `@episode`, is another name of `max_episode_steps`, which `gym.make` keeps
+    for a wrapper of its own. Raises `CompileError` for a mistake in the model, `UnknownOption`,
+    `NativeError`. `progress` is told what is being done.
+    """
+    from dl2c.pipeline import compile_model, resolve_options
+
+    given = {"max_episode_steps" if name == "max_steps" else name: value for name, value in options.items()}
+    return compile_model(source, resolve_options(given), progress=progress)
+
+
+def open_library(source: Source, options: Mapping[str, Any]) -> "Library":
+    """The library of `build`."""
+    return build(source, options).library
+
+
+def batch_options(manifest: Manifest) -> dict[str, Any]:
+    """The effective options that concern a batch, as `Library.batch` takes them."""
+    names = ("on_blocked", "action_map", "blocked_penalty", "stall_limit")
+    return {"max_steps": manifest.options["max_episode_steps"]} | {n: manifest.options[n] for n in names}

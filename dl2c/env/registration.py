@@ -1,0 +1,22 @@
+"""The environments' names in Gymnasium. Importing dl2c registers them."""
+
+import gymnasium as gym
+
+ENTRY_POINT = "dl2c.env.single:Dl2cEnv"
+VECTOR_ENTRY_POINT = "dl2c.env.vector:Dl2cVectorEnv"
+
+
+def register() -> None:
+    """`dl2c/Model-v0` takes `model=`; the others are examples that come with dl2c.
+
+    No `max_episode_steps`: the environments truncate by themselves (option of the same name).
+    """
+    for name, model in (("Model", None), ("Waypoint", "example:waypoint")):
+        identifier = f"dl2c/{name}-v0"
+        if identifier not in gym.registry:
+            gym.register(  # pyright: ignore[reportUnknownMemberType] # a bare dict in its signature
+                identifier,
+                entry_point=ENTRY_POINT,
+                vector_entry_point=VECTOR_ENTRY_POINT,
+                kwargs={} if model is None else {"model": model},
+            )

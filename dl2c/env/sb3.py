@@ -1,0 +1,137 @@
+"""Many environments as a Stable-Baselines3 `VecEnv`, stepped by one C call.
+
+Imports stable_baselines3, so it is itself imported on first use only (`dl2c.make_sb3`).
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
+
+from dl2c.env.actions import action_space, encoding, flat_format, masks, write
+from dl2c.env.opening import Model, batch_options, open_library, source_of
+from dl2c.env.seeding import begin
+from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
+from dl2c.env.state import state_line
+
+
+class Dl2cVecEnv(VecEnv):
+    """`num_envs` environments of one model; `model` and `options` as for `Dl2cEnv`.
+
+    Stable-Baselines3 knows no Dict actions: a model with both kinds of decisions gets the Box format.
+    An episode that ends says so in its info: `terminal_observation`, `TimeLimit.truncated`,
+    `is_success`, `status`, `reason`, `cost` and `blocked` of its last step, `time`; other infos are empty.
+    """
+
+    def __init__(
+        self, model: Model, num_envs: int = 1, *, render_mode: str | None = None, **options: Any
+    ) -> None:
+        self._source, self._given, self._render_mode = source_of(model), options, render_mode
+        library = open_library(self._source, options)
+        self.manifest = library.manifest
+        self.batch = library.batch(num_envs, autoreset="same_step", **batch_options(self.manifest))
+        self._encoding = encoding(self.manifest, flat_format(self.manifest))
+        self._reasons = reason_names(self.manifest)
+        self._rng = np.random.default_rng()
+        self._seeded = np.zeros(num_envs, np.bool_)
+        self._actions: Any = None
+        spaces = observation_space(self.manifest), action_space(self._encoding)
+        super().__init__(num_envs, *spaces)  # pyright: ignore[reportUnknownMemberType] # Space without its parameter
+        self.metadata = {"render_modes": ["ansi"]}
+
+    def reset(self) -> NDArray[Any]:
+        """Begin an episode in every environment, from the seeds given to `seed` since the last reset."""
+        begin(self.batch, np.ones(self.num_envs, np.bool_), self._seeds, self._seeded, self._rng)
+        self._reset_seeds()
+        self._reset_options()
+        self.reset_infos = [{} for _ in range(self.num_envs)]
+        return self.batch.obs.copy()
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Take note of the actions; `step_wait` does the step."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+        """Observations, rewards, dones and infos; an environment that is done has begun its next episode."""
+        write(self._encoding, self.batch, self._actions)
+        self.batch.step()
+        dones = self.batch.terminated | self.batch.truncated
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for i in np.flatnonzero(dones).tolist():
+            infos[i] = self._last_info(i)
+            self.reset_infos[i] = {}
+        return self.batch.obs.copy(), self.batch.rewards.astype(np.float32), dones, infos
+
+    def _last_info(self, i: int) -> dict[str, Any]:
+        b = self.batch
+        return {
+            "terminal_observation": b.final_obs[i].copy(),
+            "TimeLimit.truncated": bool(b.truncated[i]) and not b.terminated[i],
+            "is_success": bool(b.status[i] == SUCCESS),
+            "status": STATUS[b.status[i]],
+            "reason": self._reasons[int(b.reason[i])],
+            "cost": int(b.cost[i]),
+            "blocked": bool(b.blocked[i]),
+            "time": float(b.time[i]),
+        }
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Which alternatives have a run: one row per environment."""
+        return masks(self._encoding, self.batch.mask).astype(np.bool_)
+
+    def close(self) -> None:
+        """Free the native environments. Closing twice is fine."""
+        self.batch.close()
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """The attribute of each environment; what is not per environment is the same for all."""
+        if attr_name == "render_mode":
+            return [self._render_mode for _ in self._get_indices(indices)]
+        if (methods := self._methods()).get(attr_name):
+            return [partial(methods[attr_name], i) for i in self._get_indices(indices)]
+        return [getattr(self, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set an attribute, for all environments at once."""
+        setattr(self, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call `action_masks` or `render` of each environment."""
+        if method_name == "action_masks":
+            return list(self.action_masks()[list(self._get_indices(indices))])
+        if method_name not in self._methods():
+            raise AttributeError(
+                f"the environments have no method {method_name!r}; there is action_masks, render"
+            )
+        return [method() for method in self.get_attr(method_name, indices)]
+
+    def _methods(self) -> dict[str, Callable[[int], Any]]:
+        """Methods of one environment, given its index."""
+        return {
+            "action_masks": lambda i: self.action_masks()[i],
+            "render": lambda i: state_line(self.manifest, self.batch, i),
+        }
+
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
+        """No environment is wrapped."""
+        return [False for _ in self._get_indices(indices)]
+
+    def get_images(self) -> Sequence[NDArray[Any] | None]:
+        """There is no image rendering."""
+        return [None] * self.num_envs
+
+    def __getstate__(self) -> dict[str, Any]:
+        given = {"model": self._source, "num_envs": self.num_envs, "render_mode": self._render_mode}
+        return given | {"options": self._given}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["model"], state["num_envs"], render_mode=state["render_mode"], **state["options"])

@@ -1,0 +1,164 @@
+"""One environment: `gymnasium.Env` over a batch of one.
+
+Everything that happens in a step happens in C; this module reads buffers and hands out fresh
+objects. Numbers that depend on the model are worked out once, in the constructor.
+"""
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from dl2c.env.actions import action_space, encoding, masks, reader, writer
+from dl2c.env.opening import Model, batch_options, open_library, source_of
+from dl2c.env.seeding import SEEDS, draw_seed
+from dl2c.env.spaces import STATUS, SUCCESS, cells_of, observation_space, reason_names
+from dl2c.env.state import check_reset_options, read_state, reset_state, state_line
+
+if TYPE_CHECKING:
+    from dl2c.native.binding import Batch
+
+
+class Dl2cEnv(gym.Env[NDArray[Any], Any]):
+    """A compiled dL model as a Gymnasium environment.
+
+    `model` is a path, a text or `example:NAME`; `options` are those of `dl2c.options.Options`.
+    Raises `CompileError`, `UnknownOption` or `NativeError`.
+
+    `info` of every step: `status` (none, success, failure), `reason` (why the episode ended, "" while
+    it runs), `cost` (violated safety predicates), `blocked`, `executed_action` (the run taken, in the
+    encoding of the action space), `duration` and `time` in seconds, `postcondition`, `saturated`; with
+    discrete decisions `action_mask` (int8); at the end `is_success`. `info` of a reset: `action_mask`,
+    `initial_state_certificate` (what is proved of sampled initial states).
+
+    Pickling or copying an environment gives a fresh one of the same model and options.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["ansi"], "render_fps": 10}  # pyright: ignore[reportIncompatibleVariableOverride] # not ClassVar there
+
+    def __init__(self, model: Model, *, render_mode: str | None = None, **options: Any) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"no render mode {render_mode!r}; there is 'ansi'")
+        self.render_mode = render_mode
+        self._source = source_of(model)
+        self._given = options
+        library = open_library(self._source, options)
+        self.manifest = library.manifest
+        self._batch = library.batch(1, autoreset="disabled", **batch_options(self.manifest))
+        self._encoding = encoding(self.manifest)
+        self.observation_space = observation_space(self.manifest)
+        self.action_space = action_space(self._encoding)
+        self._seeded = False
+        self._running = False
+        self._closed = False
+        self._bind(self._batch)
+
+    def _bind(self, batch: "Batch") -> None:
+        """Views that turn an entry of a buffer into a Python number without an array in between."""
+        self._write = writer(self._encoding, batch)
+        self._executed = reader(self._encoding, batch)
+        self._native_step = batch.step
+        self._obs = batch.obs[0]
+        self._mask = batch.mask[0]
+        self._plain_mask = (
+            bool(self.manifest.choices) and batch.mask.shape == masks(self._encoding, batch.mask).shape
+        )
+        self._reward = cells_of(batch.rewards)
+        self._terminated = cells_of(batch.terminated)
+        self._truncated = cells_of(batch.truncated)
+        self._status = cells_of(batch.status)
+        self._reason = cells_of(batch.reason)
+        self._reasons = reason_names(self.manifest)
+        self._cost = cells_of(batch.cost)
+        self._blocked = cells_of(batch.blocked)
+        self._duration = cells_of(batch.duration)
+        self._time = cells_of(batch.time)
+        self._postcondition = cells_of(batch.postcondition)
+        self._saturated = cells_of(batch.saturated)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Begin an episode. `seed` restarts the random stream; without one it goes on.
+
+        `options={"state": {...}}` begins in that state: every variable and every constant not fixed.
+        Raises `ResetFailed` if the model's precondition refuses it or no initial state can be drawn.
+        """
+        super().reset(seed=seed)
+        check_reset_options(options or {}, ("state",))
+        if seed is None and not self._seeded:
+            seed = draw_seed(self.np_random)
+        if options and "state" in options:
+            reset_state(
+                self.manifest, self._batch, 0, None if seed is None else seed % SEEDS, options["state"]
+            )
+        else:
+            self._batch.reset(seeds=None if seed is None else np.array([seed % SEEDS], np.uint64))
+        self._seeded = self._running = True
+        info: dict[str, Any] = {"initial_state_certificate": self.manifest.certificate}
+        if self.manifest.choices:
+            info["action_mask"] = self._fresh_mask()
+        return self._obs.copy(), info
+
+    def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
+        """One run of the loop's body. Raises `ValueError` for an action outside the action space."""
+        if not self._running:
+            raise gym.error.ResetNeeded("the episode has ended, or none has begun: call reset() first")
+        self._write(action)
+        self._native_step()
+        terminated, truncated = self._terminated[0], self._truncated[0]
+        status = self._status[0]
+        info: dict[str, Any] = {
+            "status": STATUS[status],
+            "reason": self._reasons[self._reason[0]],
+            "cost": self._cost[0],
+            "blocked": self._blocked[0],
+            "executed_action": self._executed(),
+            "duration": self._duration[0],
+            "time": self._time[0],
+            "postcondition": self._postcondition[0],
+            "saturated": self._saturated[0],
+        }
+        if self._plain_mask:
+            info["action_mask"] = self._mask.copy()
+        elif self.manifest.choices:
+            info["action_mask"] = self._fresh_mask()
+        if terminated or truncated:
+            self._running = False
+            info["is_success"] = status == SUCCESS
+        return self._obs.copy(), self._reward[0], terminated, truncated, info
+
+    def _fresh_mask(self) -> NDArray[np.int8]:
+        return masks(self._encoding, self._batch.mask)[0]
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Which alternatives have a run, one entry per alternative, as MaskablePPO asks."""
+        return self._fresh_mask().astype(np.bool_)
+
+    @property
+    def state(self) -> dict[str, float]:
+        """Variables and constants by name, exact."""
+        return read_state(self.manifest, self._batch)
+
+    def render(self) -> str | None:  # pyright: ignore[reportIncompatibleMethodOverride] # generic in an unused parameter there
+        """Time and state on one line (mode `ansi`)."""
+        return state_line(self.manifest, self._batch) if self.render_mode == "ansi" else None
+
+    def close(self) -> None:
+        """Free the native environment. Closing twice is fine."""
+        if not self._closed:
+            self._closed, self._running = True, False
+            self._batch.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "model": self._source,
+            "render_mode": self.render_mode,
+            "options": self._given,
+            "spec": self.spec,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["model"], render_mode=state["render_mode"], **state["options"])
+        self.spec = state["spec"]

@@ -1,0 +1,50 @@
+"""The observation space, and what the codes in a batch's buffers are called."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from dl2c.native.manifest import Manifest
+
+STATUS = ("none", "success", "failure")
+"""`info["status"]` by code."""
+
+_REASONS = ("", "blocked", "deadlock", "numerical", "solver", "stalled", "diverged", "time_limit", "end")
+_FIRST_PREDICATE = 16
+
+SUCCESS = 1
+
+
+def reason_names(manifest: Manifest) -> dict[int, str]:
+    """`info["reason"]` by code; an episode that a predicate ended names the predicate."""
+    names = dict(enumerate(_REASONS))
+    return names | {_FIRST_PREDICATE + i: p.name for i, p in enumerate(manifest.predicates)}
+
+
+def cells_of(array: NDArray[Any]) -> Any:
+    """A view of an array whose entries are plain Python numbers, not numpy's."""
+    return array.data
+
+
+def float_type(manifest: Manifest) -> "np.dtype[Any]":
+    """The type of observations and of continuous actions."""
+    return np.dtype(manifest.options["obs_dtype"])
+
+
+def observation_space(manifest: Manifest) -> spaces.Box:
+    """The Box of an observation. Declared bounds are rounded outward to its type."""
+    dtype = float_type(manifest)
+    if manifest.options["observation_bounds"] == "unbounded":
+        return spaces.Box(-np.inf, np.inf, (len(manifest.observations),), dtype.type)
+    low = _outward(np.array([q.low for q in manifest.observations]), dtype, -np.inf)
+    high = _outward(np.array([q.high for q in manifest.observations]), dtype, np.inf)
+    return spaces.Box(low, high, low.shape, dtype.type)
+
+
+def _outward(bounds: NDArray[np.float64], dtype: "np.dtype[Any]", end: float) -> NDArray[Any]:
+    with np.errstate(over="ignore"):
+        rounded = bounds.astype(dtype)
+    inside = rounded > bounds if end < 0 else rounded < bounds
+    return np.where(inside, np.nextafter(rounded, dtype.type(end)), rounded)

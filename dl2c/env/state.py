@@ -1,0 +1,58 @@
+"""States by name: between `{"x": 1.0, ...}` and the flat arrays of a batch."""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dl2c.native.manifest import Manifest, Quantity
+
+if TYPE_CHECKING:
+    from dl2c.native.binding import Batch
+
+
+def read_state(manifest: Manifest, batch: "Batch", i: int = 0) -> dict[str, float]:
+    """Variables and constants of environment i, exact."""
+    x, p = batch.get_state(i)
+    names = [q.name for q in (*manifest.variables, *manifest.constants)]
+    return dict(zip(names, (*x.tolist(), *p.tolist()), strict=True))
+
+
+def reset_state(
+    manifest: Manifest, batch: "Batch", i: int, seed: int | None, state: Mapping[str, float]
+) -> None:
+    """Begin an episode of environment i in `state`: every variable and every constant not fixed.
+
+    Raises `ValueError` for missing or unknown names, `ResetFailed` if the precondition refuses the state.
+    """
+    quantities = (*manifest.variables, *manifest.constants)
+    names = [q.name for q in quantities]
+    for name in state:
+        if name not in names:
+            close = get_close_matches(str(name), names, 1)
+            hint = f"did you mean `{close[0]}`?" if close else f"there are {', '.join(names)}"
+            raise ValueError(f"no variable or constant `{name}` in {manifest.name}; {hint}")
+    if missing := [q.name for q in quantities if q.name not in state and q.value is None]:
+        raise ValueError(f"the state lacks {', '.join(missing)}")
+    batch.reset_to(i, seed, _values(manifest.variables, state), _values(manifest.constants, state))
+
+
+def _values(quantities: tuple[Quantity, ...], state: Mapping[str, float]) -> NDArray[np.float64]:
+    return np.array([state.get(q.name, q.value) for q in quantities], np.float64)
+
+
+def state_line(manifest: Manifest, batch: "Batch", i: int = 0) -> str:
+    """Time and state of environment i on one line, for people."""
+    units = {q.name: q.unit for q in (*manifest.variables, *manifest.constants)}
+    parts = [f"time={batch.time[i]:.6g}"]
+    parts += [f"{name}={value:.6g}{units[name]}" for name, value in read_state(manifest, batch, i).items()]
+    return "  ".join(parts)
+
+
+def check_reset_options(options: Mapping[str, object], known: tuple[str, ...]) -> None:
+    """Refuse what `reset(options=...)` would otherwise silently ignore."""
+    for name in options:
+        if name not in known:
+            raise ValueError(f"no reset option `{name}`; there is {', '.join(known)}")

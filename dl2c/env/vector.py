@@ -1,0 +1,209 @@
+"""Many environments stepped by one C call: `gymnasium.vector.VectorEnv` over a batch.
+
+Environment i of a batch seeded s does bit for bit what the single environment seeded s+i does.
+"""
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias, cast
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import Space
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from dl2c.env.actions import action_space, encoding, executed, masks, write
+from dl2c.env.opening import Model, batch_options, open_library, source_of
+from dl2c.env.seeding import begin, spread
+from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
+from dl2c.env.state import check_reset_options, read_state, state_line
+
+Bools: TypeAlias = NDArray[np.bool_]
+Infos: TypeAlias = dict[str, Any]
+
+_MODES = {
+    AutoresetMode.DISABLED: "disabled",
+    AutoresetMode.NEXT_STEP: "next_step",
+    AutoresetMode.SAME_STEP: "same_step",
+}
+
+
+class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
+    """`num_envs` environments of one model; `model` and `options` as for `Dl2cEnv`.
+
+    Infos are arrays of length n, each `key` with a mask `_key` that says whose entry counts: those
+    of `Dl2cEnv`, with `status` (int8) and `reason` (int32) as codes that `status_names` and
+    `reason_names` spell out. In SAME_STEP mode the infos of a step that ended an episode are in
+    `final_info`, its observation in `final_obs`. `copy=False` hands out the buffers themselves for
+    observations and rewards: they change with the next step.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        num_envs: int = 1,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, not {num_envs}")
+        if render_mode not in (None, "ansi"):
+            raise ValueError(f"no render mode {render_mode!r}; there is 'ansi'")
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": ["ansi"], "render_fps": 10, "autoreset_mode": self.autoreset_mode}
+        self.num_envs, self.copy, self.render_mode = num_envs, copy, render_mode
+        self._source, self._given = source_of(model), options
+        library = open_library(self._source, options)
+        self.manifest = library.manifest
+        self.batch = library.batch(
+            num_envs, autoreset=_MODES[self.autoreset_mode], **batch_options(self.manifest)
+        )
+        self._encoding = encoding(self.manifest)
+        self.single_observation_space = observation_space(self.manifest)
+        self.single_action_space: Space[Any] = action_space(self._encoding)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.status_names, self.reason_names = dict(enumerate(STATUS)), reason_names(self.manifest)
+        self._seeded = np.zeros(num_envs, np.bool_)
+        self._ready = np.zeros(num_envs, np.bool_)
+
+    def reset(  # pyright: ignore[reportIncompatibleMethodOverride] # Gymnasium's own environments take lists too
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[Any], Infos]:
+        """Begin episodes. A seed s gives environment i the seed s+i; a list gives each its own.
+
+        `options={"reset_mask": mask}` resets only where the boolean array is true.
+        """
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        check_reset_options(options or {}, ("reset_mask",))
+        mask = self._reset_mask(options or {})
+        begin(self.batch, mask, spread(seed, self.num_envs), self._seeded, self.np_random)
+        self._ready |= mask
+        return self._out(self.batch.obs), self._reset_infos(mask) | self._masks(mask)
+
+    def step(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.float64], Bools, Bools, Infos]:
+        """One step of every environment. In NEXT_STEP mode an environment whose episode has ended
+        begins the next one instead, with reward 0. Raises `ValueError` for an action outside the space.
+        """
+        if not self._ready.all():
+            raise gym.error.ResetNeeded(
+                f"call reset() for the environments {np.flatnonzero(~self._ready).tolist()}"
+            )
+        write(self._encoding, self.batch, actions)
+        self.batch.step()
+        terminated, truncated, began = (
+            flags.copy() for flags in (self.batch.terminated, self.batch.truncated, self.batch.began)
+        )
+        ended = terminated | truncated
+        infos = self._step_infos(~began, ended) | self._reset_infos(began) | self._masks(np.ones_like(ended))
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and ended.any():
+            infos |= self._final(ended)
+        if self.autoreset_mode == AutoresetMode.DISABLED:
+            self._ready = ~ended
+        return self._out(self.batch.obs), self._out(self.batch.rewards), terminated, truncated, infos
+
+    def _step_infos(self, mask: Bools, ended: Bools) -> Infos:
+        """What the buffers say of the step just taken, where `mask` is true."""
+        b = self.batch
+        values = {
+            "status": b.status.astype(np.int8),
+            "reason": b.reason.copy(),
+            "cost": b.cost.astype(np.int64),
+            "blocked": b.blocked.copy(),
+            "executed_action": executed(self._encoding, b.executed_choices, b.executed_inputs),
+            "duration": b.duration.copy(),
+            "time": b.time.copy(),
+            "postcondition": b.postcondition.copy(),
+            "saturated": b.saturated.copy(),
+        }
+        return _masked(values, mask) | _masked({"is_success": b.status == SUCCESS}, mask & ended)
+
+    def _final(self, ended: Bools) -> Infos:
+        """What same-step autoreset would otherwise hide: the last observation and infos of ended episodes."""
+        last = np.full(self.num_envs, None, object)
+        for i in np.flatnonzero(ended):
+            last[i] = self.batch.final_obs[i].copy()
+        infos = self._step_infos(ended, ended) | self._masks(ended)
+        if "action_mask" in infos:
+            infos["action_mask"][ended] = 1
+        return {
+            "final_obs": last,
+            "_final_obs": ended.copy(),
+            "final_info": infos,
+            "_final_info": ended.copy(),
+        }
+
+    def _reset_infos(self, mask: Bools) -> Infos:
+        """What is known of the environments in `mask`, whose episodes have just begun."""
+        return _masked(
+            {"initial_state_certificate": np.full(self.num_envs, self.manifest.certificate, object)}, mask
+        )
+
+    def _masks(self, mask: Bools) -> Infos:
+        if not self.manifest.choices:
+            return {}
+        return _masked({"action_mask": masks(self._encoding, self.batch.mask)}, mask)
+
+    def _reset_mask(self, options: dict[str, Any]) -> Bools:
+        given = options.get("reset_mask")
+        mask = np.ones(self.num_envs, np.bool_) if given is None else np.asarray(given)
+        if mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
+            raise ValueError(f"reset_mask must be a boolean array of shape ({self.num_envs},)")
+        return mask
+
+    def _out(self, buffer: NDArray[Any]) -> NDArray[Any]:
+        return buffer.copy() if self.copy else buffer
+
+    def action_masks(self) -> Bools:
+        """Which alternatives have a run: one row per environment."""
+        return masks(self._encoding, self.batch.mask).astype(np.bool_)
+
+    def state(self, i: int = 0) -> dict[str, float]:
+        """Variables and constants of environment i by name, exact."""
+        return read_state(self.manifest, self.batch, i)
+
+    def render(self) -> tuple[str, ...] | None:
+        """Time and state of every environment, one line each (mode `ansi`)."""
+        if self.render_mode != "ansi":
+            return None
+        return tuple(state_line(self.manifest, self.batch, i) for i in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Free the native environments; called by `close`, once."""
+        self.batch.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "model": self._source,
+            "arguments": (self.num_envs, self.autoreset_mode, self.copy, self.render_mode),
+            "options": self._given,
+            "spec": self.spec,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        num_envs, mode, copy, render_mode = state["arguments"]
+        given = state["options"]
+        self.__init__(
+            state["model"], num_envs, autoreset_mode=mode, copy=copy, render_mode=render_mode, **given
+        )
+        self.spec = state["spec"]
+
+
+def _masked(values: Infos, mask: Bools) -> Infos:
+    """The values with their `_key` masks: other entries are 0 (None); nothing if no entry counts."""
+    if not mask.any():
+        return {}
+    kept = mask.copy()
+    infos: Infos = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            infos[key] = _masked(cast(Infos, value), mask)
+        else:
+            value[~mask] = None if value.dtype == object else 0
+            infos[key] = value
+        infos[f"_{key}"] = kept
+    return infos

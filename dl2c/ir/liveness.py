@@ -1,0 +1,40 @@
+"""Whether a step may read a variable's old value."""
+
+from typing import assert_never
+
+from dl2c.ir.logic import symbols
+from dl2c.ir.model import Assign, AssignAny, Block, Choice, Evolve, Flow, If, Symbol, Test
+
+
+def may_read(block: Block, variable: str, flows: tuple[Flow, ...]) -> bool:
+    """Whether some path reads the variable (in a test, a domain, a right-hand side) before writing it."""
+    return _scan(block, Symbol(variable, "variable"), flows)[0]
+
+
+def _scan(block: Block, symbol: Symbol, flows: tuple[Flow, ...]) -> tuple[bool, bool]:
+    """Whether some path reads the symbol first, and whether every path writes it."""
+    for statement in block:
+        reads, writes = False, False
+        match statement:
+            case Assign(name, term):
+                reads, writes = symbol in symbols(term), name == symbol.name
+            case AssignAny(name):
+                writes = name == symbol.name
+            case Test(formula):
+                reads = symbol in symbols(formula)
+            case Evolve(k):
+                flow = flows[k]
+                rates = [term for _, term in flow.equations]
+                reads = symbol in symbols(flow.domain, *rates) or symbol.name in dict(flow.equations)
+            case If(condition, otherwise, then, orelse):
+                branches = [_scan(then, symbol, flows), _scan(orelse, symbol, flows)]
+                reads = symbol in symbols(condition, otherwise) or any(r for r, _ in branches)
+                writes = all(w for _, w in branches)
+            case Choice(_, alternatives):
+                branches = [_scan(a.body, symbol, flows) for a in alternatives]
+                reads, writes = any(r for r, _ in branches), all(w for _, w in branches)
+            case _:
+                assert_never(statement)
+        if reads or writes:
+            return reads, writes
+    return False, False

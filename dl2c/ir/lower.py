@@ -1,0 +1,230 @@
+"""From a resolved problem to the step model (semantics 1 to 6).
+
+Assumes a problem as `resolve` makes it. Raises `CompileError` with every independent
+error: constants without a value, constructs that cannot be executed.
+"""
+
+from fractions import Fraction
+
+from dl2c.diagnostics import CompileError, Diagnostic, error
+from dl2c.ir import model as ir
+from dl2c.ir.logic import conjunction, disjunction, relaxed, symbols
+from dl2c.ir.liveness import may_read
+from dl2c.ir.lower_program import ProgramLowering
+from dl2c.ir.lower_terms import Scope, lower_delta, lower_formula, lower_term
+from dl2c.options import Options
+from dl2c.parse import tree
+from dl2c.parse.annotations import ConstantAnnotation, Trigger, VariableAnnotation
+from dl2c.resolve.predicates import AnnotatedPredicate, ValueTerm
+from dl2c.resolve.problem import Problem
+from dl2c.resolve.shape import written_variables
+
+UNANNOTATED_PENALTY = Fraction(-1)
+
+
+def lower(problem: Problem, options: Options) -> ir.Model:
+    """The step model of a problem."""
+    scope = _scope(problem)
+    shape = problem.shape
+    found: list[Diagnostic] = []
+    if shape.prefix:
+        found.append(_prefix(shape.prefix[0]))
+    lowering = ProgramLowering(scope, _roles(problem), problem.program_annotations, options)
+    body = tuple(s for p in shape.body for s in lowering.block(p))
+    precondition = conjunction(lower_formula(f, scope) for f in shape.assumptions)
+    constants = _constants(problem, options, precondition, found)
+    found += lowering.found
+    if found:
+        raise CompileError(found)
+    flows = tuple(lowering.flows)
+    written = written_variables(shape.body)
+    post = None if shape.postcondition is None else lower_formula(shape.postcondition, scope)
+    if post is not None and {s.name for s in symbols(post)} & written_variables(shape.suffix):
+        post = None
+    return ir.Model(
+        name=problem.entry.name,
+        source=problem.entry.span.source.name,
+        variables=tuple(
+            _variable(d, a, problem.annotated, ir.Symbol(d.name, "variable") in symbols(precondition),
+                      d.name in written and not may_read(body, d.name, flows))
+            for d, a in problem.variables
+        ),
+        constants=constants,
+        precondition=precondition,
+        prefix=(),
+        body=body,
+        loops=shape.loop is not None,
+        flows=flows,
+        predicates=_predicates(problem, scope, options),
+        postcondition=post,
+        tolerance=options.tolerance,
+    )
+
+
+def _prefix(program: tree.Program) -> Diagnostic:
+    return error(
+        "program-before-loop",
+        "a program before the loop cannot be executed",
+        program.span,
+        "this runs before the first step",
+        "express the states it reaches as an assumption: `assumptions -> [{...}*] safe`",
+    )
+
+
+def _scope(problem: Problem) -> Scope:
+    scope: dict[str, ir.Term] = {d.name: ir.Symbol(d.name, "variable") for d, _ in problem.variables}
+    return scope | {d.name: ir.Symbol(d.name, "constant") for d, _ in problem.constants}
+
+
+def _roles(problem: Problem) -> dict[str, ir.Role]:
+    return {d.name: a.role for d, a in problem.variables if a is not None}
+
+
+def _constants(
+    problem: Problem, options: Options, precondition: ir.Formula, found: list[Diagnostic]
+) -> tuple[ir.Constant, ...]:
+    """Every constant with its bound or value; `found` gets those that have neither."""
+    given = dict(options.constants)
+    used = {s.name for s in symbols(precondition) if s.kind == "constant"}
+    for name in given.keys() - {d.name for d, _ in problem.constants}:
+        found.append(_unknown_constant(name, problem))
+    constants: list[ir.Constant] = []
+    for declaration, annotation in problem.constants:
+        constant = _constant(declaration, annotation, given.get(declaration.name))
+        open_ended = constant.bound.low is None or constant.bound.high is None
+        if constant.value is None and open_ended and declaration.name not in used:
+            found.append(_no_value(declaration))
+        constants.append(constant)
+    return tuple(constants)
+
+
+def _constant(
+    declaration: tree.Declaration, annotation: ConstantAnnotation | None, value: Fraction | None
+) -> ir.Constant:
+    if annotation is None:
+        return ir.Constant(declaration.name, value=value, span=declaration.span)
+    return ir.Constant(
+        declaration.name,
+        bound=_bound(annotation.bound),
+        value=value,
+        description=annotation.description,
+        unit=annotation.unit,
+        plot=annotation.plot,
+        span=declaration.span,
+    )
+
+
+def _unknown_constant(name: str, problem: Problem) -> Diagnostic:
+    known = ", ".join(d.name for d, _ in problem.constants) or "none"
+    return error(
+        "unknown-constant",
+        f"the model has no undefined constant `{name}` to set",
+        problem.entry.span,
+        help=f"undefined constants are: {known}",
+    )
+
+
+def _no_value(declaration: tree.Declaration) -> Diagnostic:
+    name = declaration.name
+    return error(
+        "constant-without-value",
+        f"nothing says which values `{name}` takes",
+        declaration.span,
+        "neither bounded nor fixed",
+        f"annotate it with `@const: bound=[lo:hi]`, or fix it with `--set {name}=1.5`",
+    )
+
+
+def _bound(bound: tuple[Fraction | None, Fraction | None] | None) -> ir.Bound:
+    return ir.UNBOUNDED if bound is None else ir.Bound(bound[0], bound[1])
+
+
+def _variable(
+    declaration: tree.Declaration, annotation: VariableAnnotation | None, annotated: bool, assumed: bool, fresh: bool
+) -> ir.Variable:
+    """`assumed` where the assumptions mention it, `fresh` where every step writes it before reading it."""
+    bound = _bound(annotation.bound if annotation else None)
+    return ir.Variable(
+        name=declaration.name,
+        bound=bound,
+        initial="zero" if bound == ir.UNBOUNDED and fresh and not assumed else "sampled",
+        observed=annotation.observe if annotation else not annotated,
+        description=annotation.description if annotation else "",
+        unit=annotation.unit if annotation else "",
+        plot=annotation.plot if annotation else "none",
+        span=declaration.span,
+    )
+
+
+def _predicates(problem: Problem, scope: Scope, options: Options) -> tuple[ir.Predicate, ...]:
+    """Annotated predicates; without any annotation Q is a safety predicate (semantics 6)."""
+    if problem.annotated:
+        return tuple(_predicate(p, scope, options) for p in problem.predicates)
+    implied: list[ir.Predicate] = []
+    if problem.shape.postcondition is not None:
+        formula = lower_formula(problem.shape.postcondition, scope)
+        implied.append(
+            ir.Predicate(
+                name="postcondition",
+                category="safety",
+                formula=formula,
+                relaxed=relaxed(formula, options.tolerance),
+                penalty=ir.Number(UNANNOTATED_PENALTY),
+                on_failure=ir.Trigger("terminate", "failure"),
+                span=problem.shape.postcondition.span,
+            )
+        )
+    if problem.shape.progress is not None and problem.shape.postcondition is None:
+        formula = lower_formula(problem.shape.progress, scope)
+        implied.append(
+            ir.Predicate(
+                name="progress",
+                category="progress",
+                formula=formula,
+                relaxed=relaxed(formula, options.tolerance),
+                reward=ir.ONE,
+                on_success=ir.Trigger("terminate", "success"),
+                span=problem.shape.progress.span,
+            )
+        )
+    return tuple(implied)
+
+
+def _predicate(predicate: AnnotatedPredicate, scope: Scope, options: Options) -> ir.Predicate:
+    annotation = predicate.annotation
+    formula = lower_formula(predicate.formula, scope)
+    return ir.Predicate(
+        name=predicate.declaration.name,
+        category=annotation.category,
+        formula=formula,
+        relaxed=relaxed(formula, options.tolerance),
+        reward=_value(predicate.reward, scope),
+        penalty=_value(predicate.penalty, scope),
+        shape=_value(predicate.shape, scope),
+        on_success=_trigger(annotation.on_success),
+        on_failure=_trigger(annotation.on_failure),
+        due=_due(predicate, scope, options),
+        span=predicate.declaration.span,
+    )
+
+
+def _due(predicate: AnnotatedPredicate, scope: Scope, options: Options) -> ir.Formula | None:
+    """When a progress predicate must hold; always under the literal reading (semantics 6)."""
+    if predicate.annotation.category != "progress":
+        return None
+    if options.progress_failure == "literal":
+        return ir.TRUE
+    if not predicate.due:
+        return None
+    return disjunction(conjunction(lower_formula(f, scope) for f in premises) for premises in predicate.due)
+
+
+def _value(value: ValueTerm | None, scope: Scope) -> ir.Term | None:
+    if value is None:
+        return None
+    deltas = {name: lower_delta(formula, scope) for name, formula in value.deltas.items()}
+    return lower_term(value.term, {**scope, **deltas})
+
+
+def _trigger(trigger: Trigger | None) -> ir.Trigger | None:
+    return None if trigger is None else ir.Trigger(trigger.action, trigger.status)

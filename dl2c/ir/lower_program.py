@@ -1,0 +1,145 @@
+"""Programs of the syntax tree as IR blocks: decisions named, branches told from choices.
+
+Assumes an expanded, executable program without top-level loop. A choice of exactly two
+alternatives whose first tests are complementary is an `If`; nested choices flatten to one
+(semantics 2).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import assert_never
+
+from dl2c.diagnostics import Diagnostic, error
+from dl2c.ir import model as ir
+from dl2c.ir.logic import negation, oriented
+from dl2c.ir.lower_flow import lower_flow
+from dl2c.ir.lower_terms import Scope, lower_formula, lower_term
+from dl2c.options import Options
+from dl2c.parse import tree
+from dl2c.parse.annotations import ChoiceAnnotation, FallbackAnnotation, ProgramAnnotation
+from dl2c.source import Span
+
+
+@dataclass(slots=True)
+class ProgramLowering:
+    """One program being lowered: what it reads, and the flows, keys and errors found so far."""
+
+    scope: Scope
+    roles: dict[str, ir.Role]
+    annotations: Sequence[ProgramAnnotation]
+    options: Options
+    flows: list[ir.Flow] = field(default_factory=list[ir.Flow])
+    choices: int = 0
+    assigned: dict[str, int] = field(default_factory=dict[str, int])
+    found: list[Diagnostic] = field(default_factory=list[Diagnostic])
+
+    def block(self, program: tree.Program) -> ir.Block:
+        """The statements of a program, in order."""
+        match program:
+            case tree.Compose(left, right):
+                return (*self.block(left), *self.block(right))
+            case tree.Assign(name, term):
+                return (ir.Assign(name, lower_term(term, self.scope), span=program.span),)
+            case tree.AssignAny(name):
+                return (self._assign_any(name, program.span),)
+            case tree.Test(formula):
+                return (ir.Test(lower_formula(formula, self.scope), span=program.span),)
+            case tree.ODESystem():
+                self.flows.append(lower_flow(program, self.scope, self.options))
+                return (ir.Evolve(len(self.flows) - 1, span=program.span),)
+            case tree.Choice():
+                return (self._choice(program),)
+            case tree.Loop(span=span):
+                self.found.append(_inner_loop(span))
+                return ()
+            case tree.ProgramConst() | tree.Dual():
+                raise AssertionError("expansion and check_executable leave none of these")
+            case _:
+                assert_never(program)
+
+    def _assign_any(self, name: str, span: Span) -> ir.AssignAny:
+        count = self.assigned.get(name, 0)
+        self.assigned[name] = count + 1
+        key = f"assign_{name}" if count == 0 else f"assign_{name}_{count}"
+        role = self.roles.get(name, "agent")
+        if role == "env":
+            self.found.append(_environment_decides(span))
+        return ir.AssignAny(name, key, role, span=span)
+
+    def _choice(self, program: tree.Choice) -> ir.Statement:
+        alternatives = _alternatives(program)
+        if len(alternatives) == 2 and (branch := self._branch(alternatives, program.span)) is not None:
+            return branch
+        key = f"choice_{self.choices}"
+        self.choices += 1
+        annotation = self._annotation_at(program.span)
+        if annotation is not None and annotation.role == "env":
+            self.found.append(_environment_decides(annotation.span))
+        lowered = tuple(
+            ir.Alternative(self.block(a), self._is_fallback(a.span), span=a.span) for a in alternatives
+        )
+        role = annotation.role if annotation else "agent"
+        return ir.Choice(key, lowered, role, annotation.name if annotation else "", span=program.span)
+
+    def _branch(self, alternatives: list[tree.Program], span: Span) -> ir.If | None:
+        """A deterministic branch, if the first tests exclude each other and one always holds."""
+        tests = [_first_test(a) for a in alternatives]
+        if tests[0] is None or tests[1] is None:
+            return None
+        condition, otherwise = (lower_formula(t.formula, self.scope) for t in tests if t is not None)
+        if oriented(negation(condition)) != oriented(otherwise):
+            return None
+        then, orelse = (self.block(a)[1:] for a in alternatives)
+        return ir.If(condition, otherwise, then, orelse, span=span)
+
+    def _annotation_at(self, span: Span) -> ChoiceAnnotation | None:
+        """The `@choice` whose next program construct begins where this one does."""
+        for annotation in self.annotations:
+            if isinstance(annotation, ChoiceAnnotation) and _precedes(annotation.span, span):
+                return annotation
+        return None
+
+    def _is_fallback(self, span: Span) -> bool:
+        return any(isinstance(a, FallbackAnnotation) and _precedes(a.span, span) for a in self.annotations)
+
+
+def _precedes(annotation: Span, node: Span) -> bool:
+    """Whether only blanks, comments and braces stand between an annotation and a node."""
+    if annotation.source is not node.source or annotation.end > node.start:
+        return False
+    between = annotation.source.text[annotation.end : node.start]
+    lines = [line.split("//", 1)[0] if "*/" not in line else line.split("*/", 1)[1] for line in between.split("\n")]
+    return not "".join(lines).strip(" \t\r{*/+")
+
+
+def _alternatives(program: tree.Program) -> list[tree.Program]:
+    """The alternatives of a choice, nested choices flattened."""
+    if isinstance(program, tree.Choice):
+        return [*_alternatives(program.left), *_alternatives(program.right)]
+    return [program]
+
+
+def _first_test(program: tree.Program) -> tree.Test | None:
+    while isinstance(program, tree.Compose):
+        program = program.left
+    return program if isinstance(program, tree.Test) else None
+
+
+def _inner_loop(span: Span) -> Diagnostic:
+    return error(
+        "inner-loop",
+        "a loop inside the step cannot be executed",
+        span,
+        "only the outermost `{...}*` is run",
+        "unroll the loop, or make it the only loop of the problem",
+    )
+
+
+def _environment_decides(span: Span) -> Diagnostic:
+    return error(
+        "environment-role",
+        "decisions of the environment cannot be executed",
+        span,
+        "`role=env` is not supported",
+        "let the agent decide (`role=agent`), or fix the decision in the model",
+    )

@@ -1,0 +1,123 @@
+"""Terms and formulas of the syntax tree as IR: exact numbers, negation normal form.
+
+Assumes an expanded, executable tree. Subterms made of numbers alone are folded exactly.
+Raises `CompileError` for what has no executable meaning (a symbolic function, `e^x` with a
+variable exponent is a call of pow).
+"""
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import assert_never, cast
+
+from dl2c.diagnostics import CompileError, Diagnostic, error
+from dl2c.ir import model as ir
+from dl2c.ir.logic import conjunction, decided, delta, disjunction, folded, negation
+from dl2c.parse import tree
+from dl2c.source import Span
+
+PI = Fraction(884279719003555, 281474976710656)
+E = Fraction(6121026514868073, 2251799813685248)
+"""The doubles nearest to pi and e, as exact numbers."""
+
+MAX_EXPONENT = 64
+"""A literal exponent up to this is repeated multiplication, above it a call of pow."""
+
+Scope = Mapping[str, ir.Term]
+"""What each name of a model stands for."""
+
+
+def lower_term(term: tree.Term, scope: Scope) -> ir.Term:
+    """The IR of a term; equal numbers fold."""
+    match term:
+        case tree.Number(value):
+            return ir.Number(value)
+        case tree.Variable(name):
+            return scope[name]
+        case tree.FuncOf("pi", ()):
+            return ir.Number(PI)
+        case tree.FuncOf("e", ()):
+            return ir.Number(E)
+        case tree.FuncOf(name, args):
+            return folded(ir.Call(cast(ir.Function, name), tuple(lower_term(a, scope) for a in args)))
+        case tree.Neg(child):
+            return folded(ir.Neg(lower_term(child, scope)))
+        case tree.Plus(left, right):
+            return folded(ir.Add(lower_term(left, scope), lower_term(right, scope)))
+        case tree.Minus(left, right):
+            return folded(ir.Sub(lower_term(left, scope), lower_term(right, scope)))
+        case tree.Times(left, right):
+            return folded(ir.Mul(lower_term(left, scope), lower_term(right, scope)))
+        case tree.Divide(left, right):
+            return folded(ir.Div(lower_term(left, scope), lower_term(right, scope)))
+        case tree.Power(left, right):
+            return _power(lower_term(left, scope), lower_term(right, scope))
+        case tree.DifferentialSymbol() | tree.Differential() | tree.UnitFunctional():
+            raise AssertionError("check_executable refuses these")
+        case _:
+            assert_never(term)
+
+
+def _power(base: ir.Term, exponent: ir.Term) -> ir.Term:
+    match exponent:
+        case ir.Number(value) if value.denominator == 1 and abs(value) <= MAX_EXPONENT:
+            n = int(value)
+            if n == 0:
+                return ir.ONE
+            power = folded(ir.Pow(base, abs(n)))
+            return power if n > 0 else folded(ir.Div(ir.ONE, power))
+        case ir.Number(value) if value == Fraction(1, 2):
+            return ir.Call("sqrt", (base,))
+        case _:
+            return ir.Call("pow", (base, exponent))
+
+
+def lower_formula(formula: tree.Formula, scope: Scope) -> ir.Formula:
+    """The negation normal form of a formula."""
+    match formula:
+        case tree.Truth(value):
+            return ir.Truth(value)
+        case tree.Compare(op, left, right):
+            return decided(ir.Compare(op, lower_term(left, scope), lower_term(right, scope), span=formula.span))
+        case tree.Not(child):
+            return negation(lower_formula(child, scope))
+        case tree.And(left, right):
+            return conjunction((lower_formula(left, scope), lower_formula(right, scope)))
+        case tree.Or(left, right):
+            return disjunction((lower_formula(left, scope), lower_formula(right, scope)))
+        case tree.Imply(left, right):
+            return disjunction((negation(lower_formula(left, scope)), lower_formula(right, scope)))
+        case tree.Equiv(left, right):
+            a, b = lower_formula(left, scope), lower_formula(right, scope)
+            return conjunction((disjunction((negation(a), b)), disjunction((negation(b), a))))
+        case (
+            tree.PredOf()
+            | tree.UnitPredicational()
+            | tree.PredicationalOf()
+            | tree.Forall()
+            | tree.Exists()
+            | tree.Box()
+            | tree.Diamond()
+            | tree.DifferentialFormula()
+        ):
+            raise AssertionError("expansion and check_executable leave none of these")
+        case _:
+            assert_never(formula)
+
+
+def lower_delta(formula: tree.Formula, scope: Scope) -> ir.Term:
+    """The distance to satisfaction of a formula (paper eq. 4-5)."""
+    term = delta(lower_formula(formula, scope))
+    if term is None:
+        raise CompileError(_no_distance(formula.span))
+    return term
+
+
+def _no_distance(span: Span) -> Diagnostic:
+    return error(
+        "no-distance",
+        "this formula has no distance to satisfaction",
+        span,
+        "it is always true or always false",
+        "a predicate used as a value must compare terms that can change",
+    )
+

@@ -1,0 +1,340 @@
+"""The meaning of a model, as data: what one step of the environment does.
+
+Comes from `lower`; read by the reference interpreter, the path enumeration, the
+sampler and the code generator. Assumes that every name is bound and every
+definition expanded. Formulas are in negation normal form without quantifiers, so
+that an atom with an undefined subterm is false wherever it stands.
+
+Numbers are exact rationals. Floating-point evaluation rounds each number once and
+each operation once, in the order of the tree.
+"""
+
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from typing import Literal, TypeAlias
+
+from dl2c.source import NOWHERE, Span
+
+
+def _span() -> Span:
+    return field(default=NOWHERE, compare=False, repr=False, kw_only=True)  # pyright: ignore[reportReturnType]
+
+
+# Terms ------------------------------------------------------------------------
+
+Kind: TypeAlias = Literal["variable", "constant", "input", "time"]
+"""Program variable, episode constant, agent input (by key), time since a flow began."""
+
+Function: TypeAlias = Literal[
+    "abs", "min", "max", "sqrt", "exp", "sin", "cos", "tan", "arcsin", "arctan", "tanh", "pow"
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    value: Fraction
+
+
+@dataclass(frozen=True, slots=True)
+class Symbol:
+    name: str
+    kind: Kind
+
+
+@dataclass(frozen=True, slots=True)
+class Neg:
+    child: "Term"
+
+
+@dataclass(frozen=True, slots=True)
+class Add:
+    left: "Term"
+    right: "Term"
+
+
+@dataclass(frozen=True, slots=True)
+class Sub:
+    left: "Term"
+    right: "Term"
+
+
+@dataclass(frozen=True, slots=True)
+class Mul:
+    left: "Term"
+    right: "Term"
+
+
+@dataclass(frozen=True, slots=True)
+class Div:
+    left: "Term"
+    right: "Term"
+
+
+@dataclass(frozen=True, slots=True)
+class Pow:
+    """`base` to a positive integer power, by repeated multiplication.
+
+    x^(2k) is (x^k)*(x^k) and x^(2k+1) is x*x^(2k): this order is part of the meaning.
+    """
+
+    base: "Term"
+    exponent: int
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A builtin function. `min(a, b)` is a where a < b, else b; `max(a, b)` a where a > b, else b."""
+
+    function: Function
+    args: tuple["Term", ...]
+
+
+Term: TypeAlias = Number | Symbol | Neg | Add | Sub | Mul | Div | Pow | Call
+
+ZERO = Number(Fraction(0))
+ONE = Number(Fraction(1))
+
+# Formulas ---------------------------------------------------------------------
+
+Comparison: TypeAlias = Literal["=", "!=", "<", "<=", ">", ">="]
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    value: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Compare:
+    op: Comparison
+    left: Term
+    right: Term
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class And:
+    children: tuple["Formula", ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Or:
+    children: tuple["Formula", ...]
+
+
+Formula: TypeAlias = Truth | Compare | And | Or
+
+TRUE = Truth(True)
+FALSE = Truth(False)
+
+# Programs ---------------------------------------------------------------------
+
+Role: TypeAlias = Literal["agent", "env"]
+
+
+@dataclass(frozen=True, slots=True)
+class Assign:
+    variable: str
+    term: Term
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class AssignAny:
+    """`variable := *`. `key` names the decision (`assign_x`); its value is the input of that name."""
+
+    variable: str
+    key: str
+    role: Role = "agent"
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class Test:
+    __test__ = False
+
+    formula: Formula
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """One branch of a choice; `fallback` where it is marked `@fallback`."""
+
+    body: "Block"
+    fallback: bool = False
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """An n-ary choice that is a decision. `key` is `choice_<k>`."""
+
+    key: str
+    alternatives: tuple[Alternative, ...]
+    role: Role = "agent"
+    name: str = ""
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class If:
+    """Two alternatives with complementary first tests: no decision.
+
+    `otherwise` is the negation of `condition` in normal form; where both are false
+    (an undefined subterm) the run blocks.
+    """
+
+    condition: Formula
+    otherwise: Formula
+    then: "Block"
+    orelse: "Block"
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class Evolve:
+    """Follow `Model.flows[flow]`."""
+
+    flow: int
+    span: Span = _span()
+
+
+Statement: TypeAlias = Assign | AssignAny | Test | Choice | If | Evolve
+Block: TypeAlias = tuple[Statement, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Horizon:
+    """A top-level domain conjunct `clock <= bound` with clock' = 1 and a bound constant along the flow."""
+
+    clock: str
+    bound: Term
+
+
+@dataclass(frozen=True, slots=True)
+class Flow:
+    """`{equations & domain}`. `domain` is whole; `watched` is what is left of it without the
+    conjuncts that `horizons` stand for. `cap` is a further limit of the duration in seconds:
+    an explicit `dt`, or the default where there is no horizon."""
+
+    equations: tuple[tuple[str, Term], ...]
+    domain: Formula
+    watched: Formula
+    horizons: tuple[Horizon, ...]
+    cap: Fraction | None
+    span: Span = _span()
+
+
+# Annotated parts --------------------------------------------------------------
+
+Category: TypeAlias = Literal["safety", "progress", "stability"]
+EndAction: TypeAlias = Literal["terminate", "truncate", "continue"]
+Status: TypeAlias = Literal["none", "success", "failure"]
+
+
+@dataclass(frozen=True, slots=True)
+class Trigger:
+    action: EndAction
+    status: Status
+
+
+@dataclass(frozen=True, slots=True)
+class Predicate:
+    """An annotated predicate, its parameters bound (semantics 1 and 6).
+
+    `formula` and `relaxed` are P, exact and with each atom of the source relaxed by the
+    tolerance. `reward`, `penalty`, `shape` are terms over the post-state, None where absent.
+    `due` is when a progress obligation must hold: P is then required wherever `due` is true;
+    None for a predicate that has no obligation.
+    """
+
+    name: str
+    category: Category
+    formula: Formula
+    relaxed: Formula
+    reward: Term | None = None
+    penalty: Term | None = None
+    shape: Term | None = None
+    on_success: Trigger | None = None
+    on_failure: Trigger | None = None
+    due: Formula | None = None
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """A closed interval of exact decimals; None is unbounded on that side."""
+
+    low: Fraction | None
+    high: Fraction | None
+
+
+UNBOUNDED = Bound(None, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A program variable. `observed` where an observation shows it.
+
+    `initial` is "sampled" (jointly with the constants, inside `bound` and the precondition) or
+    "zero" (no bound, not in the precondition, written before any read).
+    """
+
+    name: str
+    bound: Bound = UNBOUNDED
+    initial: Literal["sampled", "zero"] = "sampled"
+    observed: bool = False
+    description: str = ""
+    unit: str = ""
+    plot: str = "none"
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """A parameter of the episode: sampled inside `bound` at reset, or fixed to `value`."""
+
+    name: str
+    bound: Bound = UNBOUNDED
+    value: Fraction | None = None
+    description: str = ""
+    unit: str = ""
+    plot: str = "none"
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One environment.
+
+    A step is one execution of `body`; `loops` is False for a problem without a loop, whose
+    episodes are one step long. `precondition` is P over variables and constants.
+    `postcondition` is Q, None where the program's suffix changes what Q reads.
+    """
+
+    name: str
+    source: str
+    variables: tuple[Variable, ...]
+    constants: tuple[Constant, ...]
+    precondition: Formula
+    prefix: Block
+    body: Block
+    loops: bool
+    flows: tuple[Flow, ...]
+    predicates: tuple[Predicate, ...]
+    postcondition: Formula | None
+    tolerance: Fraction = Fraction(1, 10**9)
+
+    @property
+    def sampled(self) -> tuple[str, ...]:
+        """Names drawn at reset, in the order variables, then constants."""
+        return (
+            *(v.name for v in self.variables if v.initial == "sampled"),
+            *(c.name for c in self.constants if c.value is None),
+        )
+
+    def with_flows(self, flows: tuple[Flow, ...]) -> "Model":
+        """The same model with other flows, one for one."""
+        assert len(flows) == len(self.flows)
+        return replace(self, flows=flows)

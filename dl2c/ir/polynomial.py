@@ -1,0 +1,110 @@
+"""Terms as polynomials in one quantity: time along a flow, or an agent's input.
+
+`polynomial` composes a term with the given curves and keeps coefficients as terms, so
+that interpreter and compiled code evaluate them in one order. Structurally zero and one
+factors are dropped; nothing else is simplified.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias, assert_never
+
+from dl2c.ir.logic import folded
+from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
+
+Coefficients: TypeAlias = tuple[Term, ...]
+"""c0, c1, ... of c0 + c1*tau + ...; never empty."""
+
+
+def polynomial(term: Term, curves: Mapping[Symbol, Coefficients]) -> Coefficients | None:
+    """Coefficients of the term along `curves`; None where it is not a polynomial there."""
+    match term:
+        case Symbol() if term in curves:
+            return curves[term]
+        case Number() | Symbol():
+            return (term,)
+        case Neg(child):
+            inner = polynomial(child, curves)
+            return None if inner is None else tuple(folded(Neg(c)) for c in inner)
+        case Add(left, right):
+            a, b = polynomial(left, curves), polynomial(right, curves)
+            return None if a is None or b is None else _sum(a, b)
+        case Sub(left, right):
+            a, b = polynomial(left, curves), polynomial(right, curves)
+            return None if a is None or b is None else _difference(a, b)
+        case Mul(left, right):
+            a, b = polynomial(left, curves), polynomial(right, curves)
+            return None if a is None or b is None else _product(a, b)
+        case Div(left, right):
+            a, b = polynomial(left, curves), polynomial(right, curves)
+            if a is None or b is None or len(b) > 1:
+                return None
+            return tuple(_quotient(c, b[0]) for c in a)
+        case Pow(base, exponent):
+            a = polynomial(base, curves)
+            if a is None:
+                return None
+            return (folded(Pow(a[0], exponent)),) if len(a) == 1 else _power(a, exponent)
+        case Call(function, args):
+            parts = [polynomial(a, curves) for a in args]
+            if any(p is None or len(p) > 1 for p in parts):
+                return None
+            return (folded(Call(function, tuple(p[0] for p in parts if p is not None))),)
+        case _:
+            assert_never(term)
+
+
+def _plus(a: Term, b: Term) -> Term:
+    if a == ZERO:
+        return b
+    return a if b == ZERO else folded(Add(a, b))
+
+
+def _times(a: Term, b: Term) -> Term:
+    if ZERO in (a, b):
+        return ZERO
+    if a == ONE:
+        return b
+    return a if b == ONE else folded(Mul(a, b))
+
+
+def _quotient(a: Term, b: Term) -> Term:
+    return ZERO if a == ZERO and isinstance(b, Number) else folded(Div(a, b))
+
+
+def _sum(a: Coefficients, b: Coefficients) -> Coefficients:
+    return trimmed([_plus(x, y) for x, y in _paired(a, b)])
+
+
+def _difference(a: Coefficients, b: Coefficients) -> Coefficients:
+    return trimmed([x if y == ZERO else folded(Neg(y) if x == ZERO else Sub(x, y)) for x, y in _paired(a, b)])
+
+
+def _product(a: Coefficients, b: Coefficients) -> Coefficients:
+    out: list[Term] = [ZERO] * (len(a) + len(b) - 1)
+    for i, x in enumerate(a):
+        for j, y in enumerate(b):
+            out[i + j] = _plus(out[i + j], _times(x, y))
+    return trimmed(out)
+
+
+def _power(a: Coefficients, exponent: int) -> Coefficients:
+    """By the order that `ir.Pow` defines."""
+    if exponent == 1:
+        return a
+    if exponent % 2:
+        return _product(a, _power(a, exponent - 1))
+    half = _power(a, exponent // 2)
+    return _product(half, half)
+
+
+def _paired(a: Coefficients, b: Coefficients) -> list[tuple[Term, Term]]:
+    n = max(len(a), len(b))
+    return [(a[k] if k < len(a) else ZERO, b[k] if k < len(b) else ZERO) for k in range(n)]
+
+
+def trimmed(coefficients: Sequence[Term]) -> Coefficients:
+    """Without structurally zero coefficients at the end."""
+    n = len(coefficients)
+    while n > 1 and coefficients[n - 1] == ZERO:
+        n -= 1
+    return tuple(coefficients[:n])

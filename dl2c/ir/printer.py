@@ -1,0 +1,176 @@
+"""The IR as text: dL syntax for terms and formulas, one line per statement for programs.
+
+What a person reads in `dl2c emit --stage ir` and in the comments of generated C.
+"""
+
+from collections.abc import Iterator
+from fractions import Fraction
+from typing import assert_never
+
+from dl2c.ir.model import (
+    Add,
+    And,
+    Assign,
+    AssignAny,
+    Block,
+    Bound,
+    Call,
+    Choice,
+    Compare,
+    Div,
+    Evolve,
+    Flow,
+    Formula,
+    If,
+    Model,
+    Mul,
+    Neg,
+    Number,
+    Or,
+    Pow,
+    Sub,
+    Symbol,
+    Term,
+    Test,
+    Truth,
+)
+
+ATOM, POWER, PRODUCT, SUM = 4, 3, 2, 1
+SHORT = 17
+"""Decimals with more digits after the point are printed as the double they stand for, if they do."""
+
+
+def print_number(value: Fraction) -> str:
+    """A decimal where the number has a short one, else the double it is, else a quotient."""
+    denominator = value.denominator
+    for prime in (2, 5):
+        while denominator % prime == 0:
+            denominator //= prime
+    if denominator != 1:
+        return f"{value.numerator}/{value.denominator}"
+    digits = 0
+    while (value * 10**digits).denominator != 1:
+        digits += 1
+    if digits > SHORT and Fraction(float(value)) == value:
+        return repr(float(value))
+    whole = str(abs((value * 10**digits).numerator)).rjust(digits + 1, "0")
+    sign = "-" if value < 0 else ""
+    return sign + (whole if digits == 0 else f"{whole[:-digits]}.{whole[-digits:]}")
+
+
+def print_term(term: Term) -> str:
+    return _term(term)[0]
+
+
+def _term(term: Term) -> tuple[str, int]:
+    """The text and how tightly it binds."""
+    match term:
+        case Number(value):
+            text = print_number(value)
+            return text, ATOM if text.replace(".", "").isdigit() else SUM
+        case Symbol(name):
+            return name, ATOM
+        case Neg(child):
+            return f"-{_wrapped(child, POWER)}", SUM
+        case Add(left, right):
+            return f"{_wrapped(left, SUM)} + {_wrapped(right, PRODUCT)}", SUM
+        case Sub(left, right):
+            return f"{_wrapped(left, SUM)} - {_wrapped(right, PRODUCT)}", SUM
+        case Mul(left, right):
+            return f"{_wrapped(left, PRODUCT)} * {_wrapped(right, POWER)}", PRODUCT
+        case Div(left, right):
+            return f"{_wrapped(left, PRODUCT)} / {_wrapped(right, POWER)}", PRODUCT
+        case Pow(base, exponent):
+            return f"{_wrapped(base, ATOM)}^{exponent}", POWER
+        case Call(function, args):
+            return f"{function}({', '.join(print_term(a) for a in args)})", ATOM
+        case _:
+            assert_never(term)
+
+
+def _wrapped(term: Term, level: int) -> str:
+    text, binds = _term(term)
+    return text if binds >= level else f"({text})"
+
+
+def print_formula(formula: Formula) -> str:
+    match formula:
+        case Truth(value):
+            return "true" if value else "false"
+        case Compare(op, left, right):
+            return f"{print_term(left)} {op} {print_term(right)}"
+        case And(children):
+            return " & ".join(f"({print_formula(c)})" if isinstance(c, Or) else print_formula(c) for c in children)
+        case Or(children):
+            return " | ".join(f"({print_formula(c)})" if isinstance(c, And) else print_formula(c) for c in children)
+        case _:
+            assert_never(formula)
+
+
+def print_flow(flow: Flow) -> str:
+    """The ODE in dL syntax."""
+    equations = ", ".join(f"{x}' = {print_term(rate)}" for x, rate in flow.equations)
+    domain = "" if flow.domain == Truth(True) else f" & {print_formula(flow.domain)}"
+    return f"{{{equations}{domain}}}"
+
+
+def print_block(block: Block, indent: str = "") -> Iterator[str]:
+    """One line per statement, alternatives indented."""
+    for statement in block:
+        match statement:
+            case Assign(variable, term):
+                yield f"{indent}{variable} := {print_term(term)};"
+            case AssignAny(variable, key, role):
+                yield f"{indent}{variable} := *;  /* {key}, {role} */"
+            case Test(formula):
+                yield f"{indent}?{print_formula(formula)};"
+            case If(condition, _, then, orelse):
+                yield f"{indent}if ({print_formula(condition)})"
+                yield from print_block(then, indent + "  ")
+                yield f"{indent}else"
+                yield from print_block(orelse, indent + "  ")
+            case Choice(key, alternatives, role):
+                yield f"{indent}{key} /* {role} */"
+                for k, alternative in enumerate(alternatives):
+                    yield f"{indent}{k}:{'  /* fallback */' if alternative.fallback else ''}"
+                    yield from print_block(alternative.body, indent + "  ")
+            case Evolve(flow):
+                yield f"{indent}flow {flow}"
+            case _:
+                assert_never(statement)
+
+
+def print_bound(bound: Bound) -> str:
+    low = "-inf" if bound.low is None else print_number(bound.low)
+    high = "inf" if bound.high is None else print_number(bound.high)
+    return f"[{low}:{high}]"
+
+
+def print_model(model: Model) -> str:
+    """The whole step model."""
+    lines = [f"model {model.name}", ""]
+    for constant in model.constants:
+        fixed = f" = {print_number(constant.value)}" if constant.value is not None else ""
+        lines.append(f"constant {constant.name} {print_bound(constant.bound)}{fixed}")
+    for variable in model.variables:
+        observed = " observed" if variable.observed else ""
+        lines.append(f"variable {variable.name} {print_bound(variable.bound)} {variable.initial}{observed}")
+    lines += ["", f"precondition {print_formula(model.precondition)}"]
+    for k, flow in enumerate(model.flows):
+        horizons = ", ".join(f"{h.clock} <= {print_term(h.bound)}" for h in flow.horizons)
+        cap = "" if flow.cap is None else f" cap {print_number(flow.cap)}"
+        lines += ["", f"flow {k} {print_flow(flow)}", f"  horizon {horizons or 'none'}{cap}"]
+    lines += ["", "step" if model.loops else "step (once)", *print_block(model.body, "  ")]
+    for p in model.predicates:
+        lines += ["", f"@{p.category} {p.name} {print_formula(p.formula)}"]
+        for word, term in (("reward", p.reward), ("penalty", p.penalty), ("shape", p.shape)):
+            if term is not None:
+                lines.append(f"  {word} {print_term(term)}")
+        for word, trigger in (("on_success", p.on_success), ("on_failure", p.on_failure)):
+            if trigger is not None:
+                lines.append(f"  {word} {trigger.action}:{trigger.status}")
+        if p.due is not None:
+            lines.append(f"  due {print_formula(p.due)}")
+    if model.postcondition is not None:
+        lines += ["", f"postcondition {print_formula(model.postcondition)}"]
+    return "\n".join(lines) + "\n"

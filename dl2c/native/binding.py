@@ -1,0 +1,277 @@
+"""Calling a built library: batches of environments over numpy arrays.
+
+Comes from `compile_library` with a manifest beside it. The arrays of a batch are bound once,
+when it is made; a step is then one C call and one comparison. Nothing here can be pickled:
+who wants an environment elsewhere sends the model's text and options.
+"""
+
+import hashlib
+import importlib.util
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from importlib.machinery import ExtensionFileLoader
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NoReturn, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dl2c.native.compile import declarations
+from dl2c.native.errors import NativeError, ResetFailed
+from dl2c.native.manifest import Manifest
+
+AUTORESET = {"disabled": 0, "next_step": 1, "same_step": 2}
+ON_BLOCKED = {"fallback": 0, "truncate": 1, "terminate": 2}
+ACTION_MAP = {"project": 0, "squash": 1}
+
+ERR_RESET, ERR_STATE = -3, -4
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """`dl2c_sizes`: how many entries each kind of row has; `obs_size` is bytes per observation entry."""
+
+    nx: int
+    np: int
+    nobs: int
+    nchoice: int
+    ninput: int
+    nmask: int
+    npred: int
+    obs_size: int
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Library:
+    """A loaded model. `ffi` and `lib` are cffi's; `sizes` is what the library says of itself."""
+
+    manifest: Manifest
+    sizes: Sizes
+    ffi: Any
+    lib: Any
+
+    def batch(
+        self,
+        n: int,
+        *,
+        autoreset: str = "disabled",
+        on_blocked: str = "fallback",
+        action_map: str = "project",
+        blocked_penalty: float = 0.0,
+        max_steps: int = 1000,
+        stall_limit: int = 0,
+    ) -> "Batch":
+        """n environments, none of them begun: call `reset` first.
+
+        Raises `ValueError` for a value that is no option, `NativeError` if the library refuses.
+        """
+        options = {
+            "max_steps": max_steps,
+            "stall_limit": stall_limit,
+            "blocked_penalty": blocked_penalty,
+            "autoreset": _code("autoreset", autoreset, AUTORESET),
+            "on_blocked": _code("on_blocked", on_blocked, ON_BLOCKED),
+            "action_map": _code("action_map", action_map, ACTION_MAP),
+        }
+        return Batch(self, n, options)
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a loaded library cannot be pickled; send the model's text and options")
+
+
+@final
+class Batch:
+    """n environments of one model, and the arrays they read and write.
+
+    Write `choices` and `inputs`, call `step`, read the rest; shapes are those of `dl2c_buffers`
+    in dl2c.h. Every call writes into the same arrays: copy what must last. The flags are numpy
+    bools. The buffer `reset` is here `began`, since `reset` is the method.
+    """
+
+    __slots__ = (
+        *("_bound", "_handle", "_lib", "_native_step", "library", "n"),
+        *("choices", "inputs", "obs", "final_obs", "rewards", "terminated", "truncated", "mask"),
+        *("executed_choices", "executed_inputs", "status", "reason", "cost", "blocked", "postcondition"),
+        *("saturated", "began", "duration", "time"),
+    )
+
+    def __init__(self, library: Library, n: int, options: dict[str, Any]) -> None:
+        """Made by `Library.batch`."""
+        if n < 1:
+            raise ValueError(f"a batch has at least one environment, not {n}")
+        ffi, lib, s = library.ffi, library.lib, library.sizes
+        obs = np.float32 if s.obs_size == 4 else np.float64
+        self.library, self.n = library, n
+        self.choices = np.zeros((n, s.nchoice), np.int32)
+        self.inputs = np.zeros((n, s.ninput), np.float64)
+        self.obs: NDArray[Any] = np.zeros((n, s.nobs), obs)
+        self.final_obs: NDArray[Any] = np.zeros((n, s.nobs), obs)
+        self.rewards = np.zeros(n, np.float64)
+        self.terminated, self.truncated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        self.mask = np.zeros((n, s.nmask), np.int8)
+        self.executed_choices = np.zeros((n, s.nchoice), np.int32)
+        self.executed_inputs = np.zeros((n, s.ninput), np.float64)
+        self.status, self.reason, self.cost = (np.zeros(n, np.int32) for _ in range(3))
+        self.blocked, self.postcondition = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        self.saturated, self.began = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        self.duration, self.time = np.zeros(n, np.float64), np.zeros(n, np.float64)
+
+        self._lib = lib
+        self._native_step = lib.dl2c_batch_step
+        self._handle = ffi.NULL
+        self._bound = [(name, ffi.from_buffer(array)) for name, array in self._arrays()]
+        buffers = ffi.new("dl2c_buffers *")
+        for name, memory in self._bound:
+            setattr(buffers, name, ffi.cast("void *", memory))
+        out = ffi.new("dl2c_batch **")
+        self._check(lib.dl2c_batch_create(n, ffi.new("dl2c_options *", options), buffers, out))
+        self._handle = ffi.gc(out[0], lib.dl2c_batch_free)
+
+    def step(self) -> None:
+        """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""
+        if status := self._native_step(self._handle):
+            self._check(status)
+
+    def reset(self, mask: NDArray[np.bool_] | None = None, seeds: NDArray[np.uint64] | None = None) -> None:
+        """Begin an episode where `mask` (n) is set, everywhere without one.
+
+        With `seeds` (n) those environments restart their random streams, else they go on with
+        their next episode. Raises `ResetFailed` if no initial state is found.
+        """
+        ffi = self.library.ffi
+        masks = ffi.NULL if mask is None else self._row(mask, np.bool_, self.n, "uint8_t[]")
+        streams = ffi.NULL if seeds is None else self._row(seeds, np.uint64, self.n, "uint64_t[]")
+        self._check(self._lib.dl2c_batch_reset(self._handle, masks, streams))
+
+    def reset_to(
+        self, i: int, seed: int | None, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]
+    ) -> None:
+        """Begin an episode of environment i in state x (nx) with constants p (np).
+
+        `seed` restarts its random stream. Raises `ResetFailed` if the precondition refuses the
+        state or no run is possible from it.
+        """
+        stream = self.library.ffi.NULL if seed is None else self._row([seed], np.uint64, 1, "uint64_t[]")
+        self._check(self._lib.dl2c_batch_reset_to(self._handle, self._index(i), stream, *self._state(x, p)))
+
+    def get_state(self, i: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """State (nx) and constants (np) of environment i, in fresh memory."""
+        x, p = np.empty(self.library.sizes.nx), np.empty(self.library.sizes.np)
+        self._check(self._lib.dl2c_batch_get_state(self._handle, self._index(i), *self._state(x, p)))
+        return x, p
+
+    def set_state(self, i: int, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]) -> None:
+        """Overwrite them as they are, mid-episode; the mask follows. For planners and tests."""
+        self._check(self._lib.dl2c_batch_set_state(self._handle, self._index(i), *self._state(x, p)))
+
+    def close(self) -> None:
+        """Free the environments; the arrays stay. Any later call raises `NativeError`."""
+        if self._handle:
+            handle, self._handle = self._handle, self.library.ffi.NULL
+            self.library.ffi.release(handle)
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a batch cannot be pickled; send the model's text and options")
+
+    def _arrays(self) -> list[tuple[str, NDArray[Any]]]:
+        """Every field of `dl2c_buffers` with its array."""
+        names = [name for name, _ in self.library.ffi.typeof("dl2c_buffers").fields]
+        return [(name, getattr(self, "began" if name == "reset" else name)) for name in names]
+
+    def _state(self, x: Any, p: Any) -> tuple[Any, Any]:
+        sizes = self.library.sizes
+        return self._row(x, np.float64, sizes.nx, "double[]"), self._row(p, np.float64, sizes.np, "double[]")
+
+    def _row(self, values: Any, dtype: type[np.generic], length: int, kind: str) -> Any:
+        """The memory of a row of that length: that of `values` itself where it fits."""
+        array = np.ascontiguousarray(values, dtype)
+        if array.shape != (length,):
+            raise ValueError(f"expected {length} values, not an array of shape {array.shape}")
+        return self.library.ffi.from_buffer(kind, array)
+
+    def _index(self, i: int) -> int:
+        if not 0 <= i < self.n:
+            raise IndexError(f"environment {i} of a batch of {self.n}")
+        return i
+
+    def _check(self, status: int) -> None:
+        """Raise what a status stands for, unless it is DL2C_OK."""
+        if status == 0:
+            return
+        text = self.library.ffi.string(self._lib.dl2c_status_text(status)).decode()
+        raise (ResetFailed if status in (ERR_RESET, ERR_STATE) else NativeError)(text)
+
+
+def load_library(directory: Path) -> Library:
+    """Load the library and the manifest of a folder that `compile_library` filled.
+
+    Builds of one model can be loaded side by side, also after the folder was built anew.
+    Raises `NativeError` if the two files do not fit each other or this version of dl2c.
+    """
+    manifest = Manifest.read(directory / "manifest.json")
+    ffi, lib = _foreign(_find(directory))
+    found = (lib.dl2c_abi_version(), lib.dl2c_stream_version())
+    if found != (manifest.abi_version, manifest.stream_version):
+        raise NativeError(
+            f"the library of {manifest.name} has ABI and stream version {found}, its manifest says "
+            f"{(manifest.abi_version, manifest.stream_version)}; build the model again"
+        )
+    raw = ffi.new("dl2c_sizes *")
+    lib.dl2c_model_sizes(raw)
+    sizes = Sizes(**{f.name: int(getattr(raw, f.name)) for f in fields(Sizes)})
+    m, s = manifest, sizes
+    described = tuple(map(len, (m.variables, m.observations, m.choices, m.inputs, m.predicates)))
+    if described != (s.nx, s.nobs, s.nchoice, s.ninput, s.npred):
+        raise NativeError(f"the manifest of {manifest.name} describes another library; build the model again")
+    return Library(manifest, sizes, ffi, lib)
+
+
+def _find(directory: Path) -> Path:
+    """The library in a folder: an extension for this interpreter, or else a plain library."""
+    suffix = sysconfig.get_config_var("EXT_SUFFIX")
+    for pattern in (f"_*{suffix}", "lib*.so"):
+        if found := sorted(directory.glob(pattern)):
+            return found[0]
+    raise NativeError(f"{directory.name} holds no library for this Python; build the model again")
+
+
+def _foreign(path: Path) -> tuple[Any, Any]:
+    """cffi's `ffi` and `lib` of a library, by content: the same bytes are loaded once.
+
+    The dynamic linker tells libraries apart by path before it looks at the file; a link that
+    nobody has seen before makes it look.
+    """
+    name = f"dl2c_{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}.{path.name.partition('.')[0]}"
+    if (loaded := sys.modules.get(name)) is None:
+        with tempfile.TemporaryDirectory(prefix="dl2c-") as fresh:
+            link = Path(fresh, path.name)
+            link.symlink_to(path.resolve())
+            loaded = sys.modules[name] = _load(link, name)
+    return loaded.ffi, loaded.lib
+
+
+def _load(path: Path, name: str) -> ModuleType:
+    try:
+        if path.name.startswith("lib"):
+            module: Any = ModuleType(name)
+            module.ffi = declarations()
+            module.lib = module.ffi.dlopen(str(path))
+            return module
+        spec = importlib.util.spec_from_file_location(name, path, loader=ExtensionFileLoader(name, str(path)))
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+    except (ImportError, OSError) as problem:
+        raise NativeError(f"cannot load {path.name}: {problem}; build the model again") from None
+
+
+def _code(option: str, value: str, codes: dict[str, int]) -> int:
+    if value not in codes:
+        raise ValueError(f"`{option}` takes {', '.join(map(repr, codes))}, not {value!r}")
+    return codes[value]

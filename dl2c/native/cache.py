@@ -1,0 +1,219 @@
+"""Built models on disk, each under a key that names everything its bytes depend on.
+
+An entry is a folder `<root>/<key>` that appears whole by a rename and carries the digests
+of its files, so that what a killed build or a bad disk left behind is never used. Builders
+of one key, in whatever process, take turns. Entries are used by whoever can write the
+cache, so it belongs to one user alone.
+"""
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import shutil
+import stat
+import sysconfig
+import tempfile
+import time
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import platformdirs
+from filelock import FileLock, Timeout
+
+from dl2c.native.code import code_digest
+from dl2c.native.errors import NativeError
+from dl2c.native.toolchain import cpu_features, find_compiler, python_include
+from dl2c.options import Options
+
+DEFAULT_CAP = 2 * 1024**3
+"""Bytes the cache may hold before the least recently used entries go."""
+
+GRACE = 60.0
+"""Seconds for which the automatic pruning spares an entry, so that its user can load it."""
+
+SEAL = "sealed.json"
+"""Digests of all other files of an entry."""
+
+KEY_LENGTH = 32
+
+ADVICE = "set DL2C_CACHE_DIR to a folder of yours"
+
+
+@dataclass(frozen=True, slots=True)
+class CacheEntry:
+    """A built model: its key, bytes on disk, and when it was last used (seconds since the epoch)."""
+
+    key: str
+    directory: Path
+    size: int
+    used: float
+
+
+def build_key(sources: Mapping[str, str], options: Options) -> str:
+    """The key of a build: `sources` are the texts of the model and its imports by name.
+
+    Covers also this version of dl2c, the compiler, its flags, the interpreter's ABI and casadi,
+    and for `options.native` the CPU. Raises `CompilerMissing`, `CompilerFailed`.
+    """
+    compiler = find_compiler()
+    flags = compiler.flags(options.native)
+    facts = {
+        "sources": dict(sources),
+        "options": {name: str(value) for name, value in asdict(options).items()},
+        "code": code_digest(),
+        "compiler": (compiler.command, compiler.version),
+        "flags": flags,
+        "python": (sysconfig.get_config_var("SOABI"), bool(python_include())),
+        "casadi": _version("casadi"),
+        "cpu": cpu_features() if any("native" in flag for flag in flags) else "",
+    }
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:KEY_LENGTH]
+
+
+def cache_dir() -> Path:
+    """The cache's folder: `builds` in `$DL2C_CACHE_DIR`, or else in the user's cache folder.
+
+    Created if need be, readable by this user alone. Raises `NativeError` if it cannot be
+    created or belongs to someone else.
+    """
+    home = os.environ.get("DL2C_CACHE_DIR") or platformdirs.user_cache_dir("dl2c")
+    root = Path(home).expanduser().absolute() / "builds"
+    try:
+        root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        owners = {root.lstat().st_uid, root.stat().st_uid}
+        if owners != {os.getuid()}:
+            raise NativeError(f"the build cache {root} belongs to another user; {ADVICE}")
+        if stat.S_IMODE(root.stat().st_mode) & 0o077:
+            root.chmod(0o700)
+    except OSError as problem:
+        raise NativeError(f"cannot use the build cache {root}: {problem.strerror}; {ADVICE}") from None
+    return root
+
+
+def cached(key: str, build: Callable[[Path], None]) -> Path:
+    """The folder of the entry `key`, made by `build(folder)` unless it is there already.
+
+    Only one process builds a key at a time, the others wait for it and use its result. An
+    exception of `build` passes through and leaves no entry.
+    """
+    root = cache_dir()
+    entry = root / key
+    if not _intact(entry):
+        with _locked(root, key):
+            if not _intact(entry):
+                _remove_leftovers(root, key)
+                _build(root, entry, build)
+        prune(idle=GRACE)
+    with suppress(OSError):
+        os.utime(entry / SEAL)
+    return entry
+
+
+def cache_entries() -> tuple[CacheEntry, ...]:
+    """All entries, most recently used first."""
+    entries = [e for path in cache_dir().iterdir() if _is_key(path.name) and (e := _entry(path))]
+    return tuple(sorted(entries, key=lambda e: (-e.used, e.key)))
+
+
+def prune(cap: int = DEFAULT_CAP, idle: float = 0.0) -> tuple[CacheEntry, ...]:
+    """Remove the least recently used entries until at most `cap` bytes are left; returns them.
+
+    Spares entries used in the last `idle` seconds and those being built.
+    """
+    root, total, now = cache_dir(), 0, time.time()
+    removed: list[CacheEntry] = []
+    for entry in cache_entries():
+        total += entry.size
+        if total > cap and now - entry.used >= idle and _remove(root, entry.key):
+            removed.append(entry)
+            total -= entry.size
+    return tuple(removed)
+
+
+def clear() -> tuple[CacheEntry, ...]:
+    """Remove every entry that nobody is building, and what killed builds left; returns the entries."""
+    root = cache_dir()
+    removed = prune(cap=0)
+    for key in {path.name.partition(".")[0] for path in root.glob("*.tmp")}:
+        with suppress(Timeout), _locked(root, key, timeout=0):
+            _remove_leftovers(root, key)
+    return removed
+
+
+def _build(root: Path, entry: Path, build: Callable[[Path], None]) -> None:
+    """Build in a folder of its own and let it appear as `entry` when it is whole."""
+    fresh = Path(tempfile.mkdtemp(prefix=f"{entry.name}.", suffix=".tmp", dir=root))
+    try:
+        build(fresh)
+        seal = json.dumps(_digests(fresh), indent=1, sort_keys=True)
+        (fresh / SEAL).write_text(seal + "\n", encoding="utf-8")
+        os.rename(fresh, entry)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+
+
+def _intact(entry: Path) -> bool:
+    """Whether every file of the entry is what the build left."""
+    try:
+        return json.loads((entry / SEAL).read_text(encoding="utf-8")) == _digests(entry)
+    except (OSError, ValueError):
+        return False
+
+
+def _digests(directory: Path) -> dict[str, str]:
+    files = sorted(path for path in directory.rglob("*") if path.is_file() and path != directory / SEAL)
+    names = [path.relative_to(directory).as_posix() for path in files]
+    return {n: hashlib.sha256(path.read_bytes()).hexdigest() for n, path in zip(names, files, strict=True)}
+
+
+def _entry(path: Path) -> CacheEntry | None:
+    """What is at `path`, None if it vanished meanwhile. A broken entry counts as never used."""
+    try:
+        size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+        seal = path / SEAL
+        return CacheEntry(path.name, path, size, seal.stat().st_mtime if seal.exists() else 0.0)
+    except OSError:
+        return None
+
+
+def _remove(root: Path, key: str) -> bool:
+    try:
+        with _locked(root, key, timeout=0):
+            return _remove_leftovers(root, key)
+    except Timeout:
+        return False
+
+
+def _remove_leftovers(root: Path, key: str) -> bool:
+    """Remove the entry and unfinished builds of a key whose lock is held; says if all went.
+
+    The entry is renamed first: at no moment is there half an entry.
+    """
+    with suppress(FileNotFoundError):
+        os.rename(root / key, tempfile.mkdtemp(prefix=f"{key}.", suffix=".tmp", dir=root))
+    for path in root.glob(f"{key}.*.tmp"):
+        shutil.rmtree(path, ignore_errors=True)
+    return not (root / key).exists()
+
+
+@contextmanager
+def _locked(root: Path, key: str, timeout: float = -1) -> Generator[None]:
+    """Hold the lock of a key; its file stays, since removing it would let two in."""
+    locks = root / "locks"
+    locks.mkdir(mode=0o700, exist_ok=True)
+    with FileLock(locks / key, timeout=timeout):
+        yield
+
+
+def _is_key(name: str) -> bool:
+    return len(name) == KEY_LENGTH and "." not in name
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""

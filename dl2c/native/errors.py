@@ -1,0 +1,17 @@
+"""Failures of building or calling native code that are not mistakes in a model."""
+
+
+class NativeError(RuntimeError):
+    """A compiled library cannot be built, loaded or called; the message says what to do."""
+
+
+class CompilerMissing(NativeError):
+    """No C compiler was found."""
+
+
+class CompilerFailed(NativeError):
+    """The C compiler rejected the generated code or could not write its output."""
+
+
+class ResetFailed(NativeError):
+    """No admissible initial state: none was drawn in the allowed number of tries, or the given one is not."""

@@ -1,0 +1,152 @@
+"""Which C compiler to run, and with which flags.
+
+Assumes a command line like that of gcc; clang and zig have it. Floating-point results
+are part of a model's meaning, so no flag that lets a compiler reorder arithmetic is
+ever passed on.
+"""
+
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from dl2c.native.errors import CompilerFailed, CompilerMissing
+
+CODE_FLAGS = ("-std=c11", "-O3", "-fno-trapping-math", "-fno-math-errno", "-fvisibility=hidden", "-fPIC")
+STRICT_FLAGS = (
+    *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Wvla"),
+    "-Werror",
+)
+EXACT_FLAGS = ("-ffp-contract=off",)
+"""Last on the command line, so that CFLAGS cannot undo them."""
+
+ZIG_LACKS = ("-DDL2C_NO_TARGET_CLONES",)
+"""zig tunes for the machine it runs on unless told otherwise, and cannot link `target_clones`."""
+
+UNSAFE_FLAGS = frozenset(
+    {
+        "-Ofast",
+        "-ffast-math",
+        "-funsafe-math-optimizations",
+        "-fassociative-math",
+        "-freciprocal-math",
+        "-ffinite-math-only",
+        "-fno-signed-zeros",
+    }
+)
+
+INSTALL_HINT = "install one with `apt install gcc`, or use the compiler of `pip install dl2c[zig]`"
+
+MAX_ERROR_LINES = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Compiler:
+    """A command that compiles C. `version` is what it says of itself."""
+
+    command: tuple[str, ...]
+    version: str
+    zig: bool = False
+
+    def flags(self, native: bool) -> tuple[str, ...]:
+        """The flags for generated code without the warnings; `native` tunes for this CPU.
+
+        Raises `CompilerFailed` if CFLAGS asks for arithmetic that is not exact.
+        """
+        tuning = ("-march=native",) if native else ("-mcpu=baseline",) if self.zig else ()
+        lacking = ZIG_LACKS if self.zig else ()
+        return (*CODE_FLAGS, *tuning, *lacking, *user_flags(), *EXACT_FLAGS)
+
+
+def find_compiler(environment: Mapping[str, str] | None = None) -> Compiler:
+    """`$CC`, else cc, gcc or clang on the path, else the ziglang package.
+
+    Raises `CompilerMissing` if there is none, or if `$CC` names none.
+    """
+    env = os.environ if environment is None else environment
+    path = env.get("PATH", os.defpath)
+    if chosen := shlex.split(env.get("CC", "")):
+        if shutil.which(chosen[0], path=path) is None:
+            raise CompilerMissing(f"CC={chosen[0]} is not a program on the path; unset CC, or {INSTALL_HINT}")
+        return _compiler(chosen)
+    for name in ("cc", "gcc", "clang"):
+        if found := shutil.which(name, path=path):
+            return _compiler([found])
+    if importlib.util.find_spec("ziglang") is not None:
+        return _compiler([sys.executable, "-m", "ziglang", "cc"])
+    raise CompilerMissing(f"no C compiler was found: {INSTALL_HINT}")
+
+
+def user_flags() -> tuple[str, ...]:
+    """CFLAGS, split as a shell would; raises `CompilerFailed` for flags that break exactness."""
+    flags = tuple(shlex.split(os.environ.get("CFLAGS", "")))
+    if unsafe := UNSAFE_FLAGS.intersection(flags):
+        raise CompilerFailed(
+            f"CFLAGS contains {', '.join(sorted(unsafe))}, which changes what a model means: remove it"
+        )
+    return flags
+
+
+def python_include() -> tuple[str, ...]:
+    """Flags to find Python.h, empty where it is not installed."""
+    folders = dict.fromkeys(sysconfig.get_path(name) for name in ("include", "platinclude"))
+    if not any((Path(folder) / "Python.h").is_file() for folder in folders):
+        return ()
+    return tuple(f"-I{folder}" for folder in folders)
+
+
+def link_flags() -> tuple[str, ...]:
+    """Flags that make a loadable module of objects whose Python symbols the interpreter provides."""
+    if sys.platform == "darwin":
+        return ("-bundle", "-undefined", "dynamic_lookup")
+    return ("-shared", "-pthread", "-ldl", "-lm")
+
+
+def cpu_features() -> str:
+    """What `-march=native` depends on: the CPU's model and features, as the system names them."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return platform.processor()
+    wanted = ("model name", "flags", "Features", "CPU implementer", "CPU part")
+    return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))
+
+
+def run(command: tuple[str, ...], directory: Path) -> None:
+    """Run a compiler there, without a shell.
+
+    Raises `CompilerFailed` with the first useful lines of what it said.
+    """
+    try:
+        result = subprocess.run(
+            command, cwd=directory, stdin=subprocess.DEVNULL, capture_output=True, check=False
+        )
+    except OSError as problem:
+        raise CompilerFailed(f"cannot run {command[0]}: {problem.strerror}") from None
+    if result.returncode != 0:
+        stderr = result.stderr.decode(errors="replace")
+        said = first_errors(stderr) or f"exit code {result.returncode} without a message"
+        raise CompilerFailed(f"{Path(command[0]).name} could not compile the generated code:\n{said}")
+
+
+def first_errors(stderr: str) -> str:
+    """The lines from the first error on, without what leads to it; all of them if none is marked."""
+    lines = [line for line in stderr.splitlines() if line.strip()]
+    first = next((i for i, line in enumerate(lines) if "error" in line.lower()), 0)
+    return "\n".join(lines[first : first + MAX_ERROR_LINES])
+
+
+def _compiler(command: list[str]) -> Compiler:
+    try:
+        result = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
+    except OSError as problem:
+        raise CompilerMissing(f"cannot run {command[0]}: {problem.strerror}") from None
+    zig = "ziglang" in command or Path(command[0]).name == "zig"
+    return Compiler(tuple(command), result.stdout.strip(), zig)

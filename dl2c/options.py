@@ -1,0 +1,123 @@
+"""What a user may choose about an environment, with one name everywhere.
+
+The same names serve the command line (`--on-blocked`), Python (`on_blocked=`) and
+`@episode` annotations. Values given in code win over `@episode`, which wins over the
+defaults here (semantics 9).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from fractions import Fraction
+from typing import Any, Literal, TypeAlias, get_args
+
+OnBlocked: TypeAlias = Literal["fallback", "truncate", "terminate"]
+ActionFormat: TypeAlias = Literal["auto", "dict", "box", "discrete", "multidiscrete"]
+ActionMap: TypeAlias = Literal["project", "squash"]
+ObservationDtype: TypeAlias = Literal["float32", "float64"]
+ObservationBounds: TypeAlias = Literal["declared", "unbounded"]
+ProgressFailure: TypeAlias = Literal["due", "literal"]
+
+DEFAULT_DT = Fraction(1, 10)
+"""Seconds a flow lasts where the model gives no horizon."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Every option of an environment; see semantics for what each one means.
+
+    `dt` None means: the model's own horizon, else `DEFAULT_DT`. `constants` fixes episode
+    constants by name. `loop` selects one of several top-level loops, `entry` an archive entry.
+    """
+
+    entry: str | None = None
+    constants: tuple[tuple[str, Fraction], ...] = ()
+    dt: Fraction | None = None
+    tolerance: Fraction = Fraction(1, 10**9)
+    progress_failure: ProgressFailure = "due"
+    observe_constants: bool = True
+    obs_dtype: ObservationDtype = "float32"
+    observation_bounds: ObservationBounds = "declared"
+    action_format: ActionFormat = "auto"
+    action_map: ActionMap = "project"
+    on_blocked: OnBlocked = "fallback"
+    blocked_penalty: float = 0.0
+    max_episode_steps: int = 1000
+    stall_limit: int = 0
+    native: bool = False
+    given: frozenset[str] = field(default=frozenset(), repr=False)
+    """The options that were given in code, which `@episode` does not change."""
+
+
+class UnknownOption(ValueError):
+    """An option name or value that does not exist; the message says what does."""
+
+
+def with_options(options: Options, given: Mapping[str, Any]) -> Options:
+    """`options` with the given ones replaced, each checked and converted.
+
+    Raises `UnknownOption` for a name or value that does not exist.
+    """
+    known = {f.name: f for f in fields(Options) if f.name != "given"}
+    changes: dict[str, Any] = {}
+    for name, value in given.items():
+        if name not in known:
+            raise UnknownOption(f"no option `{name}`; the options are {', '.join(sorted(known))}")
+        changes[name] = _converted(name, value, known[name].type)
+    return replace(options, **changes, given=frozenset((*options.given, *changes)))
+
+
+def under(options: Options, episode: Mapping[str, Any]) -> Options:
+    """`options` completed by those of `@episode`; what was given in code stays.
+
+    Raises `UnknownOption`.
+    """
+    rest = {name: value for name, value in episode.items() if name not in options.given}
+    return replace(with_options(options, rest), given=options.given)
+
+
+def _converted(name: str, value: Any, kind: Any) -> Any:
+    match name:
+        case "constants":
+            pairs = value.items() if isinstance(value, Mapping) else value
+            return tuple(sorted((str(k), _exact(f"constants[{k}]", v)) for k, v in pairs))
+        case "dt":
+            return None if value is None else _positive(name, _exact(name, value))
+        case "tolerance":
+            return _nonnegative(name, _exact(name, value))
+        case "entry":
+            return None if value is None else str(value)
+        case "blocked_penalty":
+            return float(_exact(name, value))
+        case "max_episode_steps" | "stall_limit":
+            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+                raise UnknownOption(f"`{name}` takes a whole number >= 0, not {value!r}")
+            return value
+        case "observe_constants" | "native":
+            if not isinstance(value, bool):
+                raise UnknownOption(f"`{name}` takes True or False, not {value!r}")
+            return value
+        case _:
+            allowed = get_args(kind)
+            if value not in allowed:
+                raise UnknownOption(f"`{name}` takes {', '.join(map(repr, allowed))}, not {value!r}")
+            return value
+
+
+def _exact(name: str, value: Any) -> Fraction:
+    """Numbers as the user wrote them: a float stands for its shortest decimal."""
+    try:
+        return value if isinstance(value, Fraction) else Fraction(str(value))
+    except ValueError:
+        raise UnknownOption(f"`{name}` takes a number, not {value!r}") from None
+
+
+def _positive(name: str, value: Fraction) -> Fraction:
+    if value <= 0:
+        raise UnknownOption(f"`{name}` must be positive, not {value}")
+    return value
+
+
+def _nonnegative(name: str, value: Fraction) -> Fraction:
+    if value < 0:
+        raise UnknownOption(f"`{name}` must not be negative, but is {value}")
+    return value

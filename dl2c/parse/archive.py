@@ -1,0 +1,209 @@
+"""Archive files: entries, their sections, their declarations.
+
+In: a source in the dialect of KeYmaera X 5. Out: an `Archive` and warnings. Sections and
+declarations are found by the reserved words that begin them, so that an error in one
+declaration does not hide the errors of the next.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from dl2c.diagnostics import CompileError, Diagnostic, in_source_order
+from dl2c.parse import build, comments, declarations, errors, old_dialect, placement
+from dl2c.parse.build import Reading
+from dl2c.parse.placement import Block, Statement
+from dl2c.parse.scan import Code, scan
+from dl2c.parse.sections import (
+    Section,
+    entry_name,
+    find_sections,
+    first_word,
+    previous_characters,
+    trimmed_end,
+)
+from dl2c.parse.syntax import parse_tree
+from dl2c.parse.tree import Annotation, Archive, Declaration, Entry, Formula
+from dl2c.source import Source
+
+_STATEMENT = re.compile(r"(?<![A-Za-z0-9_])(Real|Bool|HP|HG|implicit|import)(?![A-Za-z0-9_])")
+_SEAM = re.compile(r"(?:(?:HP|HG)\s+\w+\s*::=\s*\{)?\s*\Z")
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """A file being read. Errors are appended to `problems`, warnings to `read.warnings`."""
+
+    code: Code
+    read: Reading
+    annotations: tuple[Annotation, ...]
+    problems: list[Diagnostic]
+
+
+def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
+    """Read a whole file; see `parser.parse_archive`."""
+    code = scan(source)
+    old_dialect.refuse(code)
+    problems: list[Diagnostic] = []
+    work = Work(code, Reading(source, []), comments.read_annotations(code, problems), problems)
+    sections = find_sections(code, problems)
+    heads = [i for i, section in enumerate(sections) if section.kind == "entry"]
+    if not heads:
+        raise CompileError(errors.no_entry(code.span(0, min(1, len(source.text)))))
+    shared = _shared(sections[: heads[0]], sections[heads[0]].start, work)
+    entries = [
+        entry
+        for head, following in pairwise([*heads, None])
+        if (entry := _entry(sections[head:following], shared, _over(sections, following, code), work))
+    ]
+    if problems:
+        raise CompileError(problems)
+    return Archive(tuple(entries), span=code.span(0, len(source.text))), in_source_order(work.read.warnings)
+
+
+def _over(sections: Sequence[Section], following: int | None, code: Code) -> int:
+    """Where the text of an entry ends: at the next entry or the end of the file."""
+    return len(code.text) if following is None else sections[following].start
+
+
+def _shared(sections: Sequence[Section], end: int, work: Work) -> list[Block]:
+    """The definitions before the first entry; nothing else may stand there."""
+    blocks = [_block(section, work) for section in sections if section.kind == "Definitions"]
+    for section in sections:
+        if section.kind != "Definitions":
+            span = work.code.span(section.start, section.begin)
+            work.problems.append(errors.misplaced_text(span, "`ArchiveEntry`"))
+    for annotation in work.annotations:
+        within = any(s.begin <= annotation.span.start < s.end for s in sections)
+        if annotation.span.start < end and not within:
+            work.problems.append(placement.misplaced(annotation))
+    return [placement.annotate(block, work.annotations, work.code, work.problems) for block in blocks]
+
+
+# ---------------------------------------------------------------- declarations
+
+
+def _block(section: Section, work: Work) -> Block:
+    """The statements of a section; those with errors are reported and left out."""
+    if section.kind not in ("Definitions", "ProgramVariables"):
+        return Block(section, ())
+    code = work.code
+    starts = _statement_starts(code, section)
+    first = starts[0] if starts else section.end
+    if code.text[section.begin : first].strip():
+        expected = "a declaration (`Real`, `Bool`, `HP`) or `End.`"
+        work.problems.append(errors.misplaced_text(first_word(code, section.begin, first), expected))
+    statements: list[Statement] = []
+    for start, following in pairwise([*starts, section.end]):
+        end = trimmed_end(code, start, following)
+        try:
+            statements.append(_statement(section, start, end, work))
+        except CompileError as found:
+            work.problems.extend(found.diagnostics)
+            statements.append(Statement(start, end, (), ()))
+        _check_comments(start, end, work)
+    return Block(section, tuple(statements))
+
+
+def _statement_starts(code: Code, section: Section) -> list[int]:
+    """Where statements begin: at a sort that is neither that of a parameter nor after `implicit`."""
+    starts: list[int] = []
+    for word in _STATEMENT.finditer(code.text, section.begin, section.end):
+        before = previous_characters(code, section.begin, word.start(), len("implicit"))
+        if word.group() == "import":
+            if not before or before.endswith(";"):
+                starts.append(word.start())
+        elif not before.endswith(("(", ",", "implicit")):
+            starts.append(word.start())
+    return starts
+
+
+def _statement(section: Section, start: int, end: int, work: Work) -> Statement:
+    code, read = work.code, work.read
+    if code.text.startswith("import", start):
+        return Statement(start, end, (), declarations.read_import(code, start, end, read))
+    if code.text.startswith("implicit", start):
+        raise declarations.refuse_implicit(code, start, end)
+    if section.kind == "ProgramVariables":
+        return Statement(start, end, declarations.read_variables(code, start, end, read), ())
+    return Statement(start, end, declarations.read_definition(code, start, end, read), ())
+
+
+def _check_comments(start: int, end: int, work: Work) -> None:
+    """Warn, once per file, of a `//` comment where KeYmaera X reads a formula or program."""
+    if any(warning == errors.line_comment(warning.span) for warning in work.read.warnings):
+        return
+    for comment in work.code.comments:
+        at = comment.span.start
+        if comment.line and start < at < end and not _SEAM.match(work.code.text, start, at):
+            work.read.warnings.append(errors.line_comment(comment.span))
+            return
+
+
+# ---------------------------------------------------------------- entries
+
+
+def _entry(sections: Sequence[Section], shared: Sequence[Block], over: int, work: Work) -> Entry | None:
+    """One entry from its sections, of which the first is its head; None after an error."""
+    head, code, problems = sections[0], work.code, work.problems
+    name = entry_name(code, head, problems)
+    ended = next((i for i, section in enumerate(sections) if section.kind == "End"), None)
+    if ended is None:
+        end = trimmed_end(code, head.start, over)
+        work.read.warnings.append(errors.entry_not_ended(code.span(end - 1, end), name))
+    elif ended + 1 < len(sections):
+        extra = sections[ended + 1]
+        problems.append(errors.misplaced_text(code.span(extra.start, extra.begin), "a new entry"))
+    own = [
+        placement.annotate(_block(section, work), work.annotations, code, problems)
+        if section.kind in ("Definitions", "ProgramVariables")
+        else Block(section, ())
+        for section in sections
+    ]
+    problem = _problem(sections, name, work)
+    blocks = [*shared, *own]
+    inside = placement.inside_programs(blocks, work.annotations, problems)
+    above = placement.above_problem(sections, over, work.annotations, problems)
+    if problem is None:
+        return None
+    return Entry(
+        head.word,
+        name,
+        tuple(name for block in blocks for statement in block.statements for name in statement.imported),
+        _declared(blocks, "Definitions"),
+        _declared(blocks, "ProgramVariables"),
+        problem,
+        above,
+        inside,
+        span=code.span(head.start, trimmed_end(code, head.start, over)),
+    )
+
+
+def _declared(blocks: Sequence[Block], kind: str) -> tuple[Declaration, ...]:
+    return tuple(
+        declaration
+        for block in blocks
+        if block.section.kind == kind
+        for statement in block.statements
+        for declaration in statement.declared
+    )
+
+
+def _problem(sections: Sequence[Section], name: str, work: Work) -> Formula | None:
+    """The formula of the entry's only Problem; None, with an error, if there is no such."""
+    problems = [section for section in sections if section.kind == "Problem"]
+    for extra in problems[1:]:
+        work.problems.append(errors.second_problem(work.code.span(extra.start, extra.begin)))
+    if not problems:
+        head = sections[0]
+        work.problems.append(errors.no_problem(work.code.span(head.start, head.end), name))
+        return None
+    begin, end = problems[0].begin, trimmed_end(work.code, problems[0].begin, problems[0].end)
+    _check_comments(begin, end, work)
+    try:
+        root = parse_tree(work.code, begin, max(end, begin), "start_formula")
+        return build.formula(build.nodes(build.parts(root))[0], work.read)
+    except CompileError as found:
+        work.problems.extend(found.diagnostics)
+        return None

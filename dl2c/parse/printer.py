@@ -1,0 +1,336 @@
+"""Syntax trees as KeYmaera X text.
+
+In: trees of tree.py. Out: text with the fewest parentheses that read well, such that parsing it
+gives the same tree. A minus sign is only left bare at the start of a sum.
+"""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import assert_never, cast
+
+from dl2c.parse.tree import (
+    And,
+    Annotation,
+    Archive,
+    Assign,
+    AssignAny,
+    AtomicODE,
+    Box,
+    Choice,
+    Compare,
+    Compose,
+    Declaration,
+    Diamond,
+    Differential,
+    DifferentialFormula,
+    DifferentialProgramConst,
+    DifferentialSymbol,
+    Divide,
+    Dual,
+    Entry,
+    Equiv,
+    Exists,
+    Forall,
+    Formula,
+    FuncOf,
+    Imply,
+    Loop,
+    Minus,
+    Neg,
+    Not,
+    Number,
+    ODESystem,
+    Or,
+    Plus,
+    Power,
+    PredicationalOf,
+    PredOf,
+    Program,
+    ProgramConst,
+    Term,
+    Test,
+    Times,
+    Truth,
+    UnitFunctional,
+    UnitPredicational,
+    Variable,
+)
+
+SUM, PRODUCT, POWER, ATOM = range(4)
+"""How strongly a term binds."""
+
+EQUIV, IMPLY, OR, AND, UNARY = range(5)
+"""How strongly a formula binds."""
+
+CHOICE, SEQUENCE, STATEMENT = range(3)
+"""How strongly a program binds."""
+
+INDENT = "  "
+
+
+def print_term(term: Term) -> str:
+    """The term as text."""
+    return _term(term, SUM)
+
+
+def print_formula(formula: Formula) -> str:
+    """The formula as text, on one line."""
+    return _formula(formula, EQUIV)
+
+
+def print_program(program: Program) -> str:
+    """The program as text, on one line."""
+    return _program(program, CHOICE)
+
+
+# ---------------------------------------------------------------- terms
+
+
+def _term(term: Term, level: int) -> str:
+    """The term, in parentheses where it binds more weakly than `level`."""
+    text = _bare_term(term)
+    if _term_level(term) >= level:
+        return text
+    blank = " " if term == Neg(Number(Fraction(0))) else ""  # `(-0)` would be the literal 0
+    return f"({text[:1]}{blank}{text[1:]})"
+
+
+def _term_level(term: Term) -> int:
+    match term:
+        case Neg() | Plus() | Minus():
+            return SUM
+        case Times() | Divide():
+            return PRODUCT
+        case Power():
+            return POWER
+        case Number(value=value):
+            return ATOM if _is_decimal(value) else PRODUCT
+        case _:
+            return ATOM
+
+
+def _bare_term(term: Term) -> str:
+    match term:
+        case Number(value=value):
+            return decimal(value)
+        case Variable(name=name):
+            return name
+        case DifferentialSymbol(name=name):
+            return f"{name}'"
+        case FuncOf(name=name, args=args):
+            return f"{name}({', '.join(map(print_term, args))})"
+        case UnitFunctional(name=name, taboo=taboo):
+            return f"{name}(|{','.join(taboo)}|)"
+        case Neg(child=child):
+            return f"-{_term(child, PRODUCT)}"
+        case Plus(left=left, right=right):
+            return f"{_term(left, SUM)} + {_term(right, PRODUCT)}"
+        case Minus(left=left, right=right):
+            return f"{_term(left, SUM)} - {_term(right, PRODUCT)}"
+        case Times(left=left, right=right):
+            return f"{_term(left, PRODUCT)}*{_term(right, POWER)}"
+        case Divide(left=left, right=right):
+            return f"{_term(left, PRODUCT)}/{_term(right, POWER)}"
+        case Power(left=left, right=right):
+            return f"{_term(left, ATOM)}^{_term(right, POWER)}"
+        case Differential(child=child):
+            return f"({print_term(child)})'"
+        case _:
+            assert_never(term)
+
+
+def _is_decimal(value: Fraction) -> bool:
+    denominator = value.denominator
+    for prime in (2, 5):
+        while denominator % prime == 0:
+            denominator //= prime
+    return denominator == 1
+
+
+def decimal(value: Fraction) -> str:
+    """A non-negative number as an exact decimal; as a quotient if it has none."""
+    assert value >= 0
+    if not _is_decimal(value):
+        return f"{value.numerator}/{value.denominator}"
+    places = 0
+    while (value * 10**places).denominator != 1:
+        places += 1
+    digits = str(int(value * 10**places)).rjust(places + 1, "0")
+    return digits if places == 0 else f"{digits[:-places]}.{digits[-places:]}"
+
+
+# ---------------------------------------------------------------- formulas
+
+
+def _formula(formula: Formula, level: int) -> str:
+    """The formula, in parentheses where it binds more weakly than `level`."""
+    text = _bare_formula(formula)
+    return text if _formula_level(formula) >= level else f"({text})"
+
+
+def _formula_level(formula: Formula) -> int:
+    match formula:
+        case Equiv():
+            return EQUIV
+        case Imply():
+            return IMPLY
+        case Or():
+            return OR
+        case And():
+            return AND
+        case _:
+            return UNARY
+
+
+def _bare_formula(formula: Formula) -> str:
+    match formula:
+        case Truth(value=value):
+            return "true" if value else "false"
+        case Compare(op=op, left=left, right=right):
+            return f"{print_term(left)} {op} {print_term(right)}"
+        case PredOf(name=name, args=args):
+            return f"{name}({', '.join(map(print_term, args))})"
+        case UnitPredicational(name=name, taboo=taboo):
+            return f"{name}(|{','.join(taboo)}|)"
+        case PredicationalOf(name=name, child=child):
+            return f"{name}{{{print_formula(child)}}}"
+        case Not(child=child):
+            return f"!{_operand(child)}"
+        case And(left=left, right=right):
+            return f"{_formula(left, UNARY)} & {_formula(right, AND)}"
+        case Or(left=left, right=right):
+            return f"{_formula(left, AND)} | {_formula(right, OR)}"
+        case Imply(left=left, right=right):
+            return f"{_formula(left, OR)} -> {_formula(right, IMPLY)}"
+        case Equiv(left=left, right=right):
+            return f"{_formula(left, IMPLY)} <-> {_formula(right, IMPLY)}"
+        case Forall(variable=variable, child=child):
+            return f"\\forall {variable} {_operand(child)}"
+        case Exists(variable=variable, child=child):
+            return f"\\exists {variable} {_operand(child)}"
+        case Box(program=program, child=child):
+            return f"[{print_program(program)}]{_operand(child)}"
+        case Diamond(program=program, child=child):
+            return f"<{print_program(program)}>{_operand(child)}"
+        case DifferentialFormula(child=child):
+            return f"({print_formula(child)})'"
+        case _:
+            assert_never(formula)
+
+
+def _operand(formula: Formula) -> str:
+    """The operand of a prefix; comparisons get parentheses for the reader's sake."""
+    return f"({_bare_formula(formula)})" if isinstance(formula, Compare) else _formula(formula, UNARY)
+
+
+# ---------------------------------------------------------------- programs
+
+
+def _program(program: Program, level: int) -> str:
+    """The program, in braces where it binds more weakly than `level`."""
+    text = _bare_program(program)
+    match program:
+        case Choice():
+            own = CHOICE
+        case Compose():
+            own = SEQUENCE
+        case _:
+            own = STATEMENT
+    return text if own >= level else f"{{{text}}}"
+
+
+def _bare_program(program: Program) -> str:
+    match program:
+        case Assign(name=name, term=term, differential=differential):
+            return f"{name}{_prime(differential)} := {print_term(term)};"
+        case AssignAny(name=name, differential=differential):
+            return f"{name}{_prime(differential)} := *;"
+        case Test(formula=formula):
+            return f"?{_bare_formula(formula)};"
+        case ProgramConst(name=name):
+            return f"{name};"
+        case ODESystem(equations=equations, domain=domain, invariants=invariants):
+            constraint = "" if domain == Truth(True) else f" & {print_formula(domain)}"
+            return f"{{{', '.join(map(_equation, equations))}{constraint}}}{_invariants(invariants)}"
+        case Compose(left=left, right=right):
+            return f"{_program(left, STATEMENT)} {_program(right, SEQUENCE)}"
+        case Choice(left=left, right=right):
+            return f"{_program(left, SEQUENCE)} ++ {_program(right, CHOICE)}"
+        case Loop(child=child, invariants=invariants):
+            return f"{{{print_program(child)}}}*{_invariants(invariants)}"
+        case Dual(child=child):
+            return f"{{{print_program(child)}}}^@"
+        case _:
+            assert_never(program)
+
+
+def _prime(differential: bool) -> str:
+    return "'" if differential else ""
+
+
+def _equation(equation: AtomicODE | DifferentialProgramConst) -> str:
+    match equation:
+        case AtomicODE(name=name, term=term):
+            return f"{name}' = {print_term(term)}"
+        case DifferentialProgramConst(name=name, taboo=taboo):
+            return name if taboo is None else f"{name}{{|{','.join(taboo)}|}}"
+        case _:
+            assert_never(equation)
+
+
+def _invariants(invariants: Sequence[Formula]) -> str:
+    return f"@invariant({', '.join(map(print_formula, invariants))})" if invariants else ""
+
+
+# ---------------------------------------------------------------- archives
+
+
+def print_archive(archive: Archive) -> str:
+    """The whole archive as a file. Annotations inside programs are not printed: no place is known."""
+    return "\n".join(map(print_entry, archive.entries))
+
+
+def print_entry(entry: Entry) -> str:
+    """One entry as text that ends with a line end."""
+    name = entry.name.replace("\\", "\\\\").replace('"', '\\"')
+    lines = [f'{entry.kind} "{name}"', ""]
+    if entry.imports or entry.definitions:
+        lines += ["Definitions"]
+        lines += [f"{INDENT}import {name};" for name in entry.imports]
+        lines += [line for declaration in entry.definitions for line in _declaration(declaration)]
+        lines += ["End.", ""]
+    if entry.variables:
+        lines += ["ProgramVariables"]
+        lines += [line for declaration in entry.variables for line in _declaration(declaration)]
+        lines += ["End.", ""]
+    lines += [_annotation(annotation) for annotation in entry.problem_annotations]
+    lines += ["Problem", INDENT + print_formula(entry.problem), "End.", "", "End.", ""]
+    return "\n".join(lines)
+
+
+def _declaration(declaration: Declaration) -> list[str]:
+    parameters = ""
+    if declaration.parameters is not None:
+        parameters = f"({', '.join(f'Real {parameter.name}' for parameter in declaration.parameters)})"
+    head = f"{declaration.sort} {declaration.name}{parameters}"
+    lines = [INDENT + _annotation(annotation) for annotation in declaration.annotations]
+    return [*lines, f"{INDENT}{head}{_definition(declaration)};"]
+
+
+def _definition(declaration: Declaration) -> str:
+    match declaration.sort, declaration.body:
+        case _, None:
+            return ""
+        case "Real", body:
+            return f" = {print_term(cast('Term', body))}"
+        case "Bool", body:
+            return f" <-> {print_formula(cast('Formula', body))}"
+        case "HP", body:
+            return f" ::= {{ {print_program(cast('Program', body))} }}"
+        case _:
+            assert_never(declaration.sort)
+
+
+def _annotation(annotation: Annotation) -> str:
+    attributes = [f"{name}={value}" if value else name for name, value, _ in annotation.attributes]
+    return f"/* @{annotation.name}{': ' if attributes else ''}{', '.join(attributes)} */"

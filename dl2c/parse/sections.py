@@ -1,0 +1,124 @@
+"""The sections of an archive file.
+
+In: code in the dialect of KeYmaera X 5. Out: its sections in order, found by the reserved words
+that begin and end them. What stands between sections is checked here: metadata only.
+"""
+
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal, TypeAlias
+
+from dl2c.diagnostics import Diagnostic
+from dl2c.parse import errors
+from dl2c.parse.scan import Code
+from dl2c.source import Span
+
+Kind: TypeAlias = Literal["Definitions", "ProgramVariables", "Problem", "Tactic", "entry", "End"]
+_BLOCKS: dict[str, Kind] = {
+    "Definitions": "Definitions",
+    "ProgramVariables": "ProgramVariables",
+    "Problem": "Problem",
+    "Tactic": "Tactic",
+}
+
+STRING = r'"(?:[^"\\]|\\.)*"'
+_MARK = re.compile(
+    rf"{STRING}|(?<![A-Za-z0-9_\\])(?:(?P<block>Definitions|ProgramVariables|Problem|Tactic)(?![A-Za-z0-9_])"
+    r"|(?P<entry>ArchiveEntry|Theorem|Lemma|Exercise)(?![A-Za-z0-9_])|(?P<end>End(?:\s+[A-Za-z]\w*)?\s*\.))",
+    re.DOTALL,
+)
+_META = re.compile(
+    rf"\s*(?:(?:Description|Title|Link|Author|See|Illustration|Citation)\s+{STRING}\s*\.\s*)*", re.DOTALL
+)
+_PACKAGE = re.compile(r"\s*(?:package\s+[A-Za-z]\w*(?:\.[A-Za-z]\w*)*)?\s*")
+_ENTRY_NAME = re.compile(rf"\s*(?:[A-Za-z]\w*\s*:)?\s*(?P<name>{STRING})", re.DOTALL)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section: its `word` at `start`, its text from `begin` to `end`, and where it is `over`.
+
+    `Definitions` and the like are over after their `End.`; `entry` is the word that opens an
+    entry with its name and metadata; `End` is the entry's own `End.`.
+    """
+
+    kind: Kind
+    word: str
+    start: int
+    begin: int
+    end: int
+    over: int
+
+
+def find_sections(code: Code, problems: list[Diagnostic]) -> list[Section]:
+    """All sections in order; mistakes are appended to `problems`."""
+    marks = [m for m in _MARK.finditer(code.text) if m.lastgroup is not None]
+    sections: list[Section] = []
+    at = 0
+    for mark, following in pairwise([*marks, None]):
+        assert mark is not None
+        if mark.start() >= at:
+            _check_between(code, at, mark.start(), bool(sections), problems)
+            sections.append(_section(code, mark, following, problems))
+            at = sections[-1].over
+    _check_between(code, at, len(code.text), bool(sections), problems)
+    return sections
+
+
+def _section(
+    code: Code, mark: re.Match[str], following: re.Match[str] | None, problems: list[Diagnostic]
+) -> Section:
+    word, start, begin = mark.group(), mark.start(), mark.end()
+    end = following.start() if following is not None else len(code.text)
+    if mark.lastgroup == "end":
+        return Section("End", word, start, begin, begin, begin)
+    if mark.lastgroup == "entry":
+        name = _ENTRY_NAME.match(code.text, begin, end)
+        over = name.end() if name is not None else begin
+        return Section("entry", word, start, begin, over, over)
+    kind = _BLOCKS[word]
+    if following is not None and following.lastgroup == "end":
+        return Section(kind, word, start, begin, end, following.end())
+    found = "the end of the file" if following is None else f"`{following.group()}`"
+    problems.append(errors.section_not_ended(code.span(start, begin), word, found))
+    return Section(kind, word, start, begin, end, end)
+
+
+def entry_name(code: Code, head: Section, problems: list[Diagnostic]) -> str:
+    """The name in quotes after the word that opens an entry."""
+    name = _ENTRY_NAME.match(code.text, head.begin, head.end)
+    if name is None:
+        problems.append(errors.no_name(code.span(head.start, head.begin), head.word))
+        return ""
+    return re.sub(r"\\(.)", r"\1", name.group("name")[1:-1])
+
+
+def _check_between(code: Code, start: int, end: int, inside: bool, problems: list[Diagnostic]) -> None:
+    """Metadata may stand between sections, a package name before the first."""
+    allowed = (_META if inside else _PACKAGE).match(code.text, start, end)
+    stop = allowed.end() if allowed is not None else start
+    if stop < end:
+        wanted = "a section such as Definitions or Problem, or `End.`" if inside else "`ArchiveEntry`"
+        problems.append(errors.misplaced_text(first_word(code, stop, end), wanted))
+
+
+def first_word(code: Code, start: int, end: int) -> Span:
+    """The first word of a range that is not blank."""
+    word = re.compile(r"\S+").search(code.text, start, end)
+    assert word is not None
+    return code.span(*word.span())
+
+
+def previous_characters(code: Code, begin: int, at: int, count: int) -> str:
+    """The last `count` characters before `at` that blanks do not follow."""
+    while at > begin and code.text[at - 1].isspace():
+        at -= 1
+    return code.text[max(begin, at - count) : at]
+
+
+def trimmed_end(code: Code, start: int, end: int) -> int:
+    """The end of a range without the blanks at its end."""
+    while end > start and code.text[end - 1].isspace():
+        end -= 1
+    return end

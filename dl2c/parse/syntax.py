@@ -1,0 +1,83 @@
+"""From code to the concrete syntax tree, by the grammar in grammar.lark.
+
+In: a range of `Code`. Out: a lark tree whose positions are offsets into the source, no deeper
+than `MAX_DEPTH`. The first syntax error is raised as a `CompileError` in words of dL.
+"""
+
+from functools import cache
+from importlib.resources import files
+from typing import TypeAlias, cast
+
+from lark import Lark, Token, Tree
+from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
+from lark.utils import TextSlice
+
+from dl2c.diagnostics import CompileError
+from dl2c.parse import errors, mistakes
+from dl2c.parse.scan import Code
+
+Node: TypeAlias = Tree[Token]
+
+STARTS = ("start_term", "start_formula", "start_value", "start_program", "declaration")
+
+MAX_DEPTH = 200
+"""Deeper nested text is refused, so that no later stage can run out of stack."""
+
+_RIGHT = frozenset({"and", "or", "imply", "sequence", "open_sequence", "choice"})
+_LEFT = frozenset({"sum", "product"})
+
+
+@cache
+def _parser() -> Lark:
+    grammar = files("dl2c.parse").joinpath("grammar.lark").read_text(encoding="utf-8")
+    return Lark(
+        grammar,
+        parser="lalr",
+        lexer="contextual",
+        start=list(STARTS),
+        propagate_positions=True,
+        maybe_placeholders=True,
+    )
+
+
+def parse_tree(code: Code, start: int, end: int, symbol: str) -> Node:
+    """The tree of `code.text[start:end]` read as `symbol`, one of `STARTS`."""
+    if not code.text[start:end].strip():
+        raise CompileError(errors.nothing_there(code.span(start, end), symbol))
+    try:
+        tree = _parser().parse(TextSlice(code.text, start, end), start=symbol)  # pyright: ignore[reportUnknownMemberType]
+    except UnexpectedInput as problem:
+        raise CompileError(mistakes.explain(_failure(problem, code, start, end, symbol))) from None
+    _check_depth(tree, code)
+    return tree
+
+
+def _failure(problem: UnexpectedInput, code: Code, start: int, end: int, symbol: str) -> mistakes.Failure:
+    """The facts of a lark exception. Terminal names become dL words in `mistakes`."""
+    finish = start + len(code.text[start:end].rstrip())
+    place, length, is_token = finish, 0, isinstance(problem, UnexpectedToken)
+    match problem:
+        case UnexpectedToken(token=Token(type="$END")):
+            pass
+        case UnexpectedToken(token=Token() as token):
+            place, length = cast("int", token.start_pos), len(token)
+        case UnexpectedCharacters():
+            place, length = cast("int", problem.pos_in_stream), 1  # pyright: ignore[reportUnknownMemberType]
+        case _:
+            raise AssertionError(problem)
+    parser = getattr(problem, "interactive_parser", None)
+    accepted = frozenset[str](parser.accepts()) if parser is not None else frozenset[str]()
+    return mistakes.Failure(code, start, finish, place, length, is_token, accepted, symbol)
+
+
+def _check_depth(tree: Node, code: Code) -> None:
+    """Refuse text whose syntax tree would be too deep; in a chain every operand is a level."""
+    stack = [(tree, 1)]
+    while stack:
+        node, depth = stack.pop()
+        if depth > MAX_DEPTH:
+            raise CompileError(errors.too_deep(code.span(node.meta.start_pos, node.meta.end_pos), MAX_DEPTH))
+        children = [child for child in node.children if isinstance(child, Tree)]
+        for place, child in enumerate(children):
+            below = place + 1 if node.data in _RIGHT else len(children) - place if node.data in _LEFT else 1
+            stack.append((child, depth + below))

@@ -1,0 +1,74 @@
+"""The limits of each input's Box: its declared bound and what the tests imply (semantics 2).
+
+The tests on a path are contracted by intervals, with the constants inside their bounds
+and the state unknown. A finite bound of the variable is intersected with the result.
+"""
+
+from fractions import Fraction
+
+from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
+from dl2c.interval.contract import contract
+from dl2c.ir.logic import symbols
+from dl2c.ir.model import AssignAny, Bound, Formula, Model, Symbol
+from dl2c.paths import errors
+from dl2c.paths.path import Input
+
+
+def input_limits(
+    model: Model, assignments: tuple[AssignAny, ...], tests: dict[str, list[Formula]]
+) -> tuple[Input, ...]:
+    """One input per nondeterministic assignment.
+
+    `tests` holds for each key the tests of every path that meets it, over the state and the
+    input's symbol. Raises `CompileError` naming each input that has no finite limits.
+    """
+    bounds = {v.name: v.bound for v in model.variables}
+    found: list[Diagnostic] = []
+    inputs: list[Input] = []
+    for assignment in assignments:
+        declared = bounds[assignment.variable]
+        low, high = _implied(model, assignment.key, declared, tests.get(assignment.key, []))
+        if low is None or high is None:
+            found.append(errors.unbounded_input(assignment.variable, assignment.span))
+        else:
+            inputs.append(Input(assignment.key, assignment.variable, assignment.role, low, high))
+    if found:
+        raise CompileError(found)
+    return tuple(inputs)
+
+
+def _implied(
+    model: Model, key: str, declared: Bound, tests: list[Formula]
+) -> tuple[Fraction | None, Fraction | None]:
+    """The hull over all paths, inside the declared bound; None where a side stays open."""
+    symbol = Symbol(key, "input")
+    found: Interval | None = None
+    for test in tests:
+        box = dict.fromkeys(symbols(test) | {symbol}, WHOLE)
+        box |= {Symbol(c.name, "constant"): _interval(c.bound, c.value) for c in model.constants}
+        box[symbol] = _interval(declared, None)
+        inside = contract(test, box)
+        if inside is not None:
+            found = _hull(found, inside[symbol])
+    if found is None:
+        return declared.low, declared.high
+    return _end(declared.low, found.low), _end(declared.high, found.high)
+
+
+def _hull(found: Interval | None, more: Interval) -> Interval:
+    return more if found is None else Interval(min(found.low, more.low), max(found.high, more.high))
+
+
+def _end(declared: Fraction | None, implied: float) -> Fraction | None:
+    """The implied end where the tests give one, else the declared one."""
+    if implied in (float("inf"), float("-inf")):
+        return declared
+    return declared if declared is not None and float(declared) == implied else Fraction(implied)
+
+
+def _interval(bound: Bound, value: Fraction | None) -> Interval:
+    if value is not None:
+        return enclosure(value)
+    low = WHOLE.low if bound.low is None else enclosure(bound.low).low
+    return Interval(low, WHOLE.high if bound.high is None else enclosure(bound.high).high)

@@ -1,0 +1,123 @@
+"""Check that every name in a model is used as what it is declared to be.
+
+Comes in: the symbols of an entry and its expressions as written. Goes out: the list of
+errors; an empty one means that `expand` cannot meet an unknown name, a wrong sort or a
+wrong number of arguments.
+"""
+
+from collections.abc import Iterator
+from typing import assert_never
+
+from dl2c.diagnostics import Diagnostic
+from dl2c.parse import tree
+from dl2c.resolve import errors
+from dl2c.resolve.symbols import BUILTINS, Node, Symbols, children
+
+
+def check_entry(entry: tree.Entry, symbols: Symbols) -> list[Diagnostic]:
+    """Errors in all definitions and in the problem."""
+    found: list[Diagnostic] = []
+    for declaration in entry.definitions:
+        if declaration.body is not None:
+            local = frozenset(p.name for p in declaration.parameters or ())
+            found += check(declaration.body, symbols, local)
+    return found + list(check(entry.problem, symbols, frozenset()))
+
+
+def check(node: Node, symbols: Symbols, local: frozenset[str]) -> Iterator[Diagnostic]:
+    """Errors in one expression; `local` are parameters and quantified variables in scope."""
+    match node:
+        case tree.Variable(name):
+            yield from _name(name, node, symbols, local)
+        case tree.FuncOf(name, args):
+            yield from _call(name, args, node, symbols, "function")
+        case tree.PredOf(name, args):
+            yield from _call(name, args, node, symbols, "predicate")
+        case tree.Forall(name, child) | tree.Exists(name, child):
+            yield from check(child, symbols, local | {name})
+            return
+        case tree.Assign(name, _) | tree.AssignAny(name) | tree.AtomicODE(name, _):
+            yield from _written(name, node, symbols)
+        case tree.ProgramConst(name):
+            if symbols.roles.get(name) != "program":
+                yield _not_a_program(name, node, symbols)
+        case tree.ODESystem(equations):
+            yield from _equations(equations)
+        case tree.DifferentialProgramConst(name):
+            yield from _equation_call(name, node, symbols)
+        case _:
+            pass
+    for child in children(node):
+        yield from check(child, symbols, local)
+
+
+def _name(name: str, node: tree.Variable, symbols: Symbols, local: frozenset[str]) -> Iterator[Diagnostic]:
+    role = symbols.roles.get(name)
+    if name in local or role in ("variable", "constant") or symbols.is_builtin(name, 0):
+        return
+    match role:
+        case None:
+            known = (*symbols.named("variable", "constant", "function"), *local)
+            yield errors.undeclared("variable", name, node.span, known, "ProgramVariables or Definitions")
+        case "function":
+            wanted = len(symbols.declarations[name].parameters or ())
+            if wanted:
+                yield errors.wrong_arity(name, wanted, 0, node.span)
+        case "predicate" | "program":
+            yield errors.wrong_sort(name, role, "term", node.span)
+        case _:
+            assert_never(role)
+
+
+def _call(
+    name: str, args: tuple[tree.Term, ...], node: tree.FuncOf | tree.PredOf, symbols: Symbols, wanted: str
+) -> Iterator[Diagnostic]:
+    role = symbols.roles.get(name)
+    if wanted == "function" and (symbols.is_builtin(name, len(args)) or (role == "constant" and not args)):
+        return
+    if role is None and name in BUILTINS and wanted == "function":
+        yield errors.wrong_arity(name, BUILTINS[name], len(args), node.span)
+    elif role is None:
+        yield errors.undeclared(wanted, name, node.span, symbols.named("function", "predicate"), "Definitions")
+    elif role != wanted:
+        yield errors.wrong_sort(name, role, "formula" if wanted == "predicate" else "function", node.span)
+    elif len(args) != (arity := len(symbols.declarations[name].parameters or ())):
+        yield errors.wrong_arity(name, arity, len(args), node.span)
+
+
+def _written(
+    name: str, node: tree.Assign | tree.AssignAny | tree.AtomicODE, symbols: Symbols
+) -> Iterator[Diagnostic]:
+    role = symbols.roles.get(name)
+    if role is None:
+        yield errors.undeclared("variable", name, node.span, symbols.named("variable"), "ProgramVariables")
+    elif role == "constant":
+        yield errors.constant_written(name, node.span)
+    elif role != "variable":
+        yield errors.wrong_sort(name, role, "program variable", node.span)
+
+
+def _not_a_program(name: str, node: tree.ProgramConst, symbols: Symbols) -> Diagnostic:
+    role = symbols.roles.get(name)
+    if role is not None:
+        return errors.wrong_sort(name, role, "program", node.span)
+    return errors.undefined_program(name, node.span, symbols.named("program"))
+
+
+def _equations(equations: tuple[tree.AtomicODE | tree.DifferentialProgramConst, ...]) -> Iterator[Diagnostic]:
+    first: dict[str, tree.AtomicODE] = {}
+    for equation in equations:
+        if isinstance(equation, tree.AtomicODE):
+            if equation.name in first:
+                yield errors.duplicate(f"{equation.name}'", equation.span, first[equation.name].span)
+            first.setdefault(equation.name, equation)
+
+
+def _equation_call(name: str, node: tree.DifferentialProgramConst, symbols: Symbols) -> Iterator[Diagnostic]:
+    if symbols.roles.get(name) == "program":
+        yield errors.not_executable(
+            "program-as-equation", f"`{{{name}}}` is a differential equation named {name}, which", node.span,
+            f"to run the program `{name}` write `{name};`",
+        )
+    else:
+        yield errors.undefined_program(name, node.span, symbols.named("program"))

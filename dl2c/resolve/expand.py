@@ -1,0 +1,177 @@
+"""Replace every use of a definition by its body.
+
+Assumes that `bind` found no error, so that names exist, sorts and arities fit and no
+definition is recursive. Nodes of a body keep the span of the definition they come from.
+A definition of a term or formula must not mention, other than as a parameter, a variable
+that a program around its use changes (the substitution would be captured); such uses are
+errors, as in KeYmaera X.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import assert_never
+
+from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.parse import tree
+from dl2c.resolve import errors
+from dl2c.resolve.symbols import Symbols, nodes
+
+Names = frozenset[str]
+NONE: Names = frozenset()
+
+
+@dataclass(slots=True)
+class Expander:
+    """One expansion: the symbols it reads and the errors it found so far."""
+
+    symbols: Symbols
+    found: list[Diagnostic] = field(default_factory=list[Diagnostic])
+
+    def term(self, term: tree.Term, values: dict[str, tree.Term], bound: Names) -> tree.Term:
+        """`values` replaces parameters; `bound` are variables that programs around this term change."""
+        match term:
+            case tree.Variable(name):
+                if name in values:
+                    return values[name]
+                return self._called_term(name, (), term, bound)
+            case tree.FuncOf(name, args):
+                return self._called_term(name, tuple(self.term(a, values, bound) for a in args), term, bound)
+            case tree.Number() | tree.DifferentialSymbol() | tree.UnitFunctional():
+                return term
+            case tree.Neg(child) | tree.Differential(child):
+                return replace(term, child=self.term(child, values, bound))
+            case tree.Plus() | tree.Minus() | tree.Times() | tree.Divide() | tree.Power():
+                return replace(
+                    term, left=self.term(term.left, values, bound), right=self.term(term.right, values, bound)
+                )
+            case _:
+                assert_never(term)
+
+    def _called_term(self, name: str, args: tuple[tree.Term, ...], use: tree.Term, bound: Names) -> tree.Term:
+        if self.symbols.is_builtin(name, len(args)) and not (args == () and isinstance(use, tree.Variable)
+                                                             and name in self.symbols.declarations):
+            return tree.FuncOf(name, args, span=use.span)
+        declaration = self.symbols.declarations.get(name)
+        if declaration is None or self.symbols.roles[name] in ("variable", "constant"):
+            return tree.Variable(name, span=use.span)
+        if declaration.body is None:
+            self.found.append(errors.undefined_function(name, use.span))
+            return use
+        self._check_capture(declaration, use, bound)
+        return self.term(_term_body(declaration), _bound_parameters(declaration, args), bound)
+
+    def formula(self, formula: tree.Formula, values: dict[str, tree.Term], bound: Names) -> tree.Formula:
+        match formula:
+            case tree.Truth() | tree.UnitPredicational() | tree.PredicationalOf():
+                return formula
+            case tree.Compare(_, left, right):
+                return replace(
+                    formula, left=self.term(left, values, bound), right=self.term(right, values, bound)
+                )
+            case tree.PredOf(name, args):
+                declaration = self.symbols.declarations[name]
+                actual = tuple(self.term(a, values, bound) for a in args)
+                if declaration.body is None:
+                    self.found.append(errors.undefined_function(name, formula.span))
+                    return formula
+                self._check_capture(declaration, formula, bound)
+                return self.formula(_formula_body(declaration), _bound_parameters(declaration, actual), bound)
+            case tree.Not(child) | tree.DifferentialFormula(child):
+                return replace(formula, child=self.formula(child, values, bound))
+            case tree.And() | tree.Or() | tree.Imply() | tree.Equiv():
+                return replace(
+                    formula,
+                    left=self.formula(formula.left, values, bound),
+                    right=self.formula(formula.right, values, bound),
+                )
+            case tree.Forall(name, child) | tree.Exists(name, child):
+                inner = {k: v for k, v in values.items() if k != name}
+                return replace(formula, child=self.formula(child, inner, bound | {name}))
+            case tree.Box(program, child) | tree.Diamond(program, child):
+                expanded, written = self.program(program, values, bound)
+                return replace(formula, program=expanded, child=self.formula(child, values, bound | written))
+            case _:
+                assert_never(formula)
+
+    def program(
+        self, program: tree.Program, values: dict[str, tree.Term], bound: Names
+    ) -> tuple[tree.Program, Names]:
+        """The expanded program and the variables it may change."""
+        match program:
+            case tree.Assign(name, term):
+                return replace(program, term=self.term(term, values, bound)), frozenset({name})
+            case tree.AssignAny(name):
+                return program, frozenset({name})
+            case tree.Test(formula):
+                return replace(program, formula=self.formula(formula, values, bound)), NONE
+            case tree.ProgramConst(name):
+                return self.program(_program_body(self.symbols.declarations[name]), {}, bound)
+            case tree.ODESystem():
+                return self._ode(program, values, bound)
+            case tree.Compose(left, right):
+                first, written = self.program(left, values, bound)
+                second, more = self.program(right, values, bound | written)
+                return replace(program, left=first, right=second), written | more
+            case tree.Choice(left, right):
+                first, written = self.program(left, values, bound)
+                second, more = self.program(right, values, bound)
+                return replace(program, left=first, right=second), written | more
+            case tree.Loop(child) | tree.Dual(child):
+                _, written = Expander(self.symbols).program(child, values, bound)
+                body, written = self.program(child, values, bound | written)
+                return replace(program, child=body), written
+            case _:
+                assert_never(program)
+
+    def _ode(
+        self, ode: tree.ODESystem, values: dict[str, tree.Term], bound: Names
+    ) -> tuple[tree.Program, Names]:
+        written = frozenset(e.name for e in ode.equations if isinstance(e, tree.AtomicODE))
+        inner = bound | written
+        equations = tuple(
+            replace(e, term=self.term(e.term, values, inner)) if isinstance(e, tree.AtomicODE) else e
+            for e in ode.equations
+        )
+        return replace(ode, equations=equations, domain=self.formula(ode.domain, values, inner)), written
+
+    def _check_capture(self, declaration: tree.Declaration, use: tree.Term | tree.Formula, bound: Names) -> None:
+        if clash := self._free(declaration) & bound:
+            diagnostic = errors.captured(declaration.name, clash, use.span)
+            if diagnostic not in self.found:
+                self.found.append(diagnostic)
+
+    def _free(self, declaration: tree.Declaration) -> Names:
+        """Program variables that a body mentions itself, other than as parameters."""
+        parameters = {p.name for p in declaration.parameters or ()}
+        names = {n.name for n in nodes(declaration.body) if isinstance(n, tree.Variable)}
+        return frozenset(n for n in names - parameters if self.symbols.roles.get(n) == "variable")
+
+
+def expanded_formula(formula: tree.Formula, symbols: Symbols) -> tree.Formula:
+    """The formula without definitions. Raises `CompileError` for captures and missing bodies."""
+    expander = Expander(symbols)
+    result = expander.formula(formula, {}, NONE)
+    if expander.found:
+        raise CompileError(expander.found)
+    return result
+
+
+def _bound_parameters(declaration: tree.Declaration, args: tuple[tree.Term, ...]) -> dict[str, tree.Term]:
+    return {p.name: a for p, a in zip(declaration.parameters or (), args, strict=True)}
+
+
+def _term_body(declaration: tree.Declaration) -> tree.Term:
+    body = declaration.body
+    assert isinstance(body, tree.Term), "bind checks sorts"
+    return body
+
+
+def _formula_body(declaration: tree.Declaration) -> tree.Formula:
+    body = declaration.body
+    assert isinstance(body, tree.Formula), "bind checks sorts"
+    return body
+
+
+def _program_body(declaration: tree.Declaration) -> tree.Program:
+    body = declaration.body
+    assert isinstance(body, tree.Program), "bind checks sorts"
+    return body

@@ -1,0 +1,76 @@
+"""Refuse what cannot be executed, naming the construct and its place.
+
+Comes in: an expanded problem. Goes out: nothing, or `CompileError` with one error for
+every construct found: games, uniform-substitution symbols, modalities and quantifiers
+inside state formulas, differential symbols.
+"""
+
+from collections.abc import Iterator
+
+from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.parse import tree
+from dl2c.resolve import errors
+from dl2c.resolve.symbols import Node, children
+
+
+def check_executable(problem: tree.Formula) -> None:
+    """Raises `CompileError`. Modalities are legal where the problem's shape has them."""
+    found = list(dict.fromkeys(_top(problem)))
+    if found:
+        raise CompileError(found)
+
+
+def _top(formula: tree.Formula) -> Iterator[Diagnostic]:
+    """The part of the problem in which modalities may stand."""
+    match formula:
+        case tree.Imply(left, right):
+            yield from _state(left)
+            yield from _top(right)
+        case tree.And(left, right) if _has_modality(formula):
+            yield from _top(left)
+            yield from _top(right)
+        case tree.Box(program, child) | tree.Diamond(program, child):
+            yield from _state(program)
+            yield from _top(child)
+        case _:
+            yield from _state(formula)
+
+
+def _has_modality(node: Node) -> bool:
+    return isinstance(node, (tree.Box, tree.Diamond)) or any(
+        _has_modality(c) for c in children(node) if isinstance(node, (tree.And, tree.Imply))
+    )
+
+
+def _state(node: Node) -> Iterator[Diagnostic]:
+    """Everything below must be executable."""
+    refused = _refused(node)
+    if refused is not None:
+        yield refused
+        return
+    for child in children(node):
+        yield from _state(child)
+
+
+def _refused(node: Node) -> Diagnostic | None:
+    match node:
+        case tree.Dual(span=span):
+            return errors.not_executable("game", "a hybrid game", span, "write the opponent's moves as choices with `role=env`")
+        case tree.Box(span=span) | tree.Diamond(span=span):
+            return errors.not_executable("modality-in-state", "a modality inside a test or condition", span)
+        case tree.Forall(name, span=span) | tree.Exists(name, span=span):
+            advice = f"replace it by the equivalent condition without {name}"
+            return errors.not_executable("quantifier", "a quantifier", span, advice)
+        case tree.DifferentialSymbol(span=span) | tree.Differential(span=span) | tree.DifferentialFormula(span=span):
+            return errors.not_executable("differential", "a differential outside an ODE", span)
+        case tree.Assign(_, _, True, span=span) | tree.AssignAny(_, True, span=span):
+            return errors.not_executable("differential", "an assignment to a differential symbol", span)
+        case (
+            tree.UnitFunctional(span=span)
+            | tree.UnitPredicational(span=span)
+            | tree.PredicationalOf(span=span)
+            | tree.DifferentialProgramConst(span=span)
+        ):
+            return errors.not_executable("substitution-symbol", "a symbol of uniform substitution", span)
+        case _:
+            return None

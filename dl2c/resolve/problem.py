@@ -1,0 +1,112 @@
+"""An entry with every name bound and every definition expanded, ready to be lowered.
+
+Comes in: a parsed entry. Goes out: `Problem`. Raises `CompileError` with every
+independent error: of names, of definitions, of annotations, of what cannot be executed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.parse import tree
+from dl2c.parse.annotations import (
+    ConstantAnnotation,
+    EpisodeAnnotation,
+    PredicateAnnotation,
+    ProgramAnnotation,
+    VariableAnnotation,
+    decode_declaration,
+    decode_problem,
+    decode_program,
+)
+from dl2c.resolve.bind import check_entry
+from dl2c.resolve.expand import expanded_formula
+from dl2c.resolve.fragment import check_executable
+from dl2c.resolve.predicates import AnnotatedPredicate, bind_predicates
+from dl2c.resolve.shape import Shape, take_apart
+from dl2c.resolve.symbols import Symbols, collect
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One resolved entry. Annotations are None where a declaration has none."""
+
+    entry: tree.Entry
+    symbols: Symbols
+    expanded: tree.Formula
+    shape: Shape
+    variables: tuple[tuple[tree.Declaration, VariableAnnotation | None], ...]
+    constants: tuple[tuple[tree.Declaration, ConstantAnnotation | None], ...]
+    predicates: tuple[AnnotatedPredicate, ...]
+    program_annotations: tuple[ProgramAnnotation, ...]
+    episode: EpisodeAnnotation | None
+
+    @property
+    def annotated(self) -> bool:
+        """Whether the model says anything about learning."""
+        declared = any(a is not None for _, a in (*self.variables, *self.constants))
+        return declared or bool(self.predicates)
+
+
+def resolve(entry: tree.Entry) -> Problem:
+    """Raises `CompileError`."""
+    symbols, found = collect(entry)
+    if any(d.code == "recursive-definition" for d in found):
+        raise CompileError(found)
+    found += check_entry(entry, symbols)
+    variables, constants, predicates = _annotations(entry, symbols, found)
+    episode = _decoded(found, lambda: decode_problem(entry.problem_annotations))
+    program = _decoded(found, lambda: decode_program(entry.program_annotations)) or ()
+    if found:
+        raise CompileError(found)
+    expanded = expanded_formula(entry.problem, symbols)
+    check_executable(expanded)
+    shape = take_apart(entry.problem, expanded)
+    return Problem(
+        entry=entry,
+        symbols=symbols,
+        expanded=expanded,
+        shape=shape,
+        variables=variables,
+        constants=constants,
+        predicates=bind_predicates(predicates, shape, symbols),
+        program_annotations=program,
+        episode=episode,
+    )
+
+
+def _annotations(
+    entry: tree.Entry, symbols: Symbols, found: list[Diagnostic]
+) -> tuple[
+    tuple[tuple[tree.Declaration, VariableAnnotation | None], ...],
+    tuple[tuple[tree.Declaration, ConstantAnnotation | None], ...],
+    tuple[tuple[tree.Declaration, PredicateAnnotation], ...],
+]:
+    """Every declaration with its decoded annotation, sorted by what it declares."""
+    variables: list[tuple[tree.Declaration, VariableAnnotation | None]] = []
+    constants: list[tuple[tree.Declaration, ConstantAnnotation | None]] = []
+    predicates: list[tuple[tree.Declaration, PredicateAnnotation]] = []
+    for declaration in entry.variables:
+        decoded = _decoded(found, lambda d=declaration: decode_declaration(d, "variable")) or ()
+        own = [a for a in decoded if isinstance(a, VariableAnnotation)]
+        variables.append((declaration, own[0] if own else None))
+    for declaration in entry.definitions:
+        decoded = _decoded(found, lambda d=declaration: decode_declaration(d, "definition")) or ()
+        for annotation in decoded:
+            if isinstance(annotation, PredicateAnnotation):
+                predicates.append((declaration, annotation))
+        if symbols.roles.get(declaration.name) == "constant":
+            own_constant = [a for a in decoded if isinstance(a, ConstantAnnotation)]
+            constants.append((declaration, own_constant[0] if own_constant else None))
+    return tuple(variables), tuple(constants), tuple(predicates)
+
+
+def _decoded(found: list[Diagnostic], decode: Callable[[], _T]) -> _T | None:
+    try:
+        return decode()
+    except CompileError as problem:
+        found += problem.diagnostics
+        return None

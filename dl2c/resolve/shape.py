@@ -1,0 +1,162 @@
+"""The parts of a problem: `P -> [prefix; {body}*; suffix]Q & <same>R` (semantics 1).
+
+Comes in: the problem as written and its expansion. Goes out: `Shape`, or a located error.
+Formulas stay trees; nothing is evaluated.
+"""
+
+from dataclasses import dataclass
+
+from dl2c.diagnostics import CompileError, Diagnostic, error
+from dl2c.parse import tree
+from dl2c.parse.printer import print_program
+from dl2c.resolve import errors
+from dl2c.resolve.symbols import nodes
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A problem taken apart, expanded. `written_*` keep the calls of definitions as the user wrote them.
+
+    `body` is one step; `loop` is the loop it came from, None where the program has none.
+    `postcondition` is Q, None for a diamond-only problem; `progress` is R.
+    """
+
+    assumptions: tuple[tree.Formula, ...]
+    prefix: tuple[tree.Program, ...]
+    body: tuple[tree.Program, ...]
+    suffix: tuple[tree.Program, ...]
+    loop: tree.Loop | None
+    postcondition: tree.Formula | None
+    progress: tree.Formula | None
+    written_assumptions: tuple[tree.Formula, ...]
+    written_postcondition: tree.Formula | None
+    written_progress: tree.Formula | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Modal:
+    programs: tuple[tree.Program, ...]
+    post: tree.Formula
+    node: tree.Box | tree.Diamond
+
+
+def take_apart(written: tree.Formula, expanded: tree.Formula) -> Shape:
+    """Raises `CompileError` for a problem that is not of this shape."""
+    assumptions, conclusion = _implications(expanded)
+    box, diamond = _modalities(conclusion)
+    programs = (box or diamond).programs  # pyright: ignore[reportOptionalMemberAccess]
+    if box and diamond and box.programs != diamond.programs:
+        raise CompileError(_different_programs(box, diamond))
+    prefix, loop, suffix = _around_loop(tuple(s for p in programs for s in statements(p)))
+    written_assumptions, written_conclusion = _implications(written)
+    written_box, written_diamond = _written(written_conclusion, box, diamond)
+    return Shape(
+        assumptions=assumptions,
+        prefix=prefix if loop else (),
+        body=statements(loop.child) if loop else prefix,
+        suffix=suffix,
+        loop=loop,
+        postcondition=box.post if box else None,
+        progress=diamond.post if diamond else None,
+        written_assumptions=written_assumptions,
+        written_postcondition=written_box,
+        written_progress=written_diamond,
+    )
+
+
+def statements(program: tree.Program) -> tuple[tree.Program, ...]:
+    """The program as a flat sequence."""
+    if isinstance(program, tree.Compose):
+        return (*statements(program.left), *statements(program.right))
+    return (program,)
+
+
+def _implications(formula: tree.Formula) -> tuple[tuple[tree.Formula, ...], tree.Formula]:
+    assumptions: list[tree.Formula] = []
+    while isinstance(formula, tree.Imply):
+        assumptions.append(formula.left)
+        formula = formula.right
+    return tuple(assumptions), formula
+
+
+def _modal(formula: tree.Formula) -> _Modal | None:
+    """`[a][b]Q` is `[a;b]Q`."""
+    if not isinstance(formula, (tree.Box, tree.Diamond)):
+        return None
+    programs = [formula.program]
+    post = formula.child
+    while isinstance(post, type(formula)):
+        programs.append(post.program)
+        post = post.child
+    return _Modal(tuple(programs), post, formula)
+
+
+def _modalities(conclusion: tree.Formula) -> tuple[_Modal | None, _Modal | None]:
+    """The box and the diamond of the conclusion, at least one."""
+    parts = (conclusion.left, conclusion.right) if isinstance(conclusion, tree.And) else (conclusion,)
+    modals = [_modal(p) for p in parts]
+    boxes = [m for m in modals if m and isinstance(m.node, tree.Box)]
+    diamonds = [m for m in modals if m and isinstance(m.node, tree.Diamond)]
+    if None in modals or len(boxes) > 1 or len(diamonds) > 1:
+        raise CompileError(errors.not_a_problem(conclusion.span))
+    return (boxes[0] if boxes else None), (diamonds[0] if diamonds else None)
+
+
+def _written(
+    conclusion: tree.Formula, box: _Modal | None, diamond: _Modal | None
+) -> tuple[tree.Formula | None, tree.Formula | None]:
+    """Q and R as written; the expanded ones where the conclusion itself is a definition."""
+    try:
+        written_box, written_diamond = _modalities(conclusion)
+    except CompileError:
+        written_box, written_diamond = box, diamond
+    return (written_box.post if written_box else None), (written_diamond.post if written_diamond else None)
+
+
+def _around_loop(
+    program: tuple[tree.Program, ...],
+) -> tuple[tuple[tree.Program, ...], tree.Loop | None, tuple[tree.Program, ...]]:
+    places = [k for k, s in enumerate(program) if isinstance(s, tree.Loop)]
+    if not places:
+        return program, None, ()
+    if len(places) > 1:
+        raise CompileError([_one_of_several(program[k]) for k in places])
+    (k,) = places
+    loop = program[k]
+    assert isinstance(loop, tree.Loop)
+    return program[:k], loop, program[k + 1 :]
+
+
+def _one_of_several(loop: tree.Program) -> Diagnostic:
+    return error(
+        "several-loops",
+        "the program has several top-level loops",
+        loop.span,
+        "one of them",
+        "an episode is one loop: merge them, or move the others into it",
+    )
+
+
+def _different_programs(box: _Modal, diamond: _Modal) -> Diagnostic:
+    def text(modal: _Modal) -> str:
+        shown = " ".join(print_program(p) for p in modal.programs)
+        return shown if len(shown) <= 200 else shown[:200] + " ..."
+
+    return error(
+        "different-programs",
+        "the box and the diamond run different programs",
+        diamond.node.span,
+        "this one differs from the box",
+        "both must be the same program after expansion",
+        (f"the box runs     {text(box)}", f"the diamond runs {text(diamond)}"),
+    )
+
+
+def written_variables(programs: tuple[tree.Program, ...]) -> frozenset[str]:
+    """Variables that any of the programs may change."""
+    names: set[str] = set()
+    for program in programs:
+        for node in nodes(program):
+            if isinstance(node, (tree.Assign, tree.AssignAny, tree.AtomicODE)):
+                names.add(node.name)
+    return frozenset(names)

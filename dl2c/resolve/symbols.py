@@ -1,0 +1,198 @@
+"""The names of an entry: what each one is, and whether every use fits.
+
+Comes in: a parsed entry. Goes out: `Symbols`, with every declaration and every body
+checked, or all errors found at once.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, assert_never
+
+from dl2c.diagnostics import Diagnostic
+from dl2c.parse import tree
+from dl2c.resolve import errors
+
+BUILTINS: dict[str, int] = {
+    "abs": 1,
+    "min": 2,
+    "max": 2,
+    "sqrt": 1,
+    "exp": 1,
+    "sin": 1,
+    "cos": 1,
+    "tan": 1,
+    "arcsin": 1,
+    "arctan": 1,
+    "tanh": 1,
+}
+"""Functions of kyx.math that can be executed, with their arity; usable with or without import."""
+
+NULLARY_BUILTINS = ("e", "pi")
+"""Numbers of kyx.math; ordinary names unless imported."""
+
+Role: TypeAlias = Literal["variable", "constant", "function", "predicate", "program"]
+
+
+@dataclass(frozen=True, slots=True)
+class Symbols:
+    """Every declared name. `imports` are the last parts of imported library names."""
+
+    declarations: dict[str, tree.Declaration]
+    roles: dict[str, Role]
+    imports: frozenset[str]
+
+    def named(self, *roles: Role) -> tuple[str, ...]:
+        return tuple(n for n, r in self.roles.items() if r in roles)
+
+    def is_builtin(self, name: str, arity: int) -> bool:
+        """Whether a call means the library function: known, and not defined by the model."""
+        declared = self.declarations.get(name)
+        if declared is not None and declared.body is not None:
+            return False
+        return BUILTINS.get(name) == arity or (arity == 0 and name in NULLARY_BUILTINS and name in self.imports)
+
+
+def collect(entry: tree.Entry) -> tuple[Symbols, list[Diagnostic]]:
+    """All declarations of an entry, and what is wrong with them."""
+    declarations: dict[str, tree.Declaration] = {}
+    roles: dict[str, Role] = {}
+    found: list[Diagnostic] = []
+    for declaration in (*entry.definitions, *entry.variables):
+        if (first := declarations.get(declaration.name)) is not None:
+            found.append(errors.duplicate(declaration.name, declaration.span, first.span))
+            continue
+        declarations[declaration.name] = declaration
+        roles[declaration.name] = "variable" if declaration in entry.variables else _role(declaration)
+    imports = frozenset(name.rsplit(".", 1)[-1] for name in entry.imports)
+    symbols = Symbols(declarations, roles, imports)
+    found += _cycles(symbols)
+    return symbols, found
+
+
+def _role(declaration: tree.Declaration) -> Role:
+    match declaration.sort:
+        case "Real" if declaration.parameters is None and declaration.body is None:
+            return "constant"
+        case "Real":
+            return "function"
+        case "Bool":
+            return "predicate"
+        case "HP":
+            return "program"
+        case _:
+            assert_never(declaration.sort)
+
+
+def _cycles(symbols: Symbols) -> list[Diagnostic]:
+    """One error for every definition that reaches itself, at the first of the cycle."""
+    uses = {
+        name: [n for n in mentioned(d.body) if n in symbols.declarations and n not in _parameters(d)]
+        for name, d in symbols.declarations.items()
+        if d.body is not None
+    }
+    found: list[Diagnostic] = []
+    done: set[str] = set()
+    for root in uses:
+        trail: list[tuple[str, Iterator[str]]] = [(root, iter(uses[root]))] if root not in done else []
+        while trail:
+            name, rest = trail[-1]
+            following = next(rest, None)
+            if following is None:
+                done.add(name)
+                trail.pop()
+            elif following in (names := [n for n, _ in trail]):
+                cycle = (*names[names.index(following) :], following)
+                found.append(errors.recursive_definition(cycle, symbols.declarations[following].span))
+                done.update(names)
+                break
+            elif following in uses and following not in done:
+                trail.append((following, iter(uses[following])))
+    return found
+
+
+def _parameters(declaration: tree.Declaration) -> frozenset[str]:
+    return frozenset(p.name for p in declaration.parameters or ())
+
+
+def mentioned(expression: tree.Expression | None) -> Iterator[str]:
+    """Every name an expression mentions, in order; bound occurrences too."""
+    for node in nodes(expression):
+        match node:
+            case (
+                tree.Variable(name)
+                | tree.DifferentialSymbol(name)
+                | tree.FuncOf(name)
+                | tree.PredOf(name)
+                | tree.ProgramConst(name)
+                | tree.DifferentialProgramConst(name)
+            ):
+                yield name
+            case _:
+                pass
+
+
+Node: TypeAlias = tree.Expression | tree.AtomicODE | tree.DifferentialProgramConst
+
+
+def nodes(expression: Node | None) -> Iterator[Node]:
+    """The expression and everything in it, outermost first, left to right."""
+    stack: list[Node] = [] if expression is None else [expression]
+    while stack:
+        node = stack.pop()
+        yield node
+        stack.extend(reversed(children(node)))
+
+
+def children(node: Node) -> tuple[Node, ...]:
+    """The direct parts of a node; invariants are not part of the program."""
+    match node:
+        case (
+            tree.Number()
+            | tree.Variable()
+            | tree.DifferentialSymbol()
+            | tree.UnitFunctional()
+            | tree.Truth()
+            | tree.UnitPredicational()
+            | tree.AssignAny()
+            | tree.ProgramConst()
+            | tree.DifferentialProgramConst()
+        ):
+            return ()
+        case tree.FuncOf(_, args) | tree.PredOf(_, args):
+            return args
+        case (
+            tree.Neg(child)
+            | tree.Differential(child)
+            | tree.PredicationalOf(_, child)
+            | tree.Not(child)
+            | tree.Forall(_, child)
+            | tree.Exists(_, child)
+            | tree.DifferentialFormula(child)
+            | tree.Loop(child)
+            | tree.Dual(child)
+            | tree.Test(child)
+            | tree.Assign(_, child)
+            | tree.AtomicODE(_, child)
+        ):
+            return (child,)
+        case (
+            tree.Plus(left, right)
+            | tree.Minus(left, right)
+            | tree.Times(left, right)
+            | tree.Divide(left, right)
+            | tree.Power(left, right)
+            | tree.Compare(_, left, right)
+            | tree.And(left, right)
+            | tree.Or(left, right)
+            | tree.Imply(left, right)
+            | tree.Equiv(left, right)
+            | tree.Compose(left, right)
+            | tree.Choice(left, right)
+            | tree.Box(left, right)
+            | tree.Diamond(left, right)
+        ):
+            return (left, right)
+        case tree.ODESystem(equations, domain):
+            return (*equations, domain)
+        case _:
+            assert_never(node)

@@ -1,0 +1,140 @@
+"""Terms and formulas on arrays of doubles, element by element.
+
+Every operation rounds once, in the order of the tree, as the compiled code does. An
+undefined or infinite value is NaN, and an atom with one is false. Transcendental
+functions do not occur: the sampler refuses them first.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias, assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dl2c.ir.model import (
+    Add,
+    And,
+    Call,
+    Compare,
+    Div,
+    Formula,
+    Mul,
+    Neg,
+    Number,
+    Or,
+    Pow,
+    Sub,
+    Symbol,
+    Term,
+    Truth,
+)
+
+Floats: TypeAlias = NDArray[np.float64]
+Bools: TypeAlias = NDArray[np.bool_]
+Columns: TypeAlias = Mapping[str, Floats]
+"""The values of each name, all of one shape."""
+
+
+def holds(formula: Formula, columns: Columns, count: int) -> Bools:
+    """Which of the `count` points satisfy the formula; shape (count,)."""
+    with np.errstate(all="ignore"):
+        return _holds(formula, columns, count)
+
+
+def values(term: Term, columns: Columns, count: int) -> Floats:
+    """The values of a term; shape (count,)."""
+    with np.errstate(all="ignore"):
+        return np.broadcast_to(_value(term, columns), (count,))
+
+
+def uniform(low: Floats | float, high: Floats | float, count: int, rng: np.random.Generator) -> Floats:
+    """`count` draws between the limits, by the law of `SamplingPlan`."""
+    return np.minimum(low + rng.random(count) * (np.asarray(high) - low), high)
+
+
+def completed(columns: Columns, definitions: Sequence[tuple[str, Term]], count: int) -> dict[str, Floats]:
+    """The columns with defined names added, in order."""
+    result = dict(columns)
+    for name, term in definitions:
+        result[name] = values(term, result, count)
+    return result
+
+
+def _holds(formula: Formula, columns: Columns, count: int) -> Bools:
+    match formula:
+        case Truth(value):
+            return np.full(count, value)
+        case Compare():
+            return np.broadcast_to(_compared(formula, columns), (count,))
+        case And(children):
+            return np.logical_and.reduce([_holds(c, columns, count) for c in children])
+        case Or(children):
+            return np.logical_or.reduce([_holds(c, columns, count) for c in children])
+        case _:
+            assert_never(formula)
+
+
+def _compared(atom: Compare, columns: Columns) -> Bools:
+    a, b = _value(atom.left, columns), _value(atom.right, columns)
+    match atom.op:
+        case "=":
+            return a == b
+        case "!=":
+            return (a < b) | (a > b)
+        case "<":
+            return a < b
+        case "<=":
+            return a <= b
+        case ">":
+            return a > b
+        case ">=":
+            return a >= b
+        case _:
+            assert_never(atom.op)
+
+
+def _value(term: Term, columns: Columns) -> Floats:
+    match term:
+        case Number(value):
+            return np.asarray(float(value))
+        case Symbol(name):
+            return columns[name]
+        case Neg(child):
+            return -_value(child, columns)
+        case Add(left, right):
+            return _finite(_value(left, columns) + _value(right, columns))
+        case Sub(left, right):
+            return _finite(_value(left, columns) - _value(right, columns))
+        case Mul(left, right):
+            return _finite(_value(left, columns) * _value(right, columns))
+        case Div(left, right):
+            return _finite(_value(left, columns) / _value(right, columns))
+        case Pow(base, exponent):
+            return _power(_value(base, columns), exponent)
+        case Call("abs", (arg,)):
+            return np.abs(_value(arg, columns))
+        case Call("sqrt", (arg,)):
+            return np.sqrt(_value(arg, columns))
+        case Call("min", (left, right)):
+            a, b = _value(left, columns), _value(right, columns)
+            return np.where(np.isnan(a), a, np.where(a < b, a, b))
+        case Call("max", (left, right)):
+            a, b = _value(left, columns), _value(right, columns)
+            return np.where(np.isnan(a), a, np.where(a > b, a, b))
+        case Call():
+            raise AssertionError(f"the sampler refuses {term.function}")
+        case _:
+            assert_never(term)
+
+
+def _power(base: Floats, exponent: int) -> Floats:
+    if exponent == 1:
+        return base
+    if exponent % 2:
+        return _finite(base * _power(base, exponent - 1))
+    half = _power(base, exponent // 2)
+    return _finite(half * half)
+
+
+def _finite(a: Floats) -> Floats:
+    return np.where(np.isfinite(a), a, np.nan)

@@ -1,0 +1,59 @@
+"""Why initial states of a model cannot be drawn, as messages."""
+
+from collections.abc import Mapping, Sequence
+
+from dl2c.diagnostics import Diagnostic, error
+from dl2c.ir.model import Call, Compare, Constant, Model, Symbol, Variable
+from dl2c.smt.precondition import span_of, text_of
+from dl2c.source import NOWHERE, Span
+
+GIVE_STATE = 'or give the state with reset(options={"state": ...})'
+
+
+def _refused(span: Span, label: str, help: str = f"rewrite the precondition, {GIVE_STATE}") -> Diagnostic:
+    return error("unsampled-precondition", "initial states cannot be sampled", span, label=label, help=help)
+
+
+def unbounded(items: Sequence[Variable | Constant]) -> Diagnostic:
+    """Names to draw that neither a bound nor the precondition limits; at least one."""
+    names = ", ".join(f"`{i.name}`" for i in items)
+    places = tuple(f"`{i.name}` is declared at {i.span.place}" for i in items[1:] if i.span != NOWHERE)
+    annotation = "@var" if isinstance(items[0], Variable) else "@const"
+    return error(
+        "unbounded-variable",
+        f"the initial value of {names} has no finite limits",
+        items[0].span,
+        label="neither its bound nor the precondition limits it",
+        help=f"add bound=[lo:hi] to its {annotation} annotation",
+        notes=places,
+    )
+
+
+def transcendental(call: Call, atom: Compare) -> Diagnostic:
+    """A function whose values doubles do not give exactly enough to prove anything."""
+    return _refused(atom.span, f"`{call.function}` in `{text_of(atom)}` has no exact arithmetic")
+
+
+def unsolved(atom: Compare) -> Diagnostic:
+    """An equality that is not linear in any name with a coefficient known not to vanish."""
+    label = f"`{text_of(atom)}` determines no name: it must be a conjunct that is linear in one"
+    return _refused(atom.span, label)
+
+
+def no_error_bound(subject: Compare | Symbol, items: Mapping[Symbol, Variable | Constant]) -> Diagnostic:
+    """An atom, or the value an equality gives a name, that doubles cannot approximate."""
+    advice = f"tighten the bounds so that no divisor can be zero, {GIVE_STATE}"
+    if isinstance(subject, Compare):
+        return _refused(subject.span, f"a divisor in `{text_of(subject)}` may come close to zero", advice)
+    label = f"the equality that determines `{subject.name}` may divide by zero"
+    return _refused(items[subject].span, label, advice)
+
+
+def beyond_doubles(item: Variable | Constant) -> Diagnostic:
+    """A name between whose limits there is no double."""
+    return _refused(item.span, f"no floating-point number lies between the limits of `{item.name}`")
+
+
+def without_sample(model: Model, draws: int) -> Diagnostic:
+    """A set too thin to be hit."""
+    return _refused(span_of(model.precondition), f"none of {draws} draws satisfied the precondition")

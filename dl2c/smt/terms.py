@@ -1,0 +1,122 @@
+"""IR terms and formulas as Z3 expressions over exact reals.
+
+Division and square roots are total functions in Z3. Each atom therefore becomes a
+conjunction of the comparison and the conditions under which its subterms are defined;
+formulas are in negation normal form, so an undefined atom is false. Transcendental
+functions have no translation: `Untranslatable` names the subterm.
+"""
+
+import importlib
+from typing import Any, TypeAlias, assert_never
+
+from dl2c.ir.model import (
+    Add,
+    And,
+    Call,
+    Compare,
+    Comparison,
+    Div,
+    Formula,
+    Mul,
+    Neg,
+    Number,
+    Or,
+    Pow,
+    Sub,
+    Symbol,
+    Term,
+    Truth,
+)
+
+z3: Any = importlib.import_module("z3")
+"""Z3 ships no type information; everything it returns is `Expression`."""
+
+Expression: TypeAlias = Any
+
+
+class Untranslatable(Exception):
+    """A function that is not definable in real arithmetic."""
+
+    def __init__(self, call: Call) -> None:
+        super().__init__(call.function)
+        self.call = call
+
+
+def condition(formula: Formula, context: Expression) -> Expression:
+    """The formula as a Z3 Boolean. Raises `Untranslatable`."""
+    match formula:
+        case Truth(value):
+            return z3.BoolVal(value, context)
+        case Compare(op, left, right):
+            defined: list[Expression] = []
+            a, b = real(left, context, defined), real(right, context, defined)
+            return z3.And(*defined, _compared(op, a, b)) if defined else _compared(op, a, b)
+        case And(children):
+            return z3.And(*(condition(c, context) for c in children))
+        case Or(children):
+            return z3.Or(*(condition(c, context) for c in children))
+        case _:
+            assert_never(formula)
+
+
+def _compared(op: Comparison, a: Expression, b: Expression) -> Expression:
+    match op:
+        case "=":
+            return a == b
+        case "!=":
+            return a != b
+        case "<":
+            return a < b
+        case "<=":
+            return a <= b
+        case ">":
+            return a > b
+        case ">=":
+            return a >= b
+        case _:
+            assert_never(op)
+
+
+def real(term: Term, context: Expression, defined: list[Expression]) -> Expression:
+    """The term as a Z3 real; what makes it defined is appended to `defined`."""
+    match term:
+        case Number(value):
+            return z3.RealVal(f"{value.numerator}/{value.denominator}", context)
+        case Symbol(name):
+            return z3.Real(name, context)
+        case Neg(child):
+            return -real(child, context, defined)
+        case Add(left, right):
+            return real(left, context, defined) + real(right, context, defined)
+        case Sub(left, right):
+            return real(left, context, defined) - real(right, context, defined)
+        case Mul(left, right):
+            return real(left, context, defined) * real(right, context, defined)
+        case Div(left, right):
+            divisor = real(right, context, defined)
+            if not isinstance(right, Number) or right.value == 0:
+                defined.append(divisor != 0)
+            return real(left, context, defined) / divisor
+        case Pow(base, exponent):
+            factor = real(base, context, defined)
+            product = factor
+            for _ in range(exponent - 1):
+                product = product * factor
+            return product
+        case Call("abs", (arg,)):
+            value = real(arg, context, defined)
+            return z3.If(value >= 0, value, -value)
+        case Call("min", (left, right)):
+            a, b = real(left, context, defined), real(right, context, defined)
+            return z3.If(a < b, a, b)
+        case Call("max", (left, right)):
+            a, b = real(left, context, defined), real(right, context, defined)
+            return z3.If(a > b, a, b)
+        case Call("sqrt", (arg,)):
+            root = z3.FreshConst(z3.RealSort(context), "sqrt")
+            defined += (root >= 0, root * root == real(arg, context, defined))
+            return root
+        case Call():
+            raise Untranslatable(term)
+        case _:
+            assert_never(term)

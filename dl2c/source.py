@@ -1,0 +1,76 @@
+"""Text and ranges in it.
+
+A `Source` is one file (or string) a user wrote; a `Span` is a half-open range of
+its characters. Nothing here knows what the text means.
+"""
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Source:
+    """A named text. `name` is what diagnostics show, usually the path as the user gave it."""
+
+    name: str
+    text: str = field(repr=False)
+
+    @staticmethod
+    def read(path: str | Path) -> "Source":
+        """Read a UTF-8 file; a leading byte order mark is dropped."""
+        return Source(str(path), Path(path).read_text(encoding="utf-8-sig"))
+
+    @cached_property
+    def line_starts(self) -> tuple[int, ...]:
+        """Offset of the first character of every line."""
+        return (0, *(i + 1 for i, c in enumerate(self.text) if c == "\n"))
+
+    def position(self, offset: int) -> tuple[int, int]:
+        """Line and column of an offset, both counted from 1."""
+        line = bisect_right(self.line_starts, offset)
+        return line, offset - self.line_starts[line - 1] + 1
+
+    def line(self, number: int) -> str:
+        """The text of a line counted from 1, without its end."""
+        start = self.line_starts[number - 1]
+        end = self.text.find("\n", start)
+        return self.text[start : end if end >= 0 else len(self.text)].rstrip("\r")
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """The characters `start` to `end` (exclusive) of a source."""
+
+    source: Source
+    start: int
+    end: int
+
+    @property
+    def line(self) -> int:
+        return self.source.position(self.start)[0]
+
+    @property
+    def column(self) -> int:
+        return self.source.position(self.start)[1]
+
+    @property
+    def text(self) -> str:
+        """The characters themselves."""
+        return self.source.text[self.start : self.end]
+
+    @property
+    def place(self) -> str:
+        """`file:line:column`, as diagnostics show it."""
+        line, column = self.source.position(self.start)
+        return f"{self.source.name}:{line}:{column}"
+
+    def to(self, other: "Span") -> "Span":
+        """The smallest span that covers both; both lie in one source."""
+        assert self.source is other.source
+        return Span(self.source, min(self.start, other.start), max(self.end, other.end))
+
+
+NOWHERE = Span(Source("<none>", ""), 0, 0)
+"""The span of nodes that no text was written for."""

@@ -1,0 +1,1 @@
+"""IR terms and formulas as CasADi graphs, and those as instruction tapes."""

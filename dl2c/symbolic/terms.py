@@ -1,0 +1,217 @@
+"""IR terms and formulas as CasADi SX expressions.
+
+CasADi's own simplifications would change rounding and drop definedness (`x/x` to 1,
+`x/y*y` to x), so graphs are built with them switched off: every IR operation becomes
+exactly one operation (a power, its multiplications).
+
+A formula becomes an expression that is 1 where it holds and 0 elsewhere. Conditions for
+definedness are part of each atom: the value of both sides must be finite, and so must
+every operand behind which an infinity could disappear (semantics 5). What the episode
+constants' bounds already prove is left out.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias, assert_never
+
+import casadi
+
+from dl2c.interval.arithmetic import WHOLE, Interval
+from dl2c.interval.arithmetic import evaluate as enclose
+from dl2c.ir.logic import operands, symbols
+from dl2c.ir.model import (
+    Add,
+    And,
+    Call,
+    Compare,
+    Comparison,
+    Div,
+    Formula,
+    Function,
+    Mul,
+    Neg,
+    Number,
+    Or,
+    Pow,
+    Sub,
+    Symbol,
+    Term,
+    Truth,
+)
+
+Graph: TypeAlias = Any
+"""A casadi.SX scalar; CasADi ships no types."""
+
+LARGEST = 1.7976931348623157e308
+
+casadi.GlobalOptions.setSimplificationOnTheFly(False)
+
+
+@dataclass(slots=True)
+class Builder:
+    """Builds graphs over one set of input symbols. `constants` encloses the episode constants."""
+
+    constants: Mapping[Symbol, Interval] = field(default_factory=dict[Symbol, Interval])
+    inputs: dict[Symbol, Graph] = field(default_factory=dict[Symbol, Graph])
+    known: dict[int, tuple[Term, Graph]] = field(default_factory=dict[int, tuple[Term, Graph]])
+
+    def term(self, term: Term) -> Graph:
+        """The graph of a term; equal objects give one node."""
+        if (seen := self.known.get(id(term))) is not None:
+            return seen[1]
+        graph = self._term(term)
+        self.known[id(term)] = (term, graph)
+        return graph
+
+    def _term(self, term: Term) -> Graph:
+        match term:
+            case Number(value):
+                return casadi.SX(float(value))
+            case Symbol(name):
+                return self.inputs.setdefault(term, casadi.SX.sym(name))
+            case Neg(child):
+                return -self.term(child)
+            case Add(left, right):
+                return self.term(left) + self.term(right)
+            case Sub(left, right):
+                return self.term(left) - self.term(right)
+            case Mul(left, right):
+                return self.term(left) * self.term(right)
+            case Div(left, right):
+                return self.term(left) / self.term(right)
+            case Pow(base, exponent):
+                return _power(self.term(base), exponent)
+            case Call(function, args):
+                return _called(function, [self.term(a) for a in args])
+            case _:
+                assert_never(term)
+
+    def holds(self, formula: Formula) -> Graph:
+        """The graph of a formula's truth."""
+        match formula:
+            case Truth(value):
+                return casadi.SX(1.0 if value else 0.0)
+            case Compare(op, left, right):
+                graph = _compared(op, self.term(left), self.term(right))
+                for condition in (*self.defined(left), *self.defined(right)):
+                    graph = casadi.logic_and(graph, condition)
+                return graph
+            case And(children):
+                return _joined(casadi.logic_and, [self.holds(c) for c in children])
+            case Or(children):
+                return _joined(casadi.logic_or, [self.holds(c) for c in children])
+            case _:
+                assert_never(formula)
+
+    def all_defined(self, terms: Iterator[Term] | list[Term]) -> Graph:
+        """Whether every term has a finite value with finite, defined subterms."""
+        return _joined(casadi.logic_and, [c for t in terms for c in self.defined(t)])
+
+    def defined(self, term: Term) -> list[Graph]:
+        """Conditions under which the term and all its subterms are defined and finite; none if always."""
+        conditions: list[Graph] = []
+        if not self._surely_finite(term):
+            conditions.append(_finite(self.term(term)))
+        for part in _absorbing(term):
+            if not self._surely_finite(part):
+                conditions.append(_finite(self.term(part)))
+        return conditions
+
+    def _surely_finite(self, term: Term) -> bool:
+        """Proved from the constants' bounds, or as finite as the state is."""
+        match term:
+            case Number() | Symbol():
+                return True
+            case Neg(child) | Call("abs", (child,)):
+                return self._surely_finite(child)
+            case Call("min" | "max", (left, right)):
+                return self._surely_finite(left) and self._surely_finite(right)
+            case _:
+                box = {s: self.constants.get(s, WHOLE) for s in symbols(term)}
+                value = enclose(term, box)
+                return value.total and not value.empty and value.low >= -LARGEST and value.high <= LARGEST
+
+
+def _absorbing(term: Term) -> Iterator[Term]:
+    """Subterms whose infinity or NaN the value of `term` need not show."""
+    for part in operands(term):
+        yield from _absorbing(part)
+    match term:
+        case Div(_, divisor):
+            yield divisor
+        case Call("abs" | "sqrt" | "sin" | "cos" | "tan", _):
+            pass
+        case Call(_, args):
+            yield from args
+        case _:
+            pass
+
+
+def _finite(graph: Graph) -> Graph:
+    return casadi.fabs(graph) <= LARGEST
+
+
+def _joined(join: Any, graphs: list[Graph]) -> Graph:
+    if not graphs:
+        return casadi.SX(1.0)
+    result = graphs[0]
+    for graph in graphs[1:]:
+        result = join(result, graph)
+    return result
+
+
+def _power(base: Graph, exponent: int) -> Graph:
+    if exponent == 1:
+        return base
+    if exponent % 2:
+        return base * _power(base, exponent - 1)
+    half = _power(base, exponent // 2)
+    return half * half
+
+
+def _compared(op: Comparison, left: Graph, right: Graph) -> Graph:
+    match op:
+        case "=":
+            return left == right
+        case "!=":
+            return left != right
+        case "<":
+            return left < right
+        case "<=":
+            return left <= right
+        case ">":
+            return left > right
+        case ">=":
+            return left >= right
+        case _:
+            assert_never(op)
+
+
+def _called(function: Function, args: list[Graph]) -> Graph:
+    match function:
+        case "abs":
+            return casadi.fabs(args[0])
+        case "min":
+            return casadi.fmin(args[0], args[1])
+        case "max":
+            return casadi.fmax(args[0], args[1])
+        case "sqrt":
+            return casadi.sqrt(args[0])
+        case "exp":
+            return casadi.exp(args[0])
+        case "sin":
+            return casadi.sin(args[0])
+        case "cos":
+            return casadi.cos(args[0])
+        case "tan":
+            return casadi.tan(args[0])
+        case "arcsin":
+            return casadi.asin(args[0])
+        case "arctan":
+            return casadi.atan(args[0])
+        case "tanh":
+            return casadi.tanh(args[0])
+        case "pow":
+            return casadi.constpow(args[0], args[1])
+        case _:
+            assert_never(function)

@@ -1,0 +1,151 @@
+"""How well a policy does: rates and means over fixed episodes, each with a 95 % interval."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from dl2c.env.actions import encoding, flat_format
+from dl2c.env.opening import Model, open_library, source_of
+from dl2c.env.vector import Dl2cVectorEnv
+from dl2c.native.manifest import Manifest
+from dl2c.training.policies import Policy, policy_of
+
+NORMAL = 1.959963984540054
+"""Half the width of a two-sided 95 % interval of the standard normal distribution."""
+
+FIRST_SEED = 10**6
+"""Episode k of an evaluation is seeded with this plus k: far from the seeds one trains with."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A value with its 95 % interval; all NaN if there is nothing to estimate from."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What a policy achieved. `success`, `violations` and `blocked` are fractions of the episodes.
+
+    A violation is an episode in which a @safety predicate failed; blocked is one that a request
+    without a run ended. `travel_time` is the mean duration of the successful episodes in seconds.
+    """
+
+    episodes: int
+    success: Estimate
+    violations: Estimate
+    blocked: Estimate
+    travel_time: Estimate
+    episode_return: Estimate
+
+
+@dataclass(frozen=True, slots=True)
+class Outcomes:
+    """One entry per episode."""
+
+    success: NDArray[np.bool_]
+    violated: NDArray[np.bool_]
+    blocked: NDArray[np.bool_]
+    time: NDArray[np.float64]
+    total: NDArray[np.float64]
+
+    def evaluation(self) -> Evaluation:
+        """Rates and means of these episodes."""
+        return Evaluation(
+            len(self.success),
+            rate(self.success),
+            rate(self.violated),
+            rate(self.blocked),
+            mean(self.time[self.success]),
+            mean(self.total),
+        )
+
+
+def evaluate(
+    policy: str | Path | Policy,
+    model: Model,
+    episodes: int = 200,
+    seed: int = FIRST_SEED,
+    masked: bool = True,
+    **options: Any,
+) -> Evaluation:
+    """Run a policy (see `policy_of`) for so many episodes, all at once; episode k is seeded `seed + k`.
+
+    Raises what `Dl2cVectorEnv` raises.
+    """
+    return outcomes(policy, model, episodes, seed, masked, **options).evaluation()
+
+
+def outcomes(
+    policy: str | Path | Policy, model: Model, episodes: int, seed: int, masked: bool, **options: Any
+) -> Outcomes:
+    """The single episodes of `evaluate`."""
+    env = flat_environments(model, episodes, **options)
+    act = policy_of(policy, encoding(env.manifest), masked, seed)
+    running = np.ones(episodes, np.bool_)
+    found = _nothing_yet(episodes)
+    observations, _ = env.reset(seed=seed)
+    while running.any():
+        observations, rewards, terminated, truncated, infos = env.step(act(observations, env.action_masks()))
+        found.total[running] += rewards[running]
+        _note_violations(found, infos, running)
+        if (ended := running & (terminated | truncated)).any():
+            _note_ends(found, infos["final_info"], ended, env.manifest)
+            running &= ~ended
+    env.close()
+    return found
+
+
+def flat_environments(model: Model, n: int, **options: Any) -> Dl2cVectorEnv:
+    """Environments with same-step autoreset whose action space is no Dict."""
+    source = source_of(model)
+    action_format = flat_format(open_library(source, options).manifest)
+    given: dict[str, Any] = options | {"action_format": action_format}
+    return Dl2cVectorEnv(source, n, autoreset_mode=AutoresetMode.SAME_STEP, **given)
+
+
+def _nothing_yet(n: int) -> Outcomes:
+    none = np.zeros(n, np.bool_)
+    return Outcomes(none, none.copy(), none.copy(), np.zeros(n), np.zeros(n))
+
+
+def _note_violations(found: Outcomes, infos: dict[str, Any], running: NDArray[np.bool_]) -> None:
+    if "cost" in infos:
+        found.violated[running & (infos["cost"] > 0)] = True
+
+
+def _note_ends(found: Outcomes, final: dict[str, Any], ended: NDArray[np.bool_], manifest: Manifest) -> None:
+    safety = [16 + i for i, p in enumerate(manifest.predicates) if p.category == "safety"]
+    unsafe = (final["status"] == 2) & np.isin(final["reason"], safety)
+    found.violated[ended & ((final["cost"] > 0) | unsafe)] = True
+    found.success[ended] = final["is_success"][ended]
+    found.blocked[ended] = final["reason"][ended] == 1
+    found.time[ended] = final["time"][ended]
+
+
+def rate(hits: NDArray[np.bool_]) -> Estimate:
+    """A fraction with its Wilson interval."""
+    n = len(hits)
+    if n == 0:
+        return Estimate(math.nan, math.nan, math.nan)
+    p, z2 = float(hits.mean()), NORMAL**2
+    centre = (p + z2 / (2 * n)) / (1 + z2 / n)
+    half = NORMAL * math.sqrt(p * (1 - p) / n + z2 / (4 * n * n)) / (1 + z2 / n)
+    return Estimate(p, max(0.0, centre - half), min(1.0, centre + half))
+
+
+def mean(values: NDArray[np.float64]) -> Estimate:
+    """A mean with its normal interval; without one (NaN) for fewer than two values."""
+    if len(values) == 0:
+        return Estimate(math.nan, math.nan, math.nan)
+    centre = float(values.mean())
+    half = NORMAL * float(values.std(ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.nan
+    return Estimate(centre, centre - half, centre + half)

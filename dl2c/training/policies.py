@@ -1,0 +1,89 @@
+"""Policies as functions from observations and masks to actions, for n environments at once."""
+
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias, assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dl2c.env.actions import Choices, Encoding, Flat, Named, NoDecision, OneChoice, Runs, action_space
+
+Masks: TypeAlias = NDArray[np.bool_]
+Policy: TypeAlias = Callable[[NDArray[Any], Masks], NDArray[Any]]
+"""Observations (n, nobs) and masks (n, columns of `action_masks`) to actions (n, ...)."""
+
+
+class PolicyError(ValueError):
+    """A policy that cannot act in an environment; the message says why."""
+
+
+def policy_of(name: str | Path | Policy, code: Encoding, masked: bool, seed: int) -> Policy:
+    """The policy called `random` or `first`, or one that Stable-Baselines3 saved to a zip file.
+
+    `random` draws uniformly from what the mask allows, `first` takes the first of it in program order;
+    continuous decisions are drawn uniformly, or 0 where that is allowed. Unless `masked`, the masks
+    are taken to allow everything.
+    """
+    if callable(name):
+        return name
+    match str(name):
+        case "random":
+            rng = np.random.default_rng(seed)
+            policy = _choosing(code, lambda mask: (rng.random(mask.shape) * mask).argmax(axis=1), rng)
+        case "first":
+            policy = _choosing(code, lambda mask: mask.argmax(axis=1), None)
+        case path:
+            return saved_policy(Path(path), masked)
+    return policy if masked else lambda observations, masks: policy(observations, np.ones_like(masks))
+
+
+def _choosing(
+    code: Encoding, pick: Callable[[Masks], NDArray[np.intp]], rng: np.random.Generator | None
+) -> Policy:
+    """A policy that picks one alternative of each choice from its mask."""
+    space: Any = action_space(code)
+    match code:
+        case NoDecision():
+            return lambda observations, _: np.zeros(len(observations), np.int64)
+        case OneChoice() | Runs():
+            return lambda _, masks: pick(masks)
+        case Choices(counts):
+            ends = np.cumsum(counts)[:-1]
+            return lambda _, masks: np.stack([pick(m) for m in np.split(masks, ends, axis=1)], axis=1)
+        case Flat():
+            low, high = space.low, space.high
+            if rng is None:
+                return lambda observations, _: np.tile(np.clip(0, low, high), (len(observations), 1))
+            return lambda observations, _: rng.uniform(low, high, (len(observations), len(low)))
+        case Named():
+            raise AssertionError("policies act on flat spaces")
+        case _:
+            assert_never(code)
+
+
+def saved_policy(path: Path, masked: bool) -> Policy:
+    """A policy that PPO or MaskablePPO saved; it acts deterministically. Raises `OSError`, `PolicyError`."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            data = json.loads(archive.read("data"))
+        maskable = str(data["policy_class"]["__module__"]).startswith("sb3_contrib")
+    except (KeyError, TypeError, zipfile.BadZipFile):
+        raise PolicyError(f"{path} is not a policy that Stable-Baselines3 saved") from None
+    if maskable:
+        from sb3_contrib import MaskablePPO
+
+        maskable_ppo: Any = MaskablePPO
+        model = maskable_ppo.load(path, device="cpu")
+        if masked:
+            return lambda observations, masks: model.predict(
+                observations, deterministic=True, action_masks=masks
+            )[0]
+        return lambda observations, _: model.predict(observations, deterministic=True)[0]
+    from stable_baselines3 import PPO
+
+    ppo: Any = PPO
+    plain = ppo.load(path, device="cpu")
+    return lambda observations, _: plain.predict(observations, deterministic=True)[0]

@@ -1,0 +1,193 @@
+"""Training with PPO and MaskablePPO of Stable-Baselines3 on native environments.
+
+Imports torch: import this module only where training happens.
+"""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from sb3_contrib import MaskablePPO
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+from dl2c.env.opening import Model, source_of
+from dl2c.env.sb3 import Dl2cVecEnv
+from dl2c.training.policies import PolicyError
+
+Algorithm: TypeAlias = Literal["ppo", "maskable-ppo"]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """PPO's settings, in Stable-Baselines3's terms; `width` is the size of two hidden layers."""
+
+    steps: int = 400_000
+    n_envs: int = 64
+    n_steps: int = 128
+    batch_size: int = 1024
+    n_epochs: int = 6
+    learning_rate: float = 1e-3
+    gamma: float = 0.995
+    gae_lambda: float = 0.95
+    ent_coef: float = 0.003
+    width: int = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """The episodes that ended during one round of experience: rates among them and their mean return."""
+
+    steps: int
+    episodes: int
+    success: float
+    violations: float
+    episode_return: float
+    steps_per_second: float
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A finished training: the saved policy and its learning curve."""
+
+    policy: Path
+    curve: tuple[Point, ...]
+    seconds: float
+
+
+Progress: TypeAlias = Callable[[Point], None]
+"""Is told about every round of experience."""
+
+
+class ScaledByBounds(BaseFeaturesExtractor):
+    """Observations mapped from the bounds of their space to [-1, 1]; unbounded ones through tanh.
+
+    Part of the policy, so that a saved policy takes the environment's own observations.
+    """
+
+    def __init__(self, observation_space: spaces.Box) -> None:
+        super().__init__(  # pyright: ignore[reportUnknownMemberType] # Space without its parameter
+            observation_space, int(np.prod(observation_space.shape))
+        )
+        low, high = observation_space.low.astype(np.float64), observation_space.high.astype(np.float64)
+        finite = np.isfinite(low) & np.isfinite(high) & (low < high)
+        self._finite = torch.as_tensor(finite)
+        self._center = torch.as_tensor(np.where(finite, (low + high) / 2, 0), dtype=torch.float32)
+        self._half = torch.as_tensor(np.where(finite, (high - low) / 2, 1), dtype=torch.float32)
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Scaled observations, of the same shape."""
+        scaled = (observations - self._center) / self._half
+        return torch.where(self._finite, scaled, torch.tanh(scaled))
+
+
+def train(
+    model: Model,
+    algo: Algorithm = "ppo",
+    *,
+    seed: int = 0,
+    directory: Path = Path("build/train"),
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Run:
+    """Train a policy and write `policy.zip` and `run.json` to `directory`.
+
+    `options` are those of the environment. Raises what `Dl2cVecEnv` raises, and `PolicyError` for
+    MaskablePPO on continuous actions.
+    """
+    chosen = settings or Settings()
+    source = source_of(model)
+    env = Dl2cVecEnv(source, chosen.n_envs, **options)
+    if algo == "maskable-ppo" and env.manifest.inputs:
+        raise PolicyError("maskable-ppo needs discrete decisions only; use ppo")
+    watch = _Watch(progress)
+    learner = _learner(algo, VecNormalize(VecMonitor(env), norm_obs=False, gamma=chosen.gamma), chosen, seed)
+    started = time.perf_counter()
+    learner.learn(chosen.steps, callback=watch)
+    seconds = time.perf_counter() - started
+    directory.mkdir(parents=True, exist_ok=True)
+    learner.save(directory / "policy.zip")
+    env.close()
+    run = Run(directory / "policy.zip", tuple(watch.curve), seconds)
+    _write(run, directory / "run.json", algo, seed, chosen, env)
+    return run
+
+
+def _learner(algo: Algorithm, env: VecNormalize, settings: Settings, seed: int) -> Any:
+    kind: Any = MaskablePPO if algo == "maskable-ppo" else PPO
+    return kind(
+        "MlpPolicy",
+        env,
+        learning_rate=_falling(settings.learning_rate),
+        n_steps=settings.n_steps,
+        batch_size=min(settings.batch_size, settings.n_steps * settings.n_envs),
+        n_epochs=settings.n_epochs,
+        gamma=settings.gamma,
+        gae_lambda=settings.gae_lambda,
+        ent_coef=settings.ent_coef,
+        policy_kwargs={
+            "net_arch": [settings.width, settings.width],
+            "features_extractor_class": ScaledByBounds,
+        },
+        seed=seed,
+        device="cpu",
+    )
+
+
+def _falling(rate: float) -> Callable[[float], float]:
+    """From `rate` down to 0, given the fraction of the training that is left."""
+    return lambda left: rate * left
+
+
+def _write(run: Run, path: Path, algo: Algorithm, seed: int, settings: Settings, env: Dl2cVecEnv) -> None:
+    content = {
+        "model": env.manifest.name,
+        "algo": algo,
+        "seed": seed,
+        "options": env.manifest.options,
+        "settings": asdict(settings),
+        "seconds": run.seconds,
+        "curve": [asdict(point) for point in run.curve],
+    }
+    path.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+class _Watch(BaseCallback):
+    """Collects a point of the learning curve per round of experience."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        super().__init__()
+        self.curve: list[Point] = []
+        self._progress = progress
+        self._ended: list[tuple[bool, bool, float]] = []
+        self._started = 0.0
+
+    def _on_training_start(self) -> None:
+        self._started = time.perf_counter()
+
+    def _on_step(self) -> bool:
+        dones: NDArray[np.bool_] = self.locals["dones"]
+        for i in np.flatnonzero(dones).tolist():
+            info = self.locals["infos"][i]
+            self._ended.append((info["is_success"], info["cost"] > 0, float(info["episode"]["r"])))
+        return True
+
+    def _on_rollout_end(self) -> None:
+        n = len(self._ended)
+        rates = np.mean(self._ended, axis=0) if n else np.full(3, np.nan)
+        speed = self.num_timesteps / (time.perf_counter() - self._started)
+        success, violations, total = (float(r) for r in rates)
+        self.curve.append(Point(self.num_timesteps, n, success, violations, total, speed))
+        self._ended.clear()
+        if self._progress is not None:
+            self._progress(self.curve[-1])

@@ -1,0 +1,3 @@
+"""The version of dl2c, written once."""
+
+__version__ = "0.1.0"

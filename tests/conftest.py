@@ -1,0 +1,44 @@
+"""What all tests share: golden files and the shared test data."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--update-golden", action="store_true", help="write the golden files instead of comparing"
+    )
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest) -> Callable[[Path, str], None]:
+    """`golden(path, text)` asserts that the file at `path` holds `text`; `--update-golden` writes it."""
+    update = bool(request.config.getoption("--update-golden"))
+
+    def check(path: Path, text: str) -> None:
+        if update:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        assert path.exists(), f"{path} is missing; write it with --update-golden"
+        assert text == path.read_text(encoding="utf-8")
+
+    return check
+
+
+def shared(name: str) -> Path:
+    """A path in the shared test data beside the repository; skips where that is absent.
+
+    With DL2C_REQUIRE_SHARED=1 an absent path is a failure instead.
+    """
+    path = REPOSITORY.parent / "shared" / name
+    if not path.exists():
+        reason = f"shared test data `{name}` is not at {path}"
+        if os.environ.get("DL2C_REQUIRE_SHARED") == "1":
+            pytest.fail(reason)
+        pytest.skip(reason)
+    return path

@@ -1,0 +1,84 @@
+"""What an installed dl2c consists of: the wheel, the way over an sdist, and a checkout."""
+
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+SHIPPED = {
+    "cgen": {".c", ".h", ".md"},
+    "examples": {".kyx", ".py", ".md"},
+}
+"""Folders of the checkout that the wheel holds inside the package, and what of them counts."""
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    result = subprocess.run(
+        [sys.executable, *map(str, command)], cwd=cwd, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout.strip()
+
+
+def wheel_of(source: Path, directory: Path) -> Path:
+    options = ("--no-build-isolation", "--no-deps", "--no-index", "-q")
+    run("-m", "pip", "wheel", *options, "-w", directory, source, cwd=directory)
+    return next(directory.glob("dl2c-*.whl"))
+
+
+def names(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())
+
+
+def expected() -> set[str]:
+    """Every source file that has to be in a wheel, as the wheel names it."""
+    package = [p for p in (ROOT / "dl2c").rglob("*") if p.suffix in {".py", ".lark", ".cdef", ".typed"}]
+    found = {p.relative_to(ROOT).as_posix() for p in package}
+    for folder, suffixes in SHIPPED.items():
+        files = [p for p in (ROOT / folder).rglob("*") if p.suffix in suffixes]
+        found |= {f"dl2c/{p.relative_to(ROOT).as_posix()}" for p in files}
+    return found
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return wheel_of(ROOT, tmp_path_factory.mktemp("wheel"))
+
+
+def test_wheel_holds_everything_and_nothing_else(wheel: Path) -> None:
+    inside = {name for name in names(wheel) if ".dist-info/" not in name}
+    assert expected() <= inside | {"dl2c/py.typed"} and "dl2c/py.typed" in inside
+    assert not [name for name in inside if not name.startswith("dl2c/") or "__pycache__" in name]
+    for needed in ("dl2c/cgen/include/dl2c.h", "dl2c/parse/grammar.lark", "dl2c/native/dl2c.cdef"):
+        assert needed in inside
+
+
+def test_wheel_names_its_command_and_licence(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        texts = {
+            name.split("/", 1)[1]: archive.read(name).decode()
+            for name in names(wheel)
+            if ".dist-info/" in name
+        }
+    assert "dl2c = dl2c.cli:main" in texts["entry_points.txt"]
+    assert "MIT License" in texts["licenses/LICENSE"] and "licenses/THIRD_PARTY.md" in texts
+
+
+def test_wheel_of_the_sdist_is_the_same(wheel: Path, tmp_path: Path) -> None:
+    run("-m", "hatchling", "build", "-t", "sdist", "-d", tmp_path, cwd=ROOT)
+    again = wheel_of(next(tmp_path.glob("dl2c-*.tar.gz")), tmp_path)
+    assert names(again) == names(wheel)
+
+
+def test_hand_written_c_is_found_from_anywhere(wheel: Path, tmp_path: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "site")
+    code = "import sys; sys.path.insert(0, sys.argv[1]); from dl2c.native import cgen_dir; print(cgen_dir())"
+    for installed, where in ((tmp_path / "site", "dl2c/cgen"), (ROOT, "cgen")):
+        found = Path(run("-c", code, installed, cwd=tmp_path))
+        assert found == installed / where and (found / "include" / "dl2c.h").is_file()

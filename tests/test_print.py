@@ -1,0 +1,93 @@
+"""Printing is the inverse of parsing."""
+
+from fractions import Fraction
+
+import pytest
+from hypothesis import given, settings
+from syntax_strategies import archives, formulas, programs, terms
+
+from dl2c.parse.parser import parse_archive, parse_formula, parse_program, parse_term
+from dl2c.parse.printer import decimal, print_archive, print_formula, print_program, print_term
+from dl2c.parse.tree import Archive, Formula, Number, Program, Term
+from dl2c.source import Source
+
+
+@given(terms())
+def test_parse_inverts_print_of_terms(term: Term) -> None:
+    assert parse_term(print_term(term), strict=True) == term
+
+
+@given(formulas())
+def test_parse_inverts_print_of_formulas(formula: Formula) -> None:
+    assert parse_formula(print_formula(formula), strict=True) == formula
+
+
+@given(programs())
+def test_parse_inverts_print_of_programs(program: Program) -> None:
+    assert parse_program(print_program(program), strict=True) == program
+
+
+@given(archives())
+@settings(max_examples=50)
+def test_parse_inverts_print_of_archives(archive: Archive) -> None:
+    read, warnings = parse_archive(Source("printed.kyx", print_archive(archive)))
+    assert read == archive
+    assert not warnings
+
+
+@given(terms())
+@settings(max_examples=30)
+def test_spans_cover_the_text_that_a_term_was_read_from(term: Term) -> None:
+    text = print_term(term)
+    assert parse_term(f"  {text} ").span.text == text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x - (y - z)",
+        "-x*y",
+        "(-x)*y",
+        "x*(-y)",
+        "x/(y*z)",
+        "x/y*z",
+        "(x + y)*z",
+        "x^y^z",
+        "(x^y)^z",
+        "-x^2",
+        "(-x)^2",
+        "(- 0)^2",
+        "f(x, -y)",
+        "0.125",
+        "(x*y)'",
+    ],
+)
+def test_print_keeps_only_the_parentheses_that_matter(text: str) -> None:
+    assert print_term(parse_term(text)) == text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x >= 0 & y < 1 -> p() | q(x)",
+        "(p() -> q()) -> r()",
+        "(p() <-> q()) <-> r()",
+        "!(x > 0) & !p()",
+        "\\forall x \\exists y (x = y)",
+        "[x := 1; {y := *; ++ ?p();}](x > 0)",
+        "<{x' = v, v' = a & v >= 0}>p()",
+        "[{{a; b;} c;}*]true",
+    ],
+)
+def test_print_shows_formulas_as_one_would_write_them(text: str) -> None:
+    assert print_formula(parse_formula(text)) == text
+
+
+def test_numbers_print_as_exact_decimals() -> None:
+    assert decimal(Fraction(1, 8)) == "0.125"
+    assert decimal(Fraction(10**21)) == "1" + 21 * "0"
+    assert decimal(Fraction(1, 10**9)) == "0.000000001"
+
+
+def test_numbers_without_a_decimal_print_as_quotients() -> None:
+    assert print_term(Number(Fraction(1, 3))) == "1/3"
