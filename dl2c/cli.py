@@ -9,7 +9,7 @@ import math
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -233,7 +233,7 @@ def _compile(model: str, options: Mapping[str, Any]) -> "Compiled":
 
 
 @contextmanager
-def _working(what: str) -> Iterator[Callable[[str], None]]:
+def _working(what: str) -> Generator[Callable[[str], None]]:
     """A spinner on a terminal's stderr, nothing elsewhere; yields what changes its text."""
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -244,7 +244,7 @@ def _working(what: str) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def _progress(steps: int) -> Iterator[Any]:
+def _progress(steps: int) -> Generator[Any]:
     """A bar on a terminal's stderr, nothing elsewhere; yields what takes a point of the learning curve."""
     console = Console(stderr=True)
     columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())

@@ -29,12 +29,16 @@ class Diagnostic:
     notes: tuple[str, ...] = ()
 
 
-def error(code: str, title: str, span: Span, label: str = "", help: str = "", notes: tuple[str, ...] = ()) -> Diagnostic:
+def error(
+    code: str, title: str, span: Span, label: str = "", help: str = "", notes: tuple[str, ...] = ()
+) -> Diagnostic:
     """A diagnostic that stops the build."""
     return Diagnostic("error", code, title, span, label, help, notes)
 
 
-def warning(code: str, title: str, span: Span, label: str = "", help: str = "", notes: tuple[str, ...] = ()) -> Diagnostic:
+def warning(
+    code: str, title: str, span: Span, label: str = "", help: str = "", notes: tuple[str, ...] = ()
+) -> Diagnostic:
     """A diagnostic that does not stop the build."""
     return Diagnostic("warning", code, title, span, label, help, notes)
 

@@ -1,8 +1,8 @@
 """The way from a model's text to a loaded library: one function per arrow, in order.
 
-    source --read_entry--> entry --resolve--> problem --lower--> step model
-      --enumerate_paths--> paths --plan--> exact flows --decide, plan_sampling--> sampler
-      --model_c--> C --compile_library--> library --load_library--> Library
+source --read_entry--> entry --resolve--> problem --lower--> step model
+  --enumerate_paths--> paths --plan--> exact flows --decide, plan_sampling--> sampler
+  --model_c--> C --compile_library--> library --load_library--> Library
 """
 
 import json
@@ -16,7 +16,6 @@ from dl2c.diagnostics import CompileError, Diagnostic, error, in_source_order, w
 from dl2c.ir.lower import lower
 from dl2c.ir.printer import print_model
 from dl2c.native.cache import build_key, cached
-from dl2c.native.errors import NativeError
 from dl2c.options import Options, UnknownOption, under, with_options
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_archive, print_formula
@@ -121,7 +120,12 @@ def entry_of(archive: Archive, options: Options) -> Entry:
     title = f"no entry `{options.entry}`" if not named else "the file has several entries"
     start = archive.entries[0].span
     raise CompileError(
-        error("entry-not-found", title, Span(start.source, start.start, start.start + 1), help=f"choose one with --entry: {names}")
+        error(
+            "entry-not-found",
+            title,
+            Span(start.source, start.start, start.start + 1),
+            help=f"choose one with --entry: {names}",
+        )
     )
 
 
@@ -180,10 +184,10 @@ def _not_exact(refused: "Any") -> Diagnostic:
 
 def _build(problem: Problem, options: Options, key: str, folder: Path, progress: Progress | None) -> None:
     """Fill a folder with everything that `dl2c build` writes."""
-    from dl2c.emit.manifest import manifest_of
     from dl2c.emit.model_c import model_c
     from dl2c.emit.names import file_stem
     from dl2c.native.compile import compile_library
+    from dl2c.native.describe import manifest_of
 
     environment, warnings = _environment(problem, options, progress)
     if progress is not None:

@@ -96,7 +96,7 @@ def test_a_compile_error_is_shown_without_a_traceback(
     capsys: Any, monkeypatch: Any, model: str, command: str
 ) -> None:
     span = Span(Source(model, KYX), 2, 7)
-    failing(monkeypatch, CompileError(error("unbound", "unbound variable", span, "unknown", "declare it")))
+    failing(monkeypatch, CompileError(error("unbound", "unbound variable", span, "new", "declare it")))
     code, out, err = run(capsys, command, model)
     assert (code, out) == (1, "")
     assert err.startswith("error: unbound variable")

@@ -169,7 +169,6 @@ static void dl2c_step_one(dl2c_batch *b, int64_t i)
   real y[NX];
   memcpy(y, x, sizeof y);
   const bool moved = dl2c_complete(&run, 0, enabled, false, y);
-  run.numerical = run.numerical || (moved && !dl2c_all_finite(y, NX));
   if (moved && !run.numerical) {
     memcpy(x, y, sizeof x);
     dl2c_store(b, i, x);
@@ -295,6 +294,7 @@ dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, 
 
 dl2c_status dl2c_batch_step(dl2c_batch *b)
 {
+  if (b == NULL) return DL2C_ERR_ARG;
   for (int64_t i = 0; i < b->n; i++) {
     if (b->options.autoreset == DL2C_AUTORESET_NEXT_STEP && b->ended[i]) {
       dl2c_clear_results(b, i);
@@ -329,6 +329,7 @@ dl2c_status dl2c_batch_get_state(const dl2c_batch *b, int64_t i, double *x, doub
 dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, const double *p)
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
+  if (!dl2c_all_finite(x, NX)) return DL2C_ERR_STATE;
   dl2c_store(b, i, x);
   for (int k = 0; k < NP; k++) b->p[k * b->n + i] = p[k];
   b->ended[i] = 0;

@@ -21,6 +21,7 @@ static inline real dl2c_crossing(real c0, real c1, real c2, bool touching_counts
     return c2 < 0.0 ? -c1 / c2 : (real)INFINITY;
   }
   if (c1 >= 0.0 && c2 >= 0.0) return (real)INFINITY;
+  if (c2 == 0.0) return c0 / -c1;
   const real disc = c1 * c1 - 4.0 * c2 * c0;
   if (disc < 0.0 || (disc == 0.0 && c2 > 0.0 && !touching_counts)) return (real)INFINITY;
   const real root = sqrt(disc);

@@ -14,10 +14,14 @@ typedef double real;
 static inline real dl2c_min(real a, real b) { return a < b ? a : b; }
 static inline real dl2c_max(real a, real b) { return a > b ? a : b; }
 
+/* State values beyond this magnitude count as infinite. */
+#define DL2C_LARGEST_STATE 1e100
+
+/* Whether every value is a number of that range.   x: (n) */
 static inline bool dl2c_all_finite(const real *x, int n)
 {
   bool finite = true;
-  for (int k = 0; k < n; k++) finite = finite && isfinite(x[k]);
+  for (int k = 0; k < n; k++) finite &= fabs(x[k]) <= DL2C_LARGEST_STATE;
   return finite;
 }
 

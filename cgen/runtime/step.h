@@ -29,7 +29,7 @@ static inline bool dl2c_follow(dl2c_run *run, int path, const real *x, real *y, 
   }
   *duration = 0.0;
   memcpy(y, x, sizeof(real) * NX);
-  if (!model_update(path, x, run->p, u, y)) return false;
+  if (!model_update(path, x, run->p, u, y) || !dl2c_all_finite(y, NX)) return false;
   return PATHS[path].flow == DL2C_NO_FLOW || model_flow(PATHS[path].flow, y, run->p, duration);
 }
 

@@ -12,7 +12,6 @@ from dl2c.options import Options, UnknownOption
 
 HELP = {
     "entry": "Entry of a KeYmaera X archive that holds several.",
-    "loop": "Which top-level loop is the episode, counted from 1.",
     "dt": "Longest time of a continuous evolution, in seconds.",
     "tolerance": "Relative tolerance of annotated predicates.",
     "progress_failure": "When a progress predicate with on_failure fails.",
@@ -64,7 +63,7 @@ def _flag(option: "Field[Any]") -> inspect.Parameter:
         case "observe_constants" | "native":
             both = f"{name}/--no-{name.removeprefix('--')}"
             return _parameter(option.name, bool | None, typer.Option(both, help=text))
-        case "max_episode_steps" | "stall_limit" | "loop":
+        case "max_episode_steps" | "stall_limit":
             return _parameter(option.name, int | None, typer.Option(name, help=text))
         case _:
             words = get_args(option.type)

@@ -68,7 +68,9 @@ def print_tape(tape: Tape, name: Callable[[str], str] = names.local, truth: bool
     for k, instruction in enumerate(tape.instructions):
         text, binds = _expression(instruction, tape, texts, name)
         shared = uses[k] > 1 and instruction.operation not in ("input", "constant")
-        if shared or (len(text) > LONGEST and k != tape.result and instruction.operation not in ("and", "or")):
+        if shared or (
+            len(text) > LONGEST and k != tape.result and instruction.operation not in ("and", "or")
+        ):
             temporary = f"{prefix}{len(statements)}"
             kind = "bool" if instruction.operation in TRUTHS else "real"
             statements.append(f"const {kind} {temporary} = {text};")
@@ -129,15 +131,35 @@ def _expression(
             return f"{operand(0, level)} {sign} {operand(1, level, True)}", level
         case "and" | "or":
             sign, level = INFIX[operation]
-            return f"{_condition(operand, args, texts, 0, level)} {sign} {_condition(operand, args, texts, 1, level)}", level
-        case "abs" | "min" | "max" | "sqrt" | "exp" | "sin" | "cos" | "tan" | "arcsin" | "arctan" | "tanh" | "pow":
+            return (
+                f"{_condition(operand, args, texts, 0, level)} {sign} {_condition(operand, args, texts, 1, level)}",
+                level,
+            )
+        case (
+            "abs"
+            | "min"
+            | "max"
+            | "sqrt"
+            | "exp"
+            | "sin"
+            | "cos"
+            | "tan"
+            | "arcsin"
+            | "arctan"
+            | "tanh"
+            | "pow"
+        ):
             return f"{FUNCTIONS[operation]}({', '.join(texts[a][0] for a in args)})", ATOM
         case _:
             assert_never(operation)
 
 
 def _condition(
-    operand: Callable[[int, int], str], args: tuple[int, ...], texts: list[tuple[str, int]], k: int, level: int
+    operand: Callable[[int, int], str],
+    args: tuple[int, ...],
+    texts: list[tuple[str, int]],
+    k: int,
+    level: int,
 ) -> str:
     """An operand of && or ||; mixed operators are parenthesised for the reader and the compiler."""
     _, binds = texts[args[k]]

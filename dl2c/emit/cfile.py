@@ -40,7 +40,11 @@ def function(head: str, body: Iterable[str], about: str = "") -> str:
     used = set(re.findall(r"\w+", " ".join(listed)))
     idle = [f"(void){p};" for p in parameters if p not in used and p != "void"]
     lines = [comment(about)] if about else []
-    lines += [_signature(head), "{", *textwrap.wrap(" ".join(idle), WIDTH, initial_indent="  ", subsequent_indent="  ")]
+    lines += [
+        _signature(head),
+        "{",
+        *textwrap.wrap(" ".join(idle), WIDTH, initial_indent="  ", subsequent_indent="  "),
+    ]
     lines += [f"  {line}" if line else "" for line in listed]
     return "\n".join([*lines, "}"]) + "\n"
 
@@ -76,9 +80,10 @@ def wrapped(statement: str) -> list[str]:
 
 def enumeration(entries: Sequence[str], size: str, about: str) -> str:
     """`enum { A, B, SIZE };`"""
-    return textwrap.fill(
-        f"enum {{ {', '.join([*entries, size])} }};", WIDTH, subsequent_indent="       "
-    ) + f" {comment(about)}\n"
+    return (
+        textwrap.fill(f"enum {{ {', '.join([*entries, size])} }};", WIDTH, subsequent_indent="       ")
+        + f" {comment(about)}\n"
+    )
 
 
 def row(values: Iterable[object]) -> str:

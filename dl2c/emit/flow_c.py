@@ -45,7 +45,9 @@ def _inside(k: int, plan: ExactPlan, leaves: Leaves) -> str:
 
 
 def _coefficients(stem: str, coefficients: Coefficients, about: str, leaves: Leaves) -> list[str]:
-    return [leaves.term(f"{stem}_c{j}", c, f"{about}, coefficient of tau^{j}") for j, c in enumerate(coefficients)]
+    return [
+        leaves.term(f"{stem}_c{j}", c, f"{about}, coefficient of tau^{j}") for j, c in enumerate(coefficients)
+    ]
 
 
 def _at(k: int, plan: ExactPlan, leaves: Leaves) -> str:
@@ -74,7 +76,9 @@ def _flow(k: int, plan: ExactPlan, leaves: Leaves, inside: str) -> str:
     limits: list[str] = []
     for j, horizon in enumerate(plan.flow.horizons):
         clock = Symbol(horizon.clock, "variable")
-        bound = leaves.term(f"flow{k}_until{j}", horizon.bound, f"{horizon.clock} <= {print_term(horizon.bound)}")
+        bound = leaves.term(
+            f"flow{k}_until{j}", horizon.bound, f"{horizon.clock} <= {print_term(horizon.bound)}"
+        )
         body.append(f"const real until{j} = {bound};")
         body.append(f"const real left{j} = until{j} - {slot(clock)};")
         limits.append(f"left{j}")
@@ -93,9 +97,17 @@ def _flow(k: int, plan: ExactPlan, leaves: Leaves, inside: str) -> str:
     shy = [f"hit{j}" for j, w in enumerate(plan.watches) if w.kind in ("open", "apart")]
     if shy:
         body.append(f"if ({' || '.join(shy)}) end = dl2c_before(end);")
-    body += ["", "real y[NX];", "memcpy(y, x, sizeof y);", f"flow{k}_at(x, p, end, y);", *_settled(k, plan, leaves)]
     body += [
-        f"if (dl2c_all_finite(y, NX) && {inside}) {{" if inside != "true" else "if (dl2c_all_finite(y, NX)) {",
+        "",
+        "real y[NX];",
+        "memcpy(y, x, sizeof y);",
+        f"flow{k}_at(x, p, end, y);",
+        *_settled(k, plan, leaves),
+    ]
+    body += [
+        f"if (dl2c_all_finite(y, NX) && {inside}) {{"
+        if inside != "true"
+        else "if (dl2c_all_finite(y, NX)) {",
         "  memcpy(x, y, sizeof y);",
         "  *duration = end;",
         "  return true;",

@@ -35,7 +35,9 @@ def judge_functions(environment: Environment, leaves: Leaves) -> list[str]:
 
 
 def _formula(name: str, formula: Formula | None, leaves: Leaves, about: str) -> str:
-    holds = "true" if formula is None else leaves.condition(f"{name}_holds", formula, f"{print_formula(formula)}")
+    holds = (
+        "true" if formula is None else leaves.condition(f"{name}_holds", formula, f"{print_formula(formula)}")
+    )
     body = [f"return {holds};"]
     return function(f"static inline bool model_{name}({STATE})", body, about)
 
@@ -89,7 +91,10 @@ def _endings(model: Model, leaves: Leaves) -> list[str]:
     going_on: list[str] = []
     for k, predicate in enumerate(model.predicates):
         fired = {"on_success": f"good{k}", "on_failure": _failed(k, predicate, leaves)}
-        for trigger, when in ((predicate.on_success, fired["on_success"]), (predicate.on_failure, fired["on_failure"])):
+        for trigger, when in (
+            (predicate.on_success, fired["on_success"]),
+            (predicate.on_failure, fired["on_failure"]),
+        ):
             if trigger is None or when is None:
                 continue
             if trigger.action == "continue":
@@ -178,5 +183,3 @@ def _limit(value: float, suffix: str) -> str:
     if math.isinf(value):
         return "-INFINITY" if value < 0 else "INFINITY"
     return number(value) + suffix
-
-

@@ -57,8 +57,12 @@ def _limits(environment: Environment, leaves: Leaves) -> str:
             for j, limit in enumerate(admission.limits):
                 stem = f"path{k}_limit{admission.input}_{j}"
                 name = environment.paths.inputs[admission.input].variable
-                offset = leaves.term(f"{stem}_offset", limit.offset, f"{print_term(limit.offset)} + ... * {name}")
-                slope = leaves.term(f"{stem}_slope", limit.slope, f"... + ({print_term(limit.slope)}) * {name}")
+                offset = leaves.term(
+                    f"{stem}_offset", limit.offset, f"{print_term(limit.offset)} + ... * {name}"
+                )
+                slope = leaves.term(
+                    f"{stem}_slope", limit.slope, f"... + ({print_term(limit.slope)}) * {name}"
+                )
                 body.append(f"  dl2c_limit({offset}, {slope}, low, high);")
             body.append("}")
     return function(
@@ -124,11 +128,21 @@ def path_tables(environment: Environment) -> list[str]:
     return [
         table("int32_t", "POINT_START", f"[{len(starts)}]", [str(s) for s in starts]),
         table("int32_t", "MASK_START", f"[{len(masks)}]", [str(m) for m in masks]),
-        table("int8_t", "DECISIONS", f"[{max(1, len(paths.paths))}][{width}]", [row(p.decisions) for p in paths.paths] or ["{0}"]),
+        table(
+            "int8_t",
+            "DECISIONS",
+            f"[{max(1, len(paths.paths))}][{width}]",
+            [row(p.decisions) for p in paths.paths] or ["{0}"],
+        ),
         table("real", "INPUT_LOW", f"[{max(1, len(lows))}]", lows or ["0.0"]),
         table("real", "INPUT_HIGH", f"[{max(1, len(highs))}]", highs or ["0.0"]),
         *(_lists(k, p) for k, p in enumerate(paths.paths)),
-        table("dl2c_path", "PATHS", f"[{max(1, len(paths.paths))}]", [_path(k, p) for k, p in enumerate(paths.paths)] or ["{0}"]),
+        table(
+            "dl2c_path",
+            "PATHS",
+            f"[{max(1, len(paths.paths))}]",
+            [_path(k, p) for k, p in enumerate(paths.paths)] or ["{0}"],
+        ),
     ]
 
 

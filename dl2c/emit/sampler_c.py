@@ -22,7 +22,9 @@ def _initial(environment: Environment, leaves: Leaves) -> str:
     if plan is not None:
         symbols = {s.name: s for s in _symbols(model)}
         body += [f"{_target(symbols[n])} = drawn[{k}];" for k, n in enumerate(plan.free)]
-        body += [f"{_target(Symbol(v.name, 'variable'))} = 0.0;" for v in model.variables if v.initial == "zero"]
+        body += [
+            f"{_target(Symbol(v.name, 'variable'))} = 0.0;" for v in model.variables if v.initial == "zero"
+        ]
         body += [
             f"{_target(Symbol(c.name, 'constant'))} = {number(float(c.value))};"
             for c in model.constants
@@ -84,7 +86,9 @@ def alias_table(weights: Sequence[float]) -> tuple[list[float], list[int]]:
 
 
 def _symbols(model: Model) -> list[Symbol]:
-    return [Symbol(v.name, "variable") for v in model.variables] + [Symbol(c.name, "constant") for c in model.constants]
+    return [Symbol(v.name, "variable") for v in model.variables] + [
+        Symbol(c.name, "constant") for c in model.constants
+    ]
 
 
 def _target(symbol: Symbol) -> str:

@@ -12,6 +12,7 @@ from typing import TypeAlias, assert_never
 
 from dl2c.ir.logic import holds
 from dl2c.ir.model import (
+    LARGEST_STATE,
     Add,
     And,
     Call,
@@ -110,6 +111,11 @@ def finite(value: Value) -> Value:
     if isinstance(value, float) and not math.isfinite(value):
         raise Undefined("overflow")
     return value
+
+
+def in_range(value: Value | None) -> bool:
+    """Whether a state may hold the value; beyond the range it counts as infinite (semantics 4)."""
+    return value is not None and -LARGEST_STATE <= value <= LARGEST_STATE
 
 
 def square_root(value: Value) -> Value:

@@ -9,7 +9,17 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 
-from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, finite, literal, square_root, truth
+from dl2c.ir.evaluate import (
+    Environment,
+    Undefined,
+    Value,
+    evaluate,
+    finite,
+    in_range,
+    literal,
+    square_root,
+    truth,
+)
 from dl2c.ir.flow import NotPolynomial, Solution, solve
 from dl2c.ir.logic import conjuncts
 from dl2c.ir.model import ZERO, Compare, Flow, Sub, Symbol, Term
@@ -90,7 +100,12 @@ def _watch(atom: Compare, margin: Coefficients, solution: Solution) -> Watch:
     if atom.op in ("<=", ">="):
         for variable, target in ((atom.left, atom.right), (atom.right, atom.left)):
             fixed = solution.compose(target)
-            if isinstance(variable, Symbol) and variable.name in solution.variables and fixed and len(fixed) == 1:
+            if (
+                isinstance(variable, Symbol)
+                and variable.name in solution.variables
+                and fixed
+                and len(fixed) == 1
+            ):
                 snap = Snap(variable.name, target)
     return Watch(kinds[atom.op], margin, snap, atom.span)
 
@@ -158,6 +173,8 @@ def exit_time(kind: str, c0: Value, c1: Value, c2: Value) -> Value | None:
         return -c1 / c2 if c2 < 0 else None
     if c1 >= 0 and c2 >= 0:
         return None
+    if c2 == 0:
+        return c0 / -c1
     disc = c1 * c1 - 4 * c2 * c0
     touching = c2 > 0 and kind == "closed"
     if disc < 0 or (disc == 0 and touching):
@@ -178,7 +195,9 @@ def _horner(coefficients: list[Value], tau: Value) -> Value:
     value = coefficients[-1]
     for c in reversed(coefficients[:-1]):
         value = value * tau + c
-    return finite(value)
+    if not in_range(value):
+        raise Undefined("overflow")
+    return value
 
 
 def _before(end: Value) -> Value:

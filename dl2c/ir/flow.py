@@ -50,7 +50,9 @@ def solve(flow: Flow) -> Solution | NotPolynomial:
     while waiting:
         progress = [x for x in waiting if not _moving(rates[x], rates) - solved.keys()]
         if not progress:
-            return NotPolynomial(waiting[0], f"{waiting[0]}' depends on itself, directly or through other variables")
+            return NotPolynomial(
+                waiting[0], f"{waiting[0]}' depends on itself, directly or through other variables"
+            )
         for x in progress:
             rate = polynomial(rates[x], _curves(solved))
             if rate is None:

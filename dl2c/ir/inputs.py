@@ -72,7 +72,9 @@ def _range(line: Line, env: State, key: str, limits: tuple[Fraction, Fraction], 
     return None if bottom is None or top is None else Range(bottom, top)
 
 
-def outermost(test: Callable[[float], bool], start: float, box: tuple[float, float], direction: int) -> float | None:
+def outermost(
+    test: Callable[[float], bool], start: float, box: tuple[float, float], direction: int
+) -> float | None:
     """The passing double furthest in `direction` (-1 down, 1 up), searched from `start` inside the box.
 
     Steps of 1, 2, 4, ... units in the last place bracket the end of the passing values, then
@@ -158,7 +160,9 @@ def _tests(line: Line, env: State, key: str) -> list[tuple[Compare, Callable[[Fr
 
     def margin_of(atom: Compare, stop: int) -> Callable[[Fraction], Fraction]:
         def margin(value: Fraction) -> Fraction:
-            moved: dict[Symbol, Value | None] = {s: None if v is None else Fraction(v) for s, v in env.items()}
+            moved: dict[Symbol, Value | None] = {
+                s: None if v is None else Fraction(v) for s, v in env.items()
+            }
             for statement in line[:stop]:
                 if isinstance(statement, Assign):
                     try:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Literal, TypeAlias, assert_never
 
-from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, literal, truth
+from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal, truth
 from dl2c.ir.exact import Motion
 from dl2c.ir.inputs import Range, admissible
 from dl2c.ir.model import (
@@ -53,7 +53,9 @@ class Settings:
 
     on_blocked: OnBlocked = "fallback"
     blocked_penalty: float = 0.0
-    limits: Mapping[str, tuple[Fraction, Fraction]] = field(default_factory=dict[str, tuple[Fraction, Fraction]])
+    limits: Mapping[str, tuple[Fraction, Fraction]] = field(
+        default_factory=dict[str, tuple[Fraction, Fraction]]
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +129,9 @@ class Interpreter:
         """For every run of the body: whether it passes every test up to its first flow (semantics 3)."""
         return tuple(self._ranges(run, state) is not None for run in runs(self.model.body))
 
-    def step(self, state: Mapping[str, Value], choices: Mapping[str, int], inputs: Mapping[str, Value]) -> Step:
+    def step(
+        self, state: Mapping[str, Value], choices: Mapping[str, int], inputs: Mapping[str, Value]
+    ) -> Step:
         """One step from a state in which some run is enabled."""
         ranked = self._ranked(state, choices)
         requested = self._requested(choices)
@@ -157,7 +161,9 @@ class Interpreter:
             if ranges is None:
                 continue
             agreed = 0
-            while agreed < len(run.decisions) and choices[run.decisions[agreed][0]] == run.decisions[agreed][1]:
+            while (
+                agreed < len(run.decisions) and choices[run.decisions[agreed][0]] == run.decisions[agreed][1]
+            ):
                 agreed += 1
             whole = agreed == len(run.decisions)
             marked = whole or run.marks[agreed]
@@ -167,7 +173,9 @@ class Interpreter:
 
     def _ranges(self, run: Run, state: Mapping[str, Value]) -> dict[str, Range] | None:
         """The admissible range of each input up to the first flow; None where the run is not enabled."""
-        return admissible(_first_part(self.model, run), self.environment(state), self.settings.limits, self.exact)
+        return admissible(
+            _first_part(self.model, run), self.environment(state), self.settings.limits, self.exact
+        )
 
     def _execute(
         self, run: Run, ranges: Mapping[str, Range], state: Mapping[str, Value], inputs: Mapping[str, Value]
@@ -189,6 +197,8 @@ class Interpreter:
                 case Evolve(flow):
                     if not truth(self.model.flows[flow].domain, env, self.exact):
                         raise Blocked
+                    if not all(in_range(v) for s, v in env.items() if s.kind == "variable"):
+                        return _Done(None, values, duration)
                     try:
                         motion = self.flow(flow, env, self.exact)
                     except Undefined:
@@ -197,10 +207,9 @@ class Interpreter:
                     duration = duration + motion.duration
                 case _:
                     assert_never(statement)
-            if isinstance(statement, Evolve) and None in env.values():
-                return _Done(None, values, duration)
         final = {v.name: env[Symbol(v.name, "variable")] for v in self.model.variables}
-        return _Done(None if None in final.values() else final, values, duration)  # type: ignore[arg-type]
+        whole = {x: v for x, v in final.items() if v is not None and in_range(v)}
+        return _Done(whole if len(whole) == len(final) else None, values, duration)
 
     def _assigned(self, term: Term, env: Environment) -> Value | None:
         try:

@@ -8,8 +8,8 @@ from fractions import Fraction
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir import model as ir
-from dl2c.ir.logic import conjunction, disjunction, relaxed, symbols
 from dl2c.ir.liveness import may_read
+from dl2c.ir.logic import conjunction, disjunction, relaxed, symbols
 from dl2c.ir.lower_program import ProgramLowering
 from dl2c.ir.lower_terms import Scope, lower_delta, lower_formula, lower_term
 from dl2c.options import Options
@@ -45,8 +45,13 @@ def lower(problem: Problem, options: Options) -> ir.Model:
         name=problem.entry.name,
         source=problem.entry.span.source.name,
         variables=tuple(
-            _variable(d, a, problem.annotated, ir.Symbol(d.name, "variable") in symbols(precondition),
-                      d.name in written and not may_read(body, d.name, flows))
+            _variable(
+                d,
+                a,
+                problem.annotated,
+                ir.Symbol(d.name, "variable") in symbols(precondition),
+                d.name in written and not may_read(body, d.name, flows),
+            )
             for d, a in problem.variables
         ),
         constants=constants,
@@ -140,7 +145,11 @@ def _bound(bound: tuple[Fraction | None, Fraction | None] | None) -> ir.Bound:
 
 
 def _variable(
-    declaration: tree.Declaration, annotation: VariableAnnotation | None, annotated: bool, assumed: bool, fresh: bool
+    declaration: tree.Declaration,
+    annotation: VariableAnnotation | None,
+    annotated: bool,
+    assumed: bool,
+    fresh: bool,
 ) -> ir.Variable:
     """`assumed` where the assumptions mention it, `fresh` where every step writes it before reading it."""
     bound = _bound(annotation.bound if annotation else None)

@@ -29,7 +29,9 @@ def lower_flow(ode: tree.ODESystem, scope: Scope, options: Options) -> ir.Flow:
 def _horizon(part: ir.Formula, rates: dict[str, ir.Term]) -> ir.Horizon | None:
     """`t <= e` or `e >= t` with t' = 1 and e constant along the flow."""
     match part:
-        case ir.Compare("<=", ir.Symbol(clock, "variable"), bound) | ir.Compare(">=", bound, ir.Symbol(clock, "variable")):
+        case ir.Compare("<=", ir.Symbol(clock, "variable"), bound) | ir.Compare(
+            ">=", bound, ir.Symbol(clock, "variable")
+        ):
             if rates.get(clock) == ir.ONE and not _changes(bound, rates):
                 return ir.Horizon(clock, bound)
             return None

@@ -108,7 +108,9 @@ def _precedes(annotation: Span, node: Span) -> bool:
     if annotation.source is not node.source or annotation.end > node.start:
         return False
     between = annotation.source.text[annotation.end : node.start]
-    lines = [line.split("//", 1)[0] if "*/" not in line else line.split("*/", 1)[1] for line in between.split("\n")]
+    lines = [
+        line.split("//", 1)[0] if "*/" not in line else line.split("*/", 1)[1] for line in between.split("\n")
+    ]
     return not "".join(lines).strip(" \t\r{*/+")
 
 

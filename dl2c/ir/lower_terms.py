@@ -77,7 +77,9 @@ def lower_formula(formula: tree.Formula, scope: Scope) -> ir.Formula:
         case tree.Truth(value):
             return ir.Truth(value)
         case tree.Compare(op, left, right):
-            return decided(ir.Compare(op, lower_term(left, scope), lower_term(right, scope), span=formula.span))
+            return decided(
+                ir.Compare(op, lower_term(left, scope), lower_term(right, scope), span=formula.span)
+            )
         case tree.Not(child):
             return negation(lower_formula(child, scope))
         case tree.And(left, right):
@@ -120,4 +122,3 @@ def _no_distance(span: Span) -> Diagnostic:
         "it is always true or always false",
         "a predicate used as a value must compare terms that can change",
     )
-

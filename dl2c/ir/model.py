@@ -91,6 +91,9 @@ class Call:
 
 Term: TypeAlias = Number | Symbol | Neg | Add | Sub | Mul | Div | Pow | Call
 
+LARGEST_STATE = Fraction(10**100)
+"""State values beyond this magnitude count as infinite, so that terms of them rarely overflow."""
+
 ZERO = Number(Fraction(0))
 ONE = Number(Fraction(1))
 

@@ -100,9 +100,13 @@ def print_formula(formula: Formula) -> str:
         case Compare(op, left, right):
             return f"{print_term(left)} {op} {print_term(right)}"
         case And(children):
-            return " & ".join(f"({print_formula(c)})" if isinstance(c, Or) else print_formula(c) for c in children)
+            return " & ".join(
+                f"({print_formula(c)})" if isinstance(c, Or) else print_formula(c) for c in children
+            )
         case Or(children):
-            return " | ".join(f"({print_formula(c)})" if isinstance(c, And) else print_formula(c) for c in children)
+            return " | ".join(
+                f"({print_formula(c)})" if isinstance(c, And) else print_formula(c) for c in children
+            )
         case _:
             assert_never(formula)
 

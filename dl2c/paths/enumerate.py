@@ -230,7 +230,8 @@ def _split(
             assert isinstance(part, Compare)
             by_input[used[0]].append(part)
     admissions = tuple(
-        Admission(k, conjunction(parts), tuple(_limit(inputs[k], p) for p in parts)) for k, parts in by_input.items()
+        Admission(k, conjunction(parts), tuple(_limit(inputs[k], p) for p in parts))
+        for k, parts in by_input.items()
     )
     return conjunction(guard), admissions
 

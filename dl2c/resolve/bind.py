@@ -78,7 +78,9 @@ def _call(
     if role is None and name in BUILTINS and wanted == "function":
         yield errors.wrong_arity(name, BUILTINS[name], len(args), node.span)
     elif role is None:
-        yield errors.undeclared(wanted, name, node.span, symbols.named("function", "predicate"), "Definitions")
+        yield errors.undeclared(
+            wanted, name, node.span, symbols.named("function", "predicate"), "Definitions"
+        )
     elif role != wanted:
         yield errors.wrong_sort(name, role, "formula" if wanted == "predicate" else "function", node.span)
     elif len(args) != (arity := len(symbols.declarations[name].parameters or ())):
@@ -116,7 +118,9 @@ def _equations(equations: tuple[tree.AtomicODE | tree.DifferentialProgramConst, 
 def _equation_call(name: str, node: tree.DifferentialProgramConst, symbols: Symbols) -> Iterator[Diagnostic]:
     if symbols.roles.get(name) == "program":
         yield errors.not_executable(
-            "program-as-equation", f"`{{{name}}}` is a differential equation named {name}, which", node.span,
+            "program-as-equation",
+            f"`{{{name}}}` is a differential equation named {name}, which",
+            node.span,
             f"to run the program `{name}` write `{name};`",
         )
     else:

@@ -66,12 +66,17 @@ def captured(name: str, variables: Iterable[str], span: Span) -> Diagnostic:
 
 def undefined_function(name: str, span: Span) -> Diagnostic:
     return error(
-        "undefined-function", "a function without definition cannot be executed", span, f"`{name}` has no body"
+        "undefined-function",
+        "a function without definition cannot be executed",
+        span,
+        f"`{name}` has no body",
     )
 
 
 def undefined_program(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
-    return error("undefined-program", "undefined program", span, f"`{name}` is not defined", suggestion(name, known))
+    return error(
+        "undefined-program", "undefined program", span, f"`{name}` is not defined", suggestion(name, known)
+    )
 
 
 def not_executable(code: str, construct: str, span: Span, advice: str = "") -> Diagnostic:

@@ -47,8 +47,9 @@ class Expander:
                 assert_never(term)
 
     def _called_term(self, name: str, args: tuple[tree.Term, ...], use: tree.Term, bound: Names) -> tree.Term:
-        if self.symbols.is_builtin(name, len(args)) and not (args == () and isinstance(use, tree.Variable)
-                                                             and name in self.symbols.declarations):
+        if self.symbols.is_builtin(name, len(args)) and not (
+            args == () and isinstance(use, tree.Variable) and name in self.symbols.declarations
+        ):
             return tree.FuncOf(name, args, span=use.span)
         declaration = self.symbols.declarations.get(name)
         if declaration is None or self.symbols.roles[name] in ("variable", "constant"):
@@ -133,7 +134,9 @@ class Expander:
         )
         return replace(ode, equations=equations, domain=self.formula(ode.domain, values, inner)), written
 
-    def _check_capture(self, declaration: tree.Declaration, use: tree.Term | tree.Formula, bound: Names) -> None:
+    def _check_capture(
+        self, declaration: tree.Declaration, use: tree.Term | tree.Formula, bound: Names
+    ) -> None:
         if clash := self._free(declaration) & bound:
             diagnostic = errors.captured(declaration.name, clash, use.span)
             if diagnostic not in self.found:

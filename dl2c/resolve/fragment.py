@@ -55,13 +55,19 @@ def _state(node: Node) -> Iterator[Diagnostic]:
 def _refused(node: Node) -> Diagnostic | None:
     match node:
         case tree.Dual(span=span):
-            return errors.not_executable("game", "a hybrid game", span, "write the opponent's moves as choices with `role=env`")
+            return errors.not_executable(
+                "game", "a hybrid game", span, "write the opponent's moves as choices with `role=env`"
+            )
         case tree.Box(span=span) | tree.Diamond(span=span):
             return errors.not_executable("modality-in-state", "a modality inside a test or condition", span)
         case tree.Forall(name, span=span) | tree.Exists(name, span=span):
             advice = f"replace it by the equivalent condition without {name}"
             return errors.not_executable("quantifier", "a quantifier", span, advice)
-        case tree.DifferentialSymbol(span=span) | tree.Differential(span=span) | tree.DifferentialFormula(span=span):
+        case (
+            tree.DifferentialSymbol(span=span)
+            | tree.Differential(span=span)
+            | tree.DifferentialFormula(span=span)
+        ):
             return errors.not_executable("differential", "a differential outside an ODE", span)
         case tree.Assign(_, _, True, span=span) | tree.AssignAny(_, True, span=span):
             return errors.not_executable("differential", "an assignment to a differential symbol", span)

@@ -104,9 +104,7 @@ def _arguments(declaration: tree.Declaration, shape: Shape, symbols: Symbols) ->
     return _namesakes(declaration, symbols)
 
 
-def _calls(
-    node: Node, name: str, values: dict[str, tree.Term], symbols: Symbols
-) -> Iterator[Arguments]:
+def _calls(node: Node, name: str, values: dict[str, tree.Term], symbols: Symbols) -> Iterator[Arguments]:
     """Argument lists of the calls of a predicate, also inside other predicates."""
     if isinstance(node, tree.PredOf):
         expander = Expander(symbols)
@@ -167,7 +165,9 @@ def _value(
         return None
     deltas: dict[str, tree.Formula] = {}
     term = _without_predicates(expression, deltas, symbols)
-    found = [d for part in (term, *deltas.values()) for d in check(part, symbols, frozenset({*values, *deltas}))]
+    found = [
+        d for part in (term, *deltas.values()) for d in check(part, symbols, frozenset({*values, *deltas}))
+    ]
     if found:
         raise CompileError(found)
     expander = Expander(symbols)
@@ -189,7 +189,9 @@ def _without_predicates(
         case tree.FuncOf(name, args) if symbols.roles.get(name) == "predicate":
             return _fresh(tree.PredOf(name, args, span=expression.span), deltas)
         case tree.FuncOf(name, args):
-            return tree.FuncOf(name, tuple(_without_predicates(a, deltas, symbols) for a in args), span=expression.span)
+            return tree.FuncOf(
+                name, tuple(_without_predicates(a, deltas, symbols) for a in args), span=expression.span
+            )
         case tree.Neg(child):
             return tree.Neg(_without_predicates(child, deltas, symbols), span=expression.span)
         case tree.Plus() | tree.Minus() | tree.Times() | tree.Divide() | tree.Power():
@@ -197,7 +199,11 @@ def _without_predicates(
             right = _without_predicates(expression.right, deltas, symbols)
             return type(expression)(left, right, span=expression.span)
         case (
-            tree.Number() | tree.Variable() | tree.DifferentialSymbol() | tree.UnitFunctional() | tree.Differential()
+            tree.Number()
+            | tree.Variable()
+            | tree.DifferentialSymbol()
+            | tree.UnitFunctional()
+            | tree.Differential()
         ):
             return expression
         case _:

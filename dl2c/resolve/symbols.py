@@ -49,7 +49,9 @@ class Symbols:
         declared = self.declarations.get(name)
         if declared is not None and declared.body is not None:
             return False
-        return BUILTINS.get(name) == arity or (arity == 0 and name in NULLARY_BUILTINS and name in self.imports)
+        return BUILTINS.get(name) == arity or (
+            arity == 0 and name in NULLARY_BUILTINS and name in self.imports
+        )
 
 
 def collect(entry: tree.Entry) -> tuple[Symbols, list[Diagnostic]]:

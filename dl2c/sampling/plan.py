@@ -89,7 +89,7 @@ def plan_sampling(
         leaf.volume * _accepted(problem, test.formula, leaf.box, TRIALS // len(leaves)) for leaf in leaves
     ]
     if sum(accepted) == 0:
-        thin = without_sample(model, TRIALS)
+        thin = without_sample(problem.formula)
         return NoSampler(diagnose(decision) if isinstance(decision, Unknown) else thin)
     error_bound = max((test.errors[s] for s, _ in problem.definitions), default=0.0)
     return SamplingPlan(
@@ -106,7 +106,7 @@ def plan_sampling(
 
 def _paved(problem: Problem, boxes: int, time_limit_s: float) -> tuple[Leaf, ...]:
     wanted = conjunction([problem.rest, *problem.bounds.values()])
-    return pave(
+    leaves = pave(
         problem.formula,
         problem.box,
         problem.free,
@@ -114,6 +114,9 @@ def _paved(problem: Problem, boxes: int, time_limit_s: float) -> tuple[Leaf, ...
         boxes=boxes,
         time_limit_s=time_limit_s,
     )
+    if not leaves:
+        raise CompileError(without_sample(problem.formula))
+    return leaves
 
 
 def _accepted(problem: Problem, test: Formula, box: Box, points: int) -> float:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from dl2c.diagnostics import Diagnostic, error
-from dl2c.ir.model import Call, Compare, Constant, Model, Symbol, Variable
+from dl2c.ir.model import Call, Compare, Constant, Formula, Symbol, Variable
 from dl2c.smt.precondition import span_of, text_of
 from dl2c.source import NOWHERE, Span
 
@@ -54,6 +54,6 @@ def beyond_doubles(item: Variable | Constant) -> Diagnostic:
     return _refused(item.span, f"no floating-point number lies between the limits of `{item.name}`")
 
 
-def without_sample(model: Model, draws: int) -> Diagnostic:
-    """A set too thin to be hit."""
-    return _refused(span_of(model.precondition), f"none of {draws} draws satisfied the precondition")
+def without_sample(precondition: Formula) -> Diagnostic:
+    """A set too thin to be hit by chance."""
+    return _refused(span_of(precondition), "the states that satisfy it are too rare to be found by drawing")

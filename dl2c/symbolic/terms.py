@@ -6,8 +6,8 @@ exactly one operation (a power, its multiplications).
 
 A formula becomes an expression that is 1 where it holds and 0 elsewhere. Conditions for
 definedness are part of each atom: the value of both sides must be finite, and so must
-every operand behind which an infinity could disappear (semantics 5). What the episode
-constants' bounds already prove is left out.
+every operand behind which an infinity could disappear (semantics 5). What the bounds of
+the episode constants and the largest state value already prove is left out.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,10 +16,11 @@ from typing import Any, TypeAlias, assert_never
 
 import casadi
 
-from dl2c.interval.arithmetic import WHOLE, Interval
+from dl2c.interval.arithmetic import Interval, enclosure
 from dl2c.interval.arithmetic import evaluate as enclose
 from dl2c.ir.logic import operands, symbols
 from dl2c.ir.model import (
+    LARGEST_STATE,
     Add,
     And,
     Call,
@@ -43,6 +44,10 @@ Graph: TypeAlias = Any
 """A casadi.SX scalar; CasADi ships no types."""
 
 LARGEST = 1.7976931348623157e308
+"""The largest double."""
+
+STATE = Interval(-enclosure(LARGEST_STATE).high, enclosure(LARGEST_STATE).high)
+"""Where every variable and input lies."""
 
 casadi.GlobalOptions.setSimplificationOnTheFly(False)
 
@@ -127,7 +132,7 @@ class Builder:
             case Call("min" | "max", (left, right)):
                 return self._surely_finite(left) and self._surely_finite(right)
             case _:
-                box = {s: self.constants.get(s, WHOLE) for s in symbols(term)}
+                box = {s: self.constants.get(s, STATE) for s in symbols(term)}
                 value = enclose(term, box)
                 return value.total and not value.empty and value.low >= -LARGEST and value.high <= LARGEST
 

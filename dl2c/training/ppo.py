@@ -5,7 +5,7 @@ Imports torch: import this module only where training happens.
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -64,30 +64,29 @@ class Run:
     seconds: float
 
 
+SAMPLED_STEPS = 200
+"""Steps of every environment from which observations are standardised."""
+
 Progress: TypeAlias = Callable[[Point], None]
 """Is told about every round of experience."""
 
 
-class ScaledByBounds(BaseFeaturesExtractor):
-    """Observations mapped from the bounds of their space to [-1, 1]; unbounded ones through tanh.
+class Standardised(BaseFeaturesExtractor):
+    """Observations shifted by `center` and divided by `scale`, one number of each per entry.
 
     Part of the policy, so that a saved policy takes the environment's own observations.
     """
 
-    def __init__(self, observation_space: spaces.Box) -> None:
+    def __init__(self, observation_space: spaces.Box, center: Sequence[float], scale: Sequence[float]) -> None:
         super().__init__(  # pyright: ignore[reportUnknownMemberType] # Space without its parameter
-            observation_space, int(np.prod(observation_space.shape))
+            observation_space, len(center)
         )
-        low, high = observation_space.low.astype(np.float64), observation_space.high.astype(np.float64)
-        finite = np.isfinite(low) & np.isfinite(high) & (low < high)
-        self._finite = torch.as_tensor(finite)
-        self._center = torch.as_tensor(np.where(finite, (low + high) / 2, 0), dtype=torch.float32)
-        self._half = torch.as_tensor(np.where(finite, (high - low) / 2, 1), dtype=torch.float32)
+        self._center = torch.as_tensor(center, dtype=torch.float32)
+        self._scale = torch.as_tensor(scale, dtype=torch.float32)
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Scaled observations, of the same shape."""
-        scaled = (observations - self._center) / self._half
-        return torch.where(self._finite, scaled, torch.tanh(scaled))
+        """Standardised observations, of the same shape."""
+        return (observations - self._center) / self._scale
 
 
 def train(
@@ -111,7 +110,10 @@ def train(
     if algo == "maskable-ppo" and env.manifest.inputs:
         raise PolicyError("maskable-ppo needs discrete decisions only; use ppo")
     watch = _Watch(progress)
-    learner = _learner(algo, VecNormalize(VecMonitor(env), norm_obs=False, gamma=chosen.gamma), chosen, seed)
+    moments = _moments(env, seed)
+    learner = _learner(
+        algo, VecNormalize(VecMonitor(env), norm_obs=False, gamma=chosen.gamma), moments, chosen, seed
+    )
     started = time.perf_counter()
     learner.learn(chosen.steps, callback=watch)
     seconds = time.perf_counter() - started
@@ -123,7 +125,22 @@ def train(
     return run
 
 
-def _learner(algo: Algorithm, env: VecNormalize, settings: Settings, seed: int) -> Any:
+def _moments(env: Dl2cVecEnv, seed: int) -> dict[str, list[float]]:
+    """Mean and deviation of each observation entry while a random policy acts, for `Standardised`."""
+    env.seed(seed)
+    env.action_space.seed(seed)
+    seen = [env.reset()]
+    for _ in range(SAMPLED_STEPS):
+        actions = np.stack([env.action_space.sample() for _ in range(env.num_envs)])
+        seen.append(env.step(actions)[0])
+    rows = np.concatenate(seen).astype(np.float64)
+    deviation = rows.std(axis=0)
+    return {"center": rows.mean(axis=0).tolist(), "scale": np.where(deviation > 0, deviation, 1).tolist()}
+
+
+def _learner(
+    algo: Algorithm, env: VecNormalize, moments: dict[str, list[float]], settings: Settings, seed: int
+) -> Any:
     kind: Any = MaskablePPO if algo == "maskable-ppo" else PPO
     return kind(
         "MlpPolicy",
@@ -137,7 +154,8 @@ def _learner(algo: Algorithm, env: VecNormalize, settings: Settings, seed: int) 
         ent_coef=settings.ent_coef,
         policy_kwargs={
             "net_arch": [settings.width, settings.width],
-            "features_extractor_class": ScaledByBounds,
+            "features_extractor_class": Standardised,
+            "features_extractor_kwargs": moments,
         },
         seed=seed,
         device="cpu",

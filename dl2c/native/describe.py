@@ -5,8 +5,8 @@ from dataclasses import fields
 from fractions import Fraction
 from typing import Any
 
-from dl2c.emit.judge_c import observation_limits, observed
 from dl2c.emit.cfile import place
+from dl2c.emit.judge_c import observation_limits, observed
 from dl2c.emit.plan import Environment
 from dl2c.ir.inputs import rounded_down, rounded_up
 from dl2c.ir.model import Bound, Constant, Variable
@@ -21,7 +21,12 @@ STREAM_VERSION = 1
 
 def manifest_of(environment: Environment, key: str, platform: dict[str, str]) -> Manifest:
     """The manifest of an environment; `key` names the build, `platform` where it was made."""
-    model, paths, plan, options = environment.model, environment.paths, environment.sampling, environment.options
+    model, paths, plan, options = (
+        environment.model,
+        environment.paths,
+        environment.sampling,
+        environment.options,
+    )
     items: dict[str, Variable | Constant] = {v.name: v for v in (*model.variables, *model.constants)}
     return Manifest(
         name=model.name,
@@ -33,7 +38,8 @@ def manifest_of(environment: Environment, key: str, platform: dict[str, str]) ->
         variables=tuple(_quantity(v, _declared(v.bound)) for v in model.variables),
         constants=tuple(_quantity(c, _declared(c.bound)) for c in model.constants),
         observations=tuple(
-            _quantity(items[name], observation_limits(bound, options)) for name, _, bound in observed(model, options)
+            _quantity(items[name], observation_limits(bound, options))
+            for name, _, bound in observed(model, options)
         ),
         choices=tuple(ChoiceSpec(d.key, d.alternatives, d.name) for d in paths.decisions),
         inputs=tuple(
@@ -43,13 +49,21 @@ def manifest_of(environment: Environment, key: str, platform: dict[str, str]) ->
         run_texts=tuple(_run_text(environment, run) for run in paths.runs),
         predicates=tuple(PredicateSpec(p.name, p.category) for p in model.predicates),
         flows=tuple(
-            FlowSpec(f"{place(f.flow.span)}  {print_flow(f.flow)}", "exact", "every variable is a polynomial in time")
+            FlowSpec(
+                f"{place(f.flow.span)}  {print_flow(f.flow)}",
+                "exact",
+                "every variable is a polynomial in time",
+            )
             for f in environment.flows
         ),
         certificate="none" if plan is None else plan.certificate,
         sampler={}
         if plan is None
-        else {"boxes": len(plan.boxes), "acceptance": plan.estimated_acceptance, "error_bound": plan.error_bound},
+        else {
+            "boxes": len(plan.boxes),
+            "acceptance": plan.estimated_acceptance,
+            "error_bound": plan.error_bound,
+        },
         options=_options(options),
         notes=_notes(environment),
         platform=platform,
@@ -101,7 +115,9 @@ def _notes(environment: Environment) -> tuple[str, ...]:
     """What a user should know about this environment."""
     notes: list[str] = []
     if environment.paths.points > 1:
-        notes.append("tests after the first flow are not part of the action mask: a run it allows may still block")
+        notes.append(
+            "tests after the first flow are not part of the action mask: a run it allows may still block"
+        )
     if environment.sampling is None:
         notes.append('initial states cannot be drawn: give one, reset(options={"state": {...}})')
     return tuple(notes)
