@@ -19,7 +19,7 @@ from tests.ir_oracle import SYMBOLS, X, Y, exact, formulas, holds, points_in_box
 # Laws -------------------------------------------------------------------------
 
 
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(terms, points_in_boxes())
 def test_evaluate_encloses_the_value(t, drawn):
     point, box = drawn
@@ -30,14 +30,14 @@ def test_evaluate_encloses_the_value(t, drawn):
         assert around.contains(value)
 
 
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(formulas, points_in_boxes())
 def test_truth_is_never_wrong(f, drawn):
     point, box = drawn
     assert truth(f, box) in ("unknown", "true" if holds(f, point) else "false")
 
 
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(formulas, points_in_boxes())
 def test_contract_keeps_every_satisfying_point(f, drawn):
     point, box = drawn

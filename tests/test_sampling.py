@@ -113,7 +113,7 @@ def test_square_roots_keep_the_precondition():
 
 
 def test_acceptance_proves_atoms_at_their_boundary():
-    """z within rounding of x*y - x, which cancels: doubles alone accept what is false, the test never does."""
+    """z close to x*y - x, which cancels: doubles alone accept what is false, the test never does."""
     x, y, z = SYMBOLS
     atom = formula("x*y - x > z")
     box = {x: Interval(0.0, 4.0), y: Interval(0.0, 4.0), z: Interval(-1.0, 1.0)}

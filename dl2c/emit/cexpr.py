@@ -4,6 +4,7 @@ Operations used once are written in place; shared ones get a name. The printed c
 the tape's operations in the tape's order of operands, so its results have the same bits.
 """
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -53,6 +54,10 @@ def number(value: float) -> str:
     """The shortest text that reads back as the same double."""
     if value == LARGEST:
         return "DBL_MAX"
+    if math.isnan(value):
+        return "(real)NAN"
+    if math.isinf(value):
+        return "(real)INFINITY" if value > 0 else "-(real)INFINITY"
     return repr(value)
 
 

@@ -241,6 +241,7 @@ class Interpreter:
                 ends, reason = "terminate", "end"
             elif not any(mask):
                 ends, reason = "truncate", "deadlock"
+            status = status if ends is None else "none"
         if blocked:
             reward = reward + literal(Fraction(self.settings.blocked_penalty), self.exact)
         return Step(
@@ -327,7 +328,7 @@ def judge(model: Model, env: Environment, exact: bool = False) -> Outcome:
             category = ("safety", "progress", "stability").index(predicate.category)
             firings.append((status, category, k, trigger.action, trigger.status, predicate.name))
     if not firings:
-        return Outcome(reward, cost, None, "none" if undefined else continued, "", undefined)
+        return Outcome(reward, cost, None, continued, "", undefined)
     *_, ends, status, name = min(firings)
     return Outcome(reward, cost, ends, status, name, undefined)
 

@@ -27,6 +27,7 @@ from dl2c.ir.model import (
     Term,
     Variable,
 )
+from dl2c.sampling.acceptance import LARGEST
 from dl2c.sampling.equalities import Elimination, Unsolved, eliminate, replaced
 from dl2c.sampling.refusal import beyond_doubles, transcendental, unbounded, unsolved
 from dl2c.smt.precondition import Decision, Satisfiable, Unsatisfiable, diagnose, parts
@@ -140,7 +141,7 @@ def _inward(bound: Bound) -> Interval:
 
 
 def _is_finite(interval: Interval) -> bool:
-    return interval.low > -INF and interval.high < INF
+    return interval.low >= -LARGEST and interval.high <= LARGEST
 
 
 def _drawable(box: Box, free: Sequence[Symbol], items: Items) -> dict[Symbol, Interval]:

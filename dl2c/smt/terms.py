@@ -6,8 +6,9 @@ formulas are in negation normal form, so an undefined atom is false. Transcenden
 functions have no translation: `Untranslatable` names the subterm.
 """
 
-import importlib
 from typing import Any, TypeAlias, assert_never
+
+import z3 as untyped_z3
 
 from dl2c.ir.model import (
     Add,
@@ -28,8 +29,8 @@ from dl2c.ir.model import (
     Truth,
 )
 
-z3: Any = importlib.import_module("z3")
-"""Z3 ships no type information; everything it returns is `Expression`."""
+z3: Any = untyped_z3
+"""Z3 publishes no types; what it returns is an `Expression`."""
 
 Expression: TypeAlias = Any
 

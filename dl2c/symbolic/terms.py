@@ -97,20 +97,18 @@ class Builder:
             case Truth(value):
                 return casadi.SX(1.0 if value else 0.0)
             case Compare(op, left, right):
-                graph = _compared(op, self.term(left), self.term(right))
-                for condition in (*self.defined(left), *self.defined(right)):
-                    graph = casadi.logic_and(graph, condition)
-                return graph
+                verdict = _compared(op, self.term(left), self.term(right))
+                return _all([verdict, *self.defined(left), *self.defined(right)])
             case And(children):
-                return _joined(casadi.logic_and, [self.holds(c) for c in children])
+                return _all([self.holds(c) for c in children])
             case Or(children):
-                return _joined(casadi.logic_or, [self.holds(c) for c in children])
+                return _any([self.holds(c) for c in children])
             case _:
                 assert_never(formula)
 
     def all_defined(self, terms: Iterator[Term] | list[Term]) -> Graph:
         """Whether every term has a finite value with finite, defined subterms."""
-        return _joined(casadi.logic_and, [c for t in terms for c in self.defined(t)])
+        return _all([c for t in terms for c in self.defined(t)])
 
     def defined(self, term: Term) -> list[Graph]:
         """Conditions under which the term and all its subterms are defined and finite; none if always."""
@@ -156,13 +154,26 @@ def _finite(graph: Graph) -> Graph:
     return casadi.fabs(graph) <= LARGEST
 
 
-def _joined(join: Any, graphs: list[Graph]) -> Graph:
-    if not graphs:
-        return casadi.SX(1.0)
-    result = graphs[0]
-    for graph in graphs[1:]:
-        result = join(result, graph)
-    return result
+def _all(graphs: list[Graph]) -> Graph:
+    """Their conjunction; constants are absorbed."""
+    result = None
+    for graph in graphs:
+        if graph.is_zero():
+            return graph
+        if not graph.is_one():
+            result = graph if result is None else casadi.logic_and(result, graph)
+    return casadi.SX(1.0) if result is None else result
+
+
+def _any(graphs: list[Graph]) -> Graph:
+    """Their disjunction; constants are absorbed."""
+    result = None
+    for graph in graphs:
+        if graph.is_one():
+            return graph
+        if not graph.is_zero():
+            result = graph if result is None else casadi.logic_or(result, graph)
+    return casadi.SX(0.0) if result is None else result
 
 
 def _power(base: Graph, exponent: int) -> Graph:

@@ -41,6 +41,7 @@ class Settings:
     gae_lambda: float = 0.95
     ent_coef: float = 0.003
     width: int = 64
+    relu: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +155,7 @@ def _learner(
         ent_coef=settings.ent_coef,
         policy_kwargs={
             "net_arch": [settings.width, settings.width],
+            "activation_fn": torch.nn.ReLU if settings.relu else torch.nn.Tanh,
             "features_extractor_class": Standardised,
             "features_extractor_kwargs": moments,
         },

@@ -1,0 +1,192 @@
+"""Run interpreter and compiled code side by side.
+
+Models are compiled at -O1 as plain shared libraries and stepped through the same `Batch`
+that environments use. Every result of a step is compared to the last bit.
+"""
+
+import math
+import subprocess
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
+from fractions import Fraction
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from dl2c.diagnostics import CompileError
+from dl2c.emit.model_c import model_c
+from dl2c.emit.plan import Environment
+from dl2c.ir import model as ir
+from dl2c.ir.evaluate import evaluate, truth
+from dl2c.ir.exact import ExactPlan, Motion, advance, plan
+from dl2c.ir.interp import Interpreter, Settings, Step, runs
+from dl2c.native.binding import Batch, Library, Sizes
+from dl2c.native.code import cgen_dir
+from dl2c.native.compile import declarations
+from dl2c.native.describe import manifest_of
+from dl2c.options import Options
+from dl2c.paths.enumerate import enumerate_paths
+from random_models import random_model, random_state
+
+OUTCOMES = ("none", "success", "failure")
+MAX_PATHS = 48
+"""Models with more paths take too long to compile for a test."""
+REASONS = ("", "blocked", "deadlock", "numerical", "solver", "stalled", "diverged", "time_limit", "end")
+
+
+def environment_of(model: ir.Model) -> Environment | None:
+    """What code is generated from; None for a model outside the class of inputs or flows."""
+    try:
+        paths = enumerate_paths(model)
+    except CompileError:
+        return None
+    plans = [plan(f) for f in model.flows]
+    if not 0 < len(paths.paths) <= MAX_PATHS or not all(isinstance(p, ExactPlan) for p in plans):
+        return None
+    return Environment(model, paths, tuple(p for p in plans if isinstance(p, ExactPlan)), None, Options(), "test")
+
+
+def compiled(environments: list[Environment], folder: Path, level: str = "-O1") -> list[Library]:
+    """Libraries of all environments, compiled two at a time."""
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(lambda e: _compiled(e, folder, level), environments))
+
+
+def _compiled(environment: Environment, folder: Path, level: str) -> Library:
+    name = environment.model.name
+    source, target = folder / f"{name}.c", folder / f"lib{name}.so"
+    source.write_text(model_c(environment), encoding="utf-8")
+    cgen = cgen_dir()
+    command = ["cc", "-std=c11", level, "-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"]
+    command += ["-fPIC", "-shared", "-DDL2C_SHARED", f"-I{cgen / 'include'}", f"-I{cgen / 'runtime'}"]
+    done = subprocess.run([*command, str(source), "-o", str(target), "-lm"], capture_output=True, text=True)
+    assert done.returncode == 0, f"{name}: {done.stderr[:2000]}"
+    ffi = declarations()
+    lib: Any = ffi.dlopen(str(target))
+    raw = ffi.new("dl2c_sizes *")
+    lib.dl2c_model_sizes(raw)
+    sizes = Sizes(**{f.name: int(getattr(raw, f.name)) for f in fields(Sizes)})
+    return Library(manifest_of(environment, "", {}), sizes, ffi, lib)
+
+
+class Pair:
+    """One model in both forms."""
+
+    def __init__(self, environment: Environment, library: Library, settings: str, penalty: float) -> None:
+        self.environment = environment
+        self.model = environment.model
+        limits = {i.key: (i.low, i.high) for i in environment.paths.inputs}
+        self.settings = Settings(settings, penalty, limits)
+        self.batch: Batch = library.batch(1, on_blocked=settings, blocked_penalty=penalty, max_steps=0)
+        self.seen: Counter[str] = Counter()
+
+    def interpreter(self, constants: dict[str, Any], exact: bool = False) -> Interpreter:
+        return Interpreter(self.model, constants, self._flow, exact, self.settings)
+
+    def _flow(self, k: int, env: Any, exact: bool) -> Motion:
+        """The exact kernel; counts the flows that an event ended."""
+        flow = self.environment.flows[k]
+        motion = advance(flow, env, exact)
+        limits = [evaluate(h.bound, env) - env[ir.Symbol(h.clock, "variable")] for h in flow.flow.horizons]
+        limits += [] if flow.flow.cap is None else [float(flow.flow.cap)]
+        self.seen["flows"] += 1
+        self.seen["events"] += motion.duration < min(limits)
+        return motion
+
+    def compare(self, rng: Random) -> None:
+        """One random state and action."""
+        state, constants = random_state(rng)
+        paths = self.environment.paths
+        choices = {d.key: rng.randrange(len(d.alternatives)) for d in paths.decisions}
+        inputs = {i.key: rng.uniform(float(i.low) - 1, float(i.high) + 1) for i in paths.inputs}
+        self.batch.set_state(0, list(state.values()), list(constants.values()))
+        interpreter = self.interpreter(constants)
+        self._check_mask(interpreter.enabled(state), final=False)
+        self.batch.choices[0, :] = list(choices.values())
+        self.batch.inputs[0, :] = list(inputs.values())
+        self.batch.step()
+        step = interpreter.step(state, choices, inputs)
+        self._check(step, interpreter, (state, constants, choices, inputs))
+        self._count(step)
+
+    def _check(self, step: Step, interpreter: Interpreter, context: object) -> None:
+        b, model = self.batch, self.model
+        x, _ = b.get_state(0)
+        predicates = [p.name for p in model.predicates]
+        reason = int(b.reason[0])
+        got = {
+            "state": x.tolist(),
+            "decisions": b.executed_choices[0].tolist(),
+            "values": b.executed_inputs[0].tolist(),
+            "blocked": bool(b.blocked[0]),
+            "duration": float(b.duration[0]),
+            "reward": float(b.rewards[0]),
+            "cost": int(b.cost[0]),
+            "terminated": bool(b.terminated[0]),
+            "truncated": bool(b.truncated[0]),
+            "status": OUTCOMES[int(b.status[0])],
+            "reason": predicates[reason - 16] if reason >= 16 else REASONS[reason],
+        }
+        paths = self.environment.paths
+        want = {
+            "state": [step.state[v.name] for v in model.variables],
+            "decisions": [step.decisions[d.key] for d in paths.decisions],
+            "values": [step.values[i.key] for i in paths.inputs],
+            **{name: getattr(step, name) for name in list(got)[3:]},
+        }
+        for name, value in got.items():
+            assert same(value, want[name]), f"{model.name}: {name} is {value!r}, should be {want[name]!r}\n{context}"
+        if model.postcondition is not None:
+            holds = truth(model.postcondition, interpreter.environment(step.state))
+            assert bool(b.postcondition[0]) == holds
+        self._check_mask(step.mask, final=step.terminated or step.truncated)
+
+    def _check_mask(self, enabled: tuple[bool, ...], final: bool) -> None:
+        got = self.batch.mask[0].tolist()
+        want: list[int] = []
+        all_runs = list(runs(self.model.body))
+        for decision in self.environment.paths.decisions:
+            taken = [dict(r.decisions)[decision.key] for r, e in zip(all_runs, enabled, strict=True)
+                     if e and not final and decision.key in dict(r.decisions)]
+            n = len(decision.alternatives)
+            want += [int(not taken or k in taken) for k in range(n)]
+        assert got == want, f"{self.model.name}: mask {got}, should be {want}"
+
+    def _count(self, step: Step) -> None:
+        self.seen["steps"] += 1
+        self.seen["blocked"] += step.blocked
+        self.seen["deadlock"] += step.reason == "deadlock"
+        self.seen["numerical"] += step.reason == "numerical"
+        self.seen["ended"] += bool(step.reason)
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equal to the last bit, but for the sign of zero."""
+    if isinstance(a, list):
+        return len(a) == len(b) and all(same(p, q) for p, q in zip(a, b, strict=True))
+    if isinstance(a, float) and math.isnan(a):
+        return math.isnan(b)
+    return a == b
+
+
+def run_models(seeds: range, pairs_each: int, folder: Path) -> tuple[list[Pair], Counter[str]]:
+    """Compare all models that a range of seeds gives, each on `pairs_each` states and actions."""
+    environments = [e for s in seeds if (e := environment_of(random_model(s))) is not None]
+    libraries = compiled(environments, folder)
+    total: Counter[str] = Counter()
+    pairs: list[Pair] = []
+    for k, (environment, library) in enumerate(zip(environments, libraries, strict=True)):
+        settings = ("fallback", "fallback", "truncate", "terminate")[k % 4]
+        pair = Pair(environment, library, settings, -0.25 if k % 3 == 0 else 0.0)
+        rng = Random(1000 + k)
+        with np.errstate(all="ignore"):
+            for _ in range(pairs_each):
+                pair.compare(rng)
+        total += pair.seen
+        pairs.append(pair)
+    return pairs, total
+
+

@@ -1,0 +1,282 @@
+"""Random step models, states and actions: what interpreter and compiled code must agree on.
+
+Models use every kind of IR node. Numbers come from a coarse grid, so that values meet
+bounds, ties and zeros often.
+"""
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from random import Random
+
+from dl2c.ir.logic import conjunction, disjunction, negation, relaxed
+from dl2c.ir.model import (
+    FALSE,
+    ONE,
+    TRUE,
+    Add,
+    Alternative,
+    Assign,
+    AssignAny,
+    Block,
+    Bound,
+    Call,
+    Choice,
+    Compare,
+    Comparison,
+    Constant,
+    Div,
+    Evolve,
+    Flow,
+    Formula,
+    Horizon,
+    If,
+    Model,
+    Mul,
+    Neg,
+    Number,
+    Pow,
+    Predicate,
+    Statement,
+    Sub,
+    Symbol,
+    Term,
+    Test,
+    Trigger,
+    Variable,
+)
+
+VARIABLES = ("x", "y", "z", "u")
+CLOCK = "t"
+CONSTANTS = ("c", "d")
+COMPARISONS: tuple[Comparison, ...] = ("=", "!=", "<", "<=", ">", ">=")
+ORDERS: tuple[Comparison, ...] = ("<", "<=", ">", ">=")
+TOLERANCE = Fraction(1, 10**9)
+
+
+def variable(name: str) -> Symbol:
+    return Symbol(name, "variable")
+
+
+def grid(rng: Random, span: int = 4) -> Fraction:
+    """A number of the grid, sometimes one that no double holds."""
+    value = Fraction(rng.randint(-2 * span, 2 * span), 2)
+    return value + Fraction(1, 10) if rng.random() < 0.15 else value
+
+
+@dataclass
+class Builder:
+    """One random model in the making."""
+
+    rng: Random
+    flows: list[Flow] = field(default_factory=list)
+    choices: int = 0
+    assigned: dict[str, int] = field(default_factory=dict)
+    inputs: list[str] = field(default_factory=list)
+
+    def atom(self) -> Term:
+        r = self.rng.random()
+        if r < 0.3:
+            return Number(grid(self.rng))
+        if r < 0.45:
+            return Symbol(self.rng.choice(CONSTANTS), "constant")
+        return variable(self.rng.choice(VARIABLES))
+
+    def term(self, depth: int = 2) -> Term:
+        if depth == 0 or self.rng.random() < 0.25:
+            return self.atom()
+        left, right = self.term(depth - 1), self.term(depth - 1)
+        kind = self.rng.randrange(12)
+        match kind:
+            case 0 | 1:
+                return Add(left, right)
+            case 2 | 3:
+                return Sub(left, right)
+            case 4 | 5:
+                return Mul(left, right)
+            case 6:
+                return Div(left, right)
+            case 7:
+                return Neg(left)
+            case 8:
+                return Pow(left, self.rng.randint(1, 5))
+            case 9:
+                return Call(self.rng.choice(("min", "max")), (left, right))
+            case 10:
+                return Call(self.rng.choice(("abs", "sqrt")), (left,))
+            case _:
+                name = self.rng.choice(("exp", "sin", "cos", "tan", "arcsin", "arctan", "tanh", "pow"))
+                return Call(name, (left, right) if name == "pow" else (left,))
+
+    def compare(self, depth: int = 1, ops: tuple[Comparison, ...] = COMPARISONS) -> Compare:
+        return Compare(self.rng.choice(ops), self.term(depth), self.term(self.rng.randint(0, depth)))
+
+    def formula(self, depth: int = 2) -> Formula:
+        r = self.rng.random()
+        if depth == 0 or r < 0.55:
+            return self.compare(ops=ORDERS if self.rng.random() < 0.8 else COMPARISONS)
+        parts = [self.formula(depth - 1) for _ in range(2)]
+        return conjunction(parts) if r < 0.8 else disjunction(parts)
+
+    def block(self, depth: int, last: bool) -> Block:
+        """Statements; `last` ends every path with a flow."""
+        statements: list[Statement] = []
+        for _ in range(self.rng.randint(1, 3 if depth else 2)):
+            statements += self.statement(depth)
+        if last:
+            statements.append(self.flow())
+            if self.rng.random() < 0.25:
+                statements += self.after_flow()
+        return tuple(statements)
+
+    def statement(self, depth: int) -> list[Statement]:
+        r = self.rng.random()
+        if r < 0.4 or (depth == 0 and r < 0.75):
+            return [Assign(self.rng.choice(VARIABLES), self.term())]
+        if r < 0.55:
+            return [Test(self.formula())] if self.rng.random() < 0.6 else self.input()
+        if r < 0.7 or depth == 0:
+            condition = self.formula()
+            if condition in (TRUE, FALSE):
+                return []
+            then, orelse = self.block(0, False), self.block(0, False) if self.rng.random() < 0.6 else ()
+            return [If(condition, negation(condition), then, orelse)]
+        return [self.choice(depth)]
+
+    def choice(self, depth: int, last: bool = False) -> Choice:
+        key = f"choice_{self.choices}"
+        self.choices += 1
+        fallback = self.rng.randrange(4)
+        alternatives: list[Alternative] = []
+        for k in range(self.rng.randint(2, 4)):
+            body = self.block(depth - 1, last)
+            if self.rng.random() < 0.7:
+                body = (Test(self.formula(1)), *body)
+            alternatives.append(Alternative(body, fallback == k))
+        return Choice(key, tuple(alternatives))
+
+    def input(self) -> list[Statement]:
+        """`v := *` with tests linear in v."""
+        name = self.rng.choice(VARIABLES)
+        count = self.assigned.get(name, 0)
+        self.assigned[name] = count + 1
+        key = f"assign_{name}" if count == 0 else f"assign_{name}_{count}"
+        if len(self.inputs) >= 3:
+            return []
+        self.inputs.append(key)
+        tests: list[Formula] = []
+        for op in (">=", "<=") if self.rng.random() < 0.7 else (">", "<"):
+            if self.rng.random() < 0.8:
+                scaled: Term = variable(name)
+                if self.rng.random() < 0.5:
+                    scaled = Mul(scaled, self.rng.choice((Number(Fraction(3)), Symbol("c", "constant"))))
+                if self.rng.random() < 0.5:
+                    scaled = Add(variable(self.rng.choice([v for v in VARIABLES if v != name])), scaled)
+                other = [v for v in VARIABLES if v != name]
+                limit = self.rng.choice((Number(grid(self.rng)), variable(self.rng.choice(other))))
+                tests.append(Compare(op, scaled, limit))
+        return [AssignAny(name, key), Test(conjunction(tests))]
+
+    def after_flow(self) -> list[Statement]:
+        if self.rng.random() < 0.5:
+            return [Assign(self.rng.choice(VARIABLES), self.term())]
+        return [Test(self.compare(ops=ORDERS))]
+
+    def flow(self) -> Evolve:
+        """x' = y, y' = z or a constant, with a clock and conditions of degree at most 2 in time."""
+        rng = self.rng
+        rate_y: Term = rng.choice((variable("z"), Symbol("c", "constant"), Number(grid(rng)), Mul(variable("z"), variable("u"))))
+        equations: tuple[tuple[str, Term], ...] = (("x", variable("y")), ("y", rate_y))
+        if rng.random() < 0.2:
+            equations = (("y", Div(Symbol("d", "constant"), variable("z"))), ("x", Number(grid(rng))))
+        clocked = rng.random() < 0.8
+        bound: Term = rng.choice((Symbol("d", "constant"), Number(Fraction(1, 2)), Number(Fraction(3))))
+        watched = [self.condition() for _ in range(rng.randint(0, 3))]
+        horizon = Compare("<=", variable(CLOCK), bound)
+        domain = conjunction([horizon, *watched] if clocked else watched)
+        if clocked:
+            equations = (*equations, (CLOCK, ONE))
+        self.flows.append(
+            Flow(
+                equations,
+                domain,
+                conjunction(watched),
+                (Horizon(CLOCK, bound),) if clocked else (),
+                None if clocked and rng.random() < 0.8 else Fraction(2, 5),
+            )
+        )
+        return Evolve(len(self.flows) - 1)
+
+    def condition(self) -> Formula:
+        rng = self.rng
+        left: Term = rng.choice((variable("x"), variable("y"), variable("y"), Add(variable("x"), variable("y"))))
+        right: Term = rng.choice((Number(Fraction(0)), Number(grid(rng, 6)), Symbol("c", "constant"), variable("u")))
+        op = rng.choice(("<=", ">=", ">=", "<", ">", "!=")) if rng.random() < 0.97 else "="
+        return Compare(op, left, right) if rng.random() < 0.8 else Compare(op, right, left)
+
+    def predicates(self) -> tuple[Predicate, ...]:
+        rng = self.rng
+        made: list[Predicate] = []
+        for k in range(rng.randint(0, 3)):
+            formula = self.formula(1)
+            category = rng.choice(("safety", "progress", "stability"))
+            triggers = [
+                Trigger(rng.choice(("terminate", "truncate", "continue")), rng.choice(("success", "failure", "none")))
+                if rng.random() < 0.5
+                else None
+                for _ in range(2)
+            ]
+            due = self.formula(1) if category == "progress" and rng.random() < 0.6 else None
+            values = [self.term() if rng.random() < 0.5 else None for _ in range(3)]
+            made.append(
+                Predicate(f"p{k}q", category, formula, relaxed(formula, TOLERANCE), *values, *triggers, due=due)
+            )
+        return tuple(made)
+
+
+def random_model(seed: int) -> Model:
+    """Model number `seed`."""
+    rng = Random(seed)
+    builder = Builder(rng)
+    shape = rng.random()
+    if shape < 0.5:
+        body: Block = (builder.choice(1), *builder.block(0, True))
+    elif shape < 0.7:
+        body = (builder.choice(1, last=True),)
+    elif shape < 0.8:
+        body = builder.block(2, True)
+    elif shape < 0.9:
+        body = (builder.choice(2), builder.choice(1), builder.flow())
+    else:
+        body = builder.block(1, False)
+    if rng.random() < 0.85:
+        body = (Assign(CLOCK, Number(Fraction(0))), *body)
+    bound = Bound(Fraction(-5), Fraction(5))
+    return Model(
+        name=f"random{seed}",
+        source=f"random{seed}.kyx",
+        variables=tuple(Variable(v, bound, observed=True) for v in (*VARIABLES, CLOCK)),
+        constants=tuple(Constant(c, Bound(Fraction(1, 2), Fraction(2))) for c in CONSTANTS),
+        precondition=TRUE,
+        prefix=(),
+        body=body,
+        loops=rng.random() < 0.9,
+        flows=tuple(builder.flows),
+        predicates=builder.predicates(),
+        postcondition=builder.formula() if rng.random() < 0.7 else None,
+        tolerance=TOLERANCE,
+    )
+
+
+def random_state(rng: Random) -> tuple[dict[str, float], dict[str, float]]:
+    """Values of variables and constants; now and then extreme ones."""
+
+    def value() -> float:
+        r = rng.random()
+        if r < 0.7:
+            return float(grid(rng))
+        return rng.uniform(-4, 4) if r < 0.97 else rng.choice((1e90, -1e90, 1e-300, 5e-324, -0.0))
+
+    state = {v: value() for v in VARIABLES} | {CLOCK: rng.choice((0.0, 0.0, 0.25, 0.5, 1.0))}
+    return state, {c: rng.choice((0.5, 1.0, 2.0, rng.uniform(0.5, 2.0))) for c in CONSTANTS}
+
+
