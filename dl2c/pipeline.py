@@ -26,7 +26,9 @@ from dl2c.version import __version__
 
 if TYPE_CHECKING:
     from dl2c.emit.plan import Environment
+    from dl2c.ir.model import Model
     from dl2c.native.binding import Library
+    from dl2c.paths.path import Paths
 
 Progress = Callable[[str], None]
 """Called with what the pipeline is about to do."""
@@ -93,6 +95,15 @@ def emit(source: Source, stage: str, options: Options) -> str:
     from dl2c.emit.model_c import model_c
 
     return model_c(environment)
+
+
+def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
+    """What a step of a model does, as data: for those who run it in another way. Raises `CompileError`."""
+    from dl2c.paths.enumerate import enumerate_paths
+
+    problem, options, _ = _front(source, options)
+    model = lower(problem, options)
+    return model, enumerate_paths(model)
 
 
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:

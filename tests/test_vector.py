@@ -10,6 +10,7 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.utils.passive_env_checker import data_shares_objects
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from agreement import assert_batch_equals_singles
 from toy_library import use_toy
 
 from dl2c.env.registration import register
@@ -28,43 +29,11 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> Any:
     return partial(use_toy, monkeypatch)
 
 
-def spelled(infos: dict[str, Any], env: Dl2cVectorEnv) -> dict[str, Any]:
-    """Vector infos with codes written out as the single environment does, masked entries None."""
-    words: dict[str, Any] = {"status": env.status_names, "reason": env.reason_names}
-    result = dict(infos)
-    if "final_info" in infos:
-        result["final_info"] = spelled(infos["final_info"], env)
-    for key in infos.keys() & words.keys():
-        named = [words[key][int(v)] if m else None for v, m in zip(infos[key], infos[f"_{key}"], strict=True)]
-        result[key] = np.array(named, object)
-    return result
-
-
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(("counts", "inputs"), DECISIONS)
 def test_a_batch_equals_single_environments(toy: Any, mode: AutoresetMode, counts: Any, inputs: int) -> None:
     toy(counts, inputs)
-    n = 4
-    ours = Dl2cVectorEnv(MODEL, n, autoreset_mode=mode)
-    theirs = SyncVectorEnv([lambda: Dl2cEnv(MODEL)] * n, autoreset_mode=mode)
-    assert (ours.observation_space, ours.action_space) == (theirs.observation_space, theirs.action_space)
-    ours.action_space.seed(3)
-    first, second = ours.reset(seed=5), theirs.reset(seed=5)
-    assert data_equivalence(first[0], second[0], exact=True)
-    assert data_equivalence(spelled(first[1], ours), second[1], exact=True)
-    ended = 0
-    for _ in range(60):
-        actions = ours.action_space.sample()
-        mine, others = ours.step(actions), theirs.step(actions)
-        for a, b in zip(mine[:4], others[:4], strict=True):
-            assert data_equivalence(a, b, exact=True)
-        assert data_equivalence(spelled(mine[4], ours), others[4], exact=True)
-        ended += (done := mine[2] | mine[3]).sum()
-        if mode == AutoresetMode.DISABLED and done.any():
-            pair = [e.reset(options={"reset_mask": done.copy()}) for e in (ours, theirs)]
-            assert data_equivalence(pair[0][0], pair[1][0], exact=True)
-            assert data_equivalence(spelled(pair[0][1], ours), pair[1][1], exact=True)
-    assert ended > 3
+    assert assert_batch_equals_singles(MODEL, mode) > 3
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -7,6 +7,21 @@ typedef struct dl2c_range {
   real low, high;
 } dl2c_range;
 
+/* Steps between two doubles by number; they may be further apart than an int64_t reaches. */
+static inline uint64_t dl2c_distance(int64_t a, int64_t b)
+{
+  return a > b ? (uint64_t)a - (uint64_t)b : (uint64_t)b - (uint64_t)a;
+}
+
+/* The number so many steps up (direction 1) or down (-1); stays inside the doubles. */
+static inline int64_t dl2c_moved(int64_t number, int direction, uint64_t steps)
+{
+  const uint64_t moved = direction > 0 ? (uint64_t)number + steps : (uint64_t)number - steps;
+  int64_t result;
+  memcpy(&result, &moved, sizeof result);
+  return result;
+}
+
 /*
  * The passing value furthest in `direction` (-1 down, 1 up), searched from `start`
  * inside the input's limits: steps of 1, 2, 4, ... units in the last place bracket the
@@ -20,11 +35,11 @@ static bool dl2c_outermost(int path, int input, const real *x, const real *p, re
   int64_t here = dl2c_ordinal(start);
   here = here < least ? least : here > most ? most : here;
   const bool found = model_admits(path, input, x, p, dl2c_from_ordinal(here));
-  const int64_t outward = found ? direction : -direction;
+  const int outward = found ? direction : -direction;
   int64_t there = here;
-  for (int64_t step = 1;; step *= 2) {
-    const int64_t room = outward > 0 ? most - here : here - least;
-    there = here + outward * (step < room ? step : room);
+  for (uint64_t step = 1;; step *= 2) {
+    const uint64_t room = outward > 0 ? dl2c_distance(most, here) : dl2c_distance(here, least);
+    there = dl2c_moved(here, outward, step < room ? step : room);
     if (there == here) {
       *out = dl2c_from_ordinal(here);
       return found;
@@ -34,8 +49,9 @@ static bool dl2c_outermost(int path, int input, const real *x, const real *p, re
   }
   int64_t inside = found ? here : there;
   int64_t outside = found ? there : here;
-  while (inside - outside > 1 || outside - inside > 1) {
-    const int64_t middle = outside + (inside - outside) / 2;
+  while (dl2c_distance(inside, outside) > 1) {
+    const int64_t middle =
+        dl2c_moved(outside, inside > outside ? 1 : -1, dl2c_distance(inside, outside) / 2);
     if (model_admits(path, input, x, p, dl2c_from_ordinal(middle)))
       inside = middle;
     else

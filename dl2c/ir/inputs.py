@@ -95,7 +95,8 @@ def outermost(
         step *= 2
     inside, outside = (here, there) if found else (there, here)
     while abs(inside - outside) > 1:
-        middle = (inside + outside) // 2
+        distance = abs(inside - outside) // 2
+        middle = outside + (distance if inside > outside else -distance)
         if test(from_ordinal(middle)):
             inside = middle
         else:

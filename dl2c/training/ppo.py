@@ -78,7 +78,9 @@ class Standardised(BaseFeaturesExtractor):
     Part of the policy, so that a saved policy takes the environment's own observations.
     """
 
-    def __init__(self, observation_space: spaces.Box, center: Sequence[float], scale: Sequence[float]) -> None:
+    def __init__(
+        self, observation_space: spaces.Box, center: Sequence[float], scale: Sequence[float]
+    ) -> None:
         super().__init__(  # pyright: ignore[reportUnknownMemberType] # Space without its parameter
             observation_space, len(center)
         )

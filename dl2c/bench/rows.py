@@ -1,0 +1,246 @@
+"""What is compared: ways to run one model, and two environments of known speed for scale.
+
+Every row steps environments with constant requests of zeros, which is the policy "first enabled
+alternative" and costs nothing: what is measured is the environments.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector.utils import create_empty_array
+from numpy.typing import NDArray
+
+from dl2c.bench.baseline import Baseline, Start
+from dl2c.bench.hand_written import HandWritten
+from dl2c.env.opening import batch_options, open_library
+from dl2c.pipeline import resolve_options, step_model
+from dl2c.source import Source
+
+if TYPE_CHECKING:
+    from dl2c.native.binding import Library
+
+BASELINE = "solve_ivp"
+"""The row that all others are compared with."""
+
+BATCHES = (1, 8, 64, 1024, 16384)
+PYTHON_BATCHES = (64, 1024)
+STARTS = 256
+"""Initial states of the baseline's episodes, drawn beforehand."""
+
+POLICY = {"on_blocked": "fallback", "action_map": "project"}
+"""What a request of zeros needs to mean the first enabled alternative."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """`run(k)` does k calls, each of which steps `n` environments once; ended episodes begin anew."""
+
+    key: str
+    title: str
+    n: int
+    run: Callable[[int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """A model, its options and its built library."""
+
+    source: Source
+    options: Mapping[str, Any]
+    library: "Library"
+
+
+def subject(source: Source, options: Mapping[str, Any]) -> Subject:
+    """Build what is measured. Raises what `open_library` does."""
+    chosen = {**options, **POLICY}
+    return Subject(source, chosen, open_library(source, chosen))
+
+
+def rows(what: Subject) -> tuple[list[Row], list[str]]:
+    """All rows that can be made here, the baseline first, and notes on those that cannot."""
+    notes: list[str] = []
+    found = [baseline_row(what), gym_row(what), *(batch_row(what, n) for n in BATCHES)]
+    found += [vector_row(what, n) for n in PYTHON_BATCHES]
+    if find_spec("stable_baselines3") is None:
+        notes.append("no row for Stable-Baselines3, which is not installed (pip install dl2c[train])")
+    else:
+        found += [sb3_row(what, n) for n in PYTHON_BATCHES]
+    hand_written = HandWritten.of(what.library.manifest, BATCHES[3])
+    if hand_written is not None:
+        found.append(Row("loop", "hand-written C loop", hand_written.n, _repeated(hand_written.step)))
+    return [*found, cartpole_row(), empty_row(what)], notes
+
+
+def starts(library: "Library", count: int = STARTS) -> list[Start]:
+    """Initial states of a model: those of the seeds 0, 1, ... Raises `ResetFailed`."""
+    batch = library.batch(count, **batch_options(library.manifest))
+    batch.reset(seeds=np.arange(count, dtype=np.uint64))
+    states = [batch.get_state(i) for i in range(count)]
+    batch.close()
+    return [(tuple(x.tolist()), tuple(p.tolist())) for x, p in states]
+
+
+def baseline(what: Subject, states: Sequence[Start]) -> Baseline:
+    """The solve_ivp environment of a model."""
+    manifest = what.library.manifest
+    max_steps = manifest.options["max_episode_steps"]
+    model, paths = step_model(what.source, resolve_options(what.options))
+    return Baseline(model, paths, [q.name for q in manifest.observations], states, max_steps)
+
+
+def baseline_row(what: Subject) -> Row:
+    """One environment by the recipe of the paper."""
+    env = baseline(what, starts(what.library))
+
+    def run(k: int) -> None:
+        step, reset = env.step, env.reset
+        for _ in range(k):
+            _, _, terminated, truncated = step()
+            if terminated or truncated:
+                reset()
+
+    return Row(BASELINE, "scipy solve_ivp in Python", 1, run)
+
+
+def gym_row(what: Subject) -> Row:
+    """One environment as a Gymnasium user makes it."""
+    env = gym.make("dl2c:dl2c/Model-v0", model=what.source, **_gym_options(what))  # pyright: ignore[reportUnknownMemberType] # gym.make has a bare type
+    env.reset(seed=0)
+    return Row("gym", "gym.make, one environment", 1, _episodes(env, [zero(env.action_space)]))
+
+
+def batch_row(what: Subject, n: int) -> Row:
+    """n environments stepped by one C call; masks, rewards, observations and autoreset included."""
+    batch = what.library.batch(n, autoreset="same_step", **batch_options(what.library.manifest))
+    batch.reset(seeds=np.arange(n, dtype=np.uint64))
+    return Row(f"batch{n}", f"batch in C, n = {n}", n, _repeated(batch.step))
+
+
+def vector_row(what: Subject, n: int) -> Row:
+    """n environments as a Gymnasium vector environment."""
+    env: Any = gym.make_vec("dl2c:dl2c/Model-v0", n, model=what.source, **_gym_options(what))  # pyright: ignore[reportUnknownMemberType] # gym.make_vec too
+    env.reset(seed=0)
+    actions = create_empty_array(env.single_action_space, n)
+    return Row(f"vector{n}", f"gym.make_vec, n = {n}", n, _repeated(lambda: env.step(actions)))
+
+
+def sb3_row(what: Subject, n: int) -> Row:
+    """n environments as a Stable-Baselines3 VecEnv."""
+    from dl2c.env.sb3 import Dl2cVecEnv
+
+    env = Dl2cVecEnv(what.source, n, **what.options)
+    env.seed(0)
+    env.reset()
+    actions = create_empty_array(env.action_space, n)
+    return Row(f"sb3_{n}", f"Stable-Baselines3 VecEnv, n = {n}", n, _repeated(lambda: env.step(actions)))
+
+
+def cartpole_row() -> Row:
+    """Gymnasium's CartPole, pushed left and right in turn."""
+    env = gym.make("CartPole-v1")  # pyright: ignore[reportUnknownMemberType] # gym.make has a bare type
+    env.reset(seed=0)
+    return Row("cartpole", "CartPole-v1 of Gymnasium", 1, _episodes(env, [0, 1]))
+
+
+def empty_row(what: Subject) -> Row:
+    """An environment that does nothing but make the same kinds of objects: the least Gymnasium costs."""
+    model: Any = gym.make("dl2c:dl2c/Model-v0", model=what.source, **_gym_options(what))  # pyright: ignore[reportUnknownMemberType] # gym.make has a bare type
+    spec = EnvSpec("Empty-v0", entry_point=lambda: EmptyEnv(model))
+    env: Any = gym.make(spec)  # pyright: ignore[reportUnknownMemberType] # gym.make has a bare type
+    env.reset(seed=0)
+    return Row("empty", "Gymnasium environment that does nothing", 1, _episodes(env, [zero(env.action_space)]))
+
+
+class EmptyEnv(gym.Env[NDArray[Any], Any]):
+    """Returns from every step the kinds of objects that one step of `model` returned."""
+
+    def __init__(self, model: "gym.Env[NDArray[Any], Any]") -> None:
+        self.observation_space, self.action_space = model.observation_space, model.action_space
+        self._obs, self._reset_info = model.reset(seed=0)
+        self._info = model.step(zero(model.action_space))[4]
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[Any], dict[str, Any]]:
+        """A fresh observation."""
+        super().reset(seed=seed)
+        return self._obs.copy(), dict(self._reset_info)
+
+    def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
+        """Fresh objects; the action is not looked at."""
+        info = dict(self._info)
+        if "action_mask" in info:
+            info["action_mask"] = info["action_mask"].copy()
+        return self._obs.copy(), 0.0, False, False, info
+
+
+def zero(space: gym.Space[Any]) -> Any:
+    """The action of a request of zeros."""
+    match space:
+        case gym.spaces.Discrete():
+            return 0
+        case gym.spaces.Dict():
+            return {key: zero(part) for key, part in space.spaces.items()}
+        case _:
+            return np.zeros(space.shape or (), space.dtype)
+
+
+def _gym_options(what: Subject) -> dict[str, Any]:
+    """The options under the names that `gym.make` leaves to the environment."""
+    return {"max_steps" if name == "max_episode_steps" else name: v for name, v in what.options.items()}
+
+
+def _repeated(step: Callable[[], Any]) -> Callable[[int], None]:
+    def run(k: int) -> None:
+        for _ in range(k):
+            step()
+
+    return run
+
+
+def _episodes(env: "gym.Env[Any, Any]", actions: Sequence[Any]) -> Callable[[int], None]:
+    """Step and, at the end of an episode, reset; the actions are taken in turn."""
+
+    def run(k: int) -> None:
+        step, reset = env.step, env.reset
+        for i in range(k):
+            _, _, terminated, truncated, _ = step(actions[i % len(actions)])
+            if terminated or truncated:
+                reset()
+
+    return run
+
+
+def deviation(what: Subject, steps: int = 200) -> float:
+    """How far the baseline and the C come apart over so many steps from the same initial states.
+
+    The largest difference of a variable, relative beyond 1; infinite if an episode ends in one only.
+    """
+    states = starts(what.library)
+    env = baseline(what, states)
+    batch = what.library.batch(1, **batch_options(what.library.manifest))
+    batch.reset_to(0, 0, *states[0])
+    worst = 0.0
+    for episode in _steps(env, batch, steps):
+        x, _ = batch.get_state(0)
+        worst = max(worst, float(np.max(np.abs(np.array(env.x) - x) / np.maximum(1.0, np.abs(x)))))
+        if episode is None:
+            return np.inf
+        if episode:
+            env.reset()
+            batch.reset_to(0, None, env.x, env.p)
+    batch.close()
+    return worst
+
+
+def _steps(env: Baseline, batch: Any, count: int) -> Iterator[bool | None]:
+    """Step both: whether the episode has ended, None where they disagree on that."""
+    for _ in range(count):
+        _, _, *ends = env.step()
+        batch.step()
+        yield any(ends) if ends == [bool(batch.terminated[0]), bool(batch.truncated[0])] else None
