@@ -30,7 +30,7 @@ lint: $(READY)
 	exit $$status
 
 bench: $(READY)
-	$(BIN)/dl2c bench
+	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000
 
 clean:
 	rm -rf .venv dist .pytest_cache .ruff_cache .hypothesis

@@ -19,6 +19,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from dl2c.commands.cache import app as cache_app
 from dl2c.commands.failures import CommandError, as_json, report, show, to_json
 from dl2c.commands.flags import model_options
 from dl2c.diagnostics import CompileError
@@ -37,6 +38,8 @@ app = typer.Typer(
 
 INTERNAL = ("sealed.json", "warnings.json")
 """Files of a cache entry that concern nobody else."""
+
+app.add_typer(cache_app, name="cache")
 
 Model = Annotated[str, typer.Argument(help="A .kyx file, or example:NAME.", show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
@@ -204,8 +207,8 @@ def train(
     """Train a policy; writes policy.zip, run.json and curve.png and evaluates the result."""
     from dl2c.training.evaluation import evaluate
     from dl2c.training.plots import plot_curves
-    from dl2c.training.ppo import Settings
     from dl2c.training.ppo import train as learn
+    from dl2c.training.run import Settings
 
     if algo not in ("ppo", "maskable-ppo"):
         raise CommandError(f"no algorithm {algo!r}; there is ppo, maskable-ppo")
@@ -214,6 +217,32 @@ def train(
         run = learn(model, algo, seed=seed, directory=output, settings=settings, progress=note, **options)
     plot_curves({algo: [run.curve]}, output / "curve.png")
     print(f"{run.policy}: {_sentence(evaluate(run.policy, model, masked=algo == 'maskable-ppo', **options))}")
+
+
+@app.command()
+@model_options
+def bench(
+    model: Model,
+    seconds: Annotated[float, typer.Option(min=0, help="CPU seconds to measure for, in all.")] = 20.0,
+    require: Annotated[
+        list[str] | None, typer.Option(metavar="ROW=RATIO", help="Exit with 1 if a row is slower than this.")
+    ] = None,
+    json: Json = False,
+    verbose: Verbose = False,
+    *,
+    options: Mapping[str, Any],
+) -> None:
+    """Compare the speed of a model in C with scipy's solve_ivp and others, as ratios."""
+    from dl2c.commands.bench import compare, comparison_data, show_comparison
+
+    with _working(f"measuring {model}") as note:
+        comparison = compare(model, options, seconds, require or (), note)
+    if json:
+        print(to_json(comparison_data(comparison)))
+    else:
+        show_comparison(comparison)
+    if not all(map(comparison.met, comparison.requirements)):
+        raise typer.Exit(1)
 
 
 @app.command()

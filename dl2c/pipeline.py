@@ -17,6 +17,7 @@ from dl2c.ir.lower import lower
 from dl2c.ir.printer import print_model
 from dl2c.native.cache import build_key, cached
 from dl2c.options import Options, UnknownOption, under, with_options
+from dl2c.parse.annotations import EpisodeAnnotation
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_archive, print_formula
 from dl2c.parse.tree import Archive, Entry
@@ -76,7 +77,7 @@ def check_model(source: Source, options: Options) -> tuple[Diagnostic, ...]:
 
 
 def emit(source: Source, stage: str, options: Options) -> str:
-    """One stage of the pipeline as text. Raises `CompileError`, `UnknownOption` for a stage that does not exist."""
+    """One stage of the pipeline as text. Raises `CompileError`, `UnknownOption` for an unknown stage."""
     if stage not in STAGES:
         raise UnknownOption(f"no stage `{stage}`; the stages are {', '.join(STAGES)}")
     if stage == "tree":
@@ -111,15 +112,23 @@ def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Di
     archive, warnings = parse_archive(source)
     problem = resolve(entry_of(archive, options))
     if problem.episode is not None:
-        names = {"max_steps": "max_episode_steps"}
-        episode = {names.get(name, name): value for name, value, _ in problem.episode.options}
-        try:
-            options = under(options, episode)
-        except UnknownOption as problem_with:
-            raise CompileError(
-                error("unsupported-option", str(problem_with), problem.episode.span, "in this @episode")
-            ) from None
+        options = _completed(options, problem.episode)
     return problem, replace(options, given=frozenset()), warnings
+
+
+def _completed(options: Options, episode: EpisodeAnnotation) -> Options:
+    """The options under those of `@episode`."""
+    names = {"max_steps": "max_episode_steps"}
+    found: list[Diagnostic] = []
+    for name, value, span in episode.options:
+        try:
+            options = under(options, {names.get(name, name): value})
+        except UnknownOption:
+            title = f"`@episode` option `{name}` is not supported"
+            found.append(error("unsupported-option", title, span, help="leave it out"))
+    if found:
+        raise CompileError(found)
+    return options
 
 
 def entry_of(archive: Archive, options: Options) -> Entry:
@@ -189,7 +198,7 @@ def _not_exact(refused: "Any") -> Diagnostic:
         "this differential equation cannot be integrated exactly",
         refused.span,
         refused.reason,
-        "flows must be polynomial in time, with domains that are conjunctions of conditions of degree 2 in time",
+        "flows must be polynomial in time, and their domains conjunctions of conditions of degree 2 in time",
     )
 
 

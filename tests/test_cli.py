@@ -86,8 +86,8 @@ def test_check_json_is_only_json(capsys: Any, model: str) -> None:
     code, out, err = run(capsys, "check", "--json", model)
     assert (code, err) == (0, "")
     assert json.loads(out) == [
-        {"severity": "warning", "code": "a-lint", "title": "careful", "label": "this", "help": "", "notes": [],
-         "file": model, "line": 1, "column": 3, "text": "model"},
+        {"severity": "warning", "code": "a-lint", "title": "careful", "label": "this", "help": "",
+         "notes": [], "file": model, "line": 1, "column": 3, "text": "model"},
     ]  # fmt: skip
 
 

@@ -114,7 +114,8 @@ def test_a_trained_policy_can_be_read_back(
 ) -> None:
     pytest.importorskip("sb3_contrib")
     from dl2c.training.plots import plot_curves, plot_trajectory
-    from dl2c.training.ppo import Settings, train
+    from dl2c.training.ppo import train
+    from dl2c.training.run import Settings
 
     toy(counts, inputs)
     small = Settings(steps=128, n_envs=4, n_steps=16, batch_size=32, n_epochs=1, width=8)

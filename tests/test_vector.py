@@ -7,14 +7,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from agreement import assert_batch_equals_singles
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.utils.passive_env_checker import data_shares_objects
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from agreement import assert_batch_equals_singles
+from gymnasium.vector import AutoresetMode
 from toy_library import use_toy
 
 from dl2c.env.registration import register
-from dl2c.env.single import Dl2cEnv
 from dl2c.env.vector import Dl2cVectorEnv
 
 MODEL = "a model\nof two lines"

@@ -24,6 +24,7 @@ WAYPOINT = "example:waypoint"
 REPOSITORY = Path(dl2c.__file__).parent.parent
 
 MIXED = """
+ArchiveEntry "Mixed"
 Definitions
   Real W = 2;
   /* @const: bound=[0.5:1] */
@@ -47,6 +48,7 @@ Problem
     { w := w + 0; ++ w := 0; ++ w := -w; }
     t := 0; {x' = w, t' = 1 & t <= 0.5}
   }*](near(x))
+End.
 End.
 """
 

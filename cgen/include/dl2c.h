@@ -1,8 +1,8 @@
 /*
  * dl2c.h -- run compiled dL models: many environments, one call.
  *
- * A batch is n environments of one model. Its state lives in flat arrays, variable
- * k of environment i at x[k*n + i]; a batch of one is the single environment.
+ * A batch is n environments of one model. Its state lives in flat arrays, one row of
+ * neighbouring environments for each variable; a batch of one is the single environment.
  * Results are written to buffers the caller owns and names once.
  */
 #ifndef DL2C_H

@@ -71,54 +71,55 @@ static dl2c_range dl2c_admissible(int path, int input, const real *x, const real
   return range;
 }
 
-/* Which paths of a point pass all their tests up to their flow.   enabled: (paths of the point) */
-static inline void dl2c_enabled(int point, const real *x, const real *p, uint8_t *enabled)
+/*
+ * Which paths of a point pass all their tests up to their flow, in `count` environments.
+ *   enabled: (paths of the point, stride)
+ */
+static inline void dl2c_enabled(int point, const real *x, const real *p, int64_t stride, int64_t count,
+                                uint8_t *enabled)
 {
-  model_guards(point, x, p, enabled);
+  model_guards(point, x, p, stride, count, enabled);
   if (NU == 0) return;
   const int first = POINT_START[point];
-  for (int k = first; k < POINT_START[point + 1]; k++)
-    for (int j = 0; j < PATHS[k].ninput && enabled[k - first]; j++)
-      if (dl2c_admissible(k, PATHS[k].inputs[j], x, p).empty) enabled[k - first] = 0;
-}
-
-/* How many of a path's decisions, in order, are as requested. */
-static inline int dl2c_agreement(int path, const int32_t *choices)
-{
-  int agreed = 0;
-  while (agreed < PATHS[path].nmet
-         && DECISIONS[path][PATHS[path].met[agreed]] == choices[PATHS[path].met[agreed]])
-    agreed++;
-  return agreed;
+  for (int64_t i = 0; i < count; i++) {
+    real own_x[NX];
+    real own_p[NP + 1];
+    for (int k = 0; k < NX; k++) own_x[k] = x[k * stride + i];
+    for (int k = 0; k < NP; k++) own_p[k] = p[k * stride + i];
+    for (int k = first; k < POINT_START[point + 1]; k++)
+      for (int j = 0; j < PATHS[k].ninput && enabled[(k - first) * stride + i]; j++)
+        if (dl2c_admissible(k, PATHS[k].inputs[j], own_x, own_p).empty) enabled[(k - first) * stride + i] = 0;
+  }
 }
 
 /*
  * The open path to try first: the requested one, else the one that agrees longest with
  * the request, then one whose first other alternative is marked as fallback, then the
  * first in program order. Once a run has left the request only that order counts.
- * Returns -1 if none is open.
+ * Returns -1 if none is open. No branch depends on what is open.
  */
-static int dl2c_preferred(int point, const uint8_t *enabled, const int32_t *choices, bool left,
-                          bool *as_requested)
+static inline int dl2c_preferred(int point, const uint8_t *enabled, const int32_t *choices, bool left,
+                                 bool *as_requested)
 {
   const int first = POINT_START[point];
   int best = -1;
   int best_rank = -1;
+  bool best_whole = false;
   for (int k = first; k < POINT_START[point + 1]; k++) {
-    if (!enabled[k - first]) continue;
-    const int agreed = left ? 0 : dl2c_agreement(k, choices);
-    const bool whole = !left && agreed == PATHS[k].nmet;
-    if (whole) {
-      *as_requested = true;
-      return k;
+    const int met = PATHS[k].nmet;
+    int agreed = 0;
+    bool whole = true;
+    for (int j = 0; j < met; j++) {
+      whole = whole && DECISIONS[k][PATHS[k].met[j]] == choices[PATHS[k].met[j]];
+      agreed += whole;
     }
-    const int rank = left ? 0 : 2 * agreed + (PATHS[k].marked[agreed] != 0);
-    if (rank > best_rank) {
-      best = k;
-      best_rank = rank;
-    }
+    const int rank = left ? 0 : whole ? 2 * NCHOICE + 2 : 2 * agreed + PATHS[k].marked[agreed];
+    const bool better = enabled[k - first] && rank > best_rank;
+    best = better ? k : best;
+    best_rank = better ? rank : best_rank;
+    best_whole = better ? whole && !left : best_whole;
   }
-  *as_requested = false;
+  *as_requested = best_whole;
   return best;
 }
 

@@ -4,16 +4,17 @@
 
 #include <stdlib.h>
 
+#include "lanes.h"
 #include "sampler.h"
-#include "step.h"
 
 struct dl2c_batch {
   int64_t n;
   dl2c_options options;
   dl2c_buffers out;
-  real *x;           /* (NX, n) */
-  real *p;           /* (NP, n) */
-  uint8_t *enabled;  /* (n, paths of point 0) open paths in the present state */
+  int64_t stride;    /* from one variable to the next in the arrays below */
+  real *x;           /* (NX, stride) */
+  real *p;           /* (NP, stride) */
+  uint8_t *enabled;  /* (paths of point 0, stride) open paths in the present state */
   uint8_t *ended;    /* (n) the episode is over and waits for a reset */
   uint64_t *seed;    /* (n) */
   uint64_t *episode; /* (n) episodes begun since the seed was given */
@@ -24,59 +25,82 @@ struct dl2c_batch {
 
 #define DL2C_NSTART (POINT_START[1])
 
+/*
+ * An odd number of cache lines from row to row: with a power of two the values of one
+ * environment would compete for the same few places in the cache.
+ */
+static int64_t dl2c_stride(int64_t n)
+{
+  enum { LINE = 8 };
+  const int64_t lines = (n + LINE - 1) / LINE;
+  return n == 1 ? 1 : (lines | 1) * LINE;
+}
+
 static void dl2c_load(const dl2c_batch *b, int64_t i, real *x, real *p)
 {
-  for (int k = 0; k < NX; k++) x[k] = b->x[k * b->n + i];
-  for (int k = 0; k < NP; k++) p[k] = b->p[k * b->n + i];
+  for (int k = 0; k < NX; k++) x[k] = b->x[k * b->stride + i];
+  for (int k = 0; k < NP; k++) p[k] = b->p[k * b->stride + i];
 }
 
 static void dl2c_store(dl2c_batch *b, int64_t i, const real *x)
 {
-  for (int k = 0; k < NX; k++) b->x[k * b->n + i] = x[k];
+  for (int k = 0; k < NX; k++) b->x[k * b->stride + i] = x[k];
 }
 
-/* Writes observation, Q and mask of a state. A final state shows every alternative as open. */
+/* Tests the states of environments `first` to `first + count`: open paths, and facts of (NFACT, row). */
+static inline void dl2c_test(dl2c_batch *b, int64_t first, int64_t count, int64_t row, uint8_t *facts)
+{
+  dl2c_enabled(0, b->x + first, b->p + first, b->stride, count, b->enabled + first);
+  model_facts(b->x + first, b->p + first, b->stride, count, row, facts);
+}
+
+static bool dl2c_any_enabled(const dl2c_batch *b, int64_t i)
+{
+  uint8_t any = 0;
+  for (int k = 0; k < DL2C_NSTART; k++) any |= b->enabled[k * b->stride + i];
+  return any;
+}
+
+/* Writes observation and mask of a state. A final state shows every alternative as open. */
 static inline void dl2c_show(dl2c_batch *b, int64_t i, const real *x, const real *p, bool final)
 {
   uint8_t saturated = 0;
   model_observe(x, p, (dl2c_obs *)b->out.obs + i * NOBS, &saturated);
   b->out.saturated[i] = saturated;
-  b->out.postcondition[i] = model_postcondition(x, p);
 
   int8_t *mask = b->out.mask + i * NMASK;
-  const uint8_t *enabled = b->enabled + i * DL2C_NSTART;
   for (int c = 0; c < NCHOICE; c++) {
-    bool met = false;
-    for (int32_t a = MASK_START[c]; a < MASK_START[c + 1]; a++) mask[a] = 0;
-    for (int k = 0; k < DL2C_NSTART && !final; k++)
-      if (enabled[k] && DECISIONS[k][c] >= 0) {
-        mask[MASK_START[c] + DECISIONS[k][c]] = 1;
-        met = true;
-      }
+    const int32_t from = MASK_START[c];
+    int8_t met = 0;
+    for (int32_t a = from; a < MASK_START[c + 1]; a++) mask[a] = 0;
+    for (int k = 0; k < DL2C_NSTART; k++) {
+      if (DECISIONS[k][c] < 0) continue;
+      const int8_t open = (int8_t)(b->enabled[k * b->stride + i] & !final);
+      mask[from + DECISIONS[k][c]] |= open;
+      met |= open;
+    }
     if (!met)
-      for (int32_t a = MASK_START[c]; a < MASK_START[c + 1]; a++) mask[a] = 1;
+      for (int32_t a = from; a < MASK_START[c + 1]; a++) mask[a] = 1;
   }
 }
 
-static bool dl2c_any_enabled(const uint8_t *enabled)
+/* Begins an episode in the state given, if a run is possible from it. */
+static bool dl2c_begin(dl2c_batch *b, int64_t i, const real *x, const real *p)
 {
-  for (int k = 0; k < DL2C_NSTART; k++)
-    if (enabled[k]) return true;
-  return false;
-}
-
-/* Begins an episode in the state given. */
-static void dl2c_begin(dl2c_batch *b, int64_t i, const real *x, const real *p)
-{
-  for (int k = 0; k < NP; k++) b->p[k * b->n + i] = p[k];
+  for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
   dl2c_store(b, i, x);
+  uint8_t facts[NFACT];
+  dl2c_test(b, i, 1, 1, facts);
+  if (!dl2c_any_enabled(b, i)) return false;
   b->ended[i] = 0;
   b->steps[i] = 0;
   b->stalled[i] = 0;
-  b->out.reset[i] = 1;
   b->elapsed[i] = 0.0;
+  b->out.reset[i] = 1;
   b->out.time[i] = 0.0;
+  b->out.postcondition[i] = facts[F_postcondition];
   dl2c_show(b, i, x, p, false);
+  return true;
 }
 
 /* Draws initial states until one has a run. */
@@ -87,11 +111,7 @@ static dl2c_status dl2c_reset_one(dl2c_batch *b, int64_t i)
   dl2c_rng rng = dl2c_rng_make(b->seed[i], b->episode[i]++);
   for (int tries = 0; tries < DL2C_MAX_DEADLOCKS; tries++) {
     if (!dl2c_sample(&rng, x, p)) return DL2C_ERR_RESET;
-    dl2c_enabled(0, x, p, b->enabled + i * DL2C_NSTART);
-    if (dl2c_any_enabled(b->enabled + i * DL2C_NSTART)) {
-      dl2c_begin(b, i, x, p);
-      return DL2C_OK;
-    }
+    if (dl2c_begin(b, i, x, p)) return DL2C_OK;
   }
   return DL2C_ERR_RESET;
 }
@@ -112,18 +132,25 @@ static void dl2c_clear_results(dl2c_batch *b, int64_t i)
   b->out.duration[i] = 0.0;
 }
 
+/* What became of a requested step. */
+typedef enum dl2c_attempt {
+  DL2C_RAN = 0,
+  DL2C_NO_RUN = 1,    /* neither the request nor, where allowed, another alternative has a run */
+  DL2C_NUMERICAL = 2, /* the run led to an undefined or infinite value */
+} dl2c_attempt;
+
 /* How the step ends the episode, if it does; a predicate's ending goes before all others. */
-static void dl2c_conclude(dl2c_batch *b, int64_t i, const dl2c_run *run, bool moved, bool open,
-                          dl2c_judgement *judged)
+static inline void dl2c_conclude(dl2c_batch *b, int64_t i, dl2c_attempt outcome, bool open,
+                                 dl2c_judgement *judged)
 {
   const bool stalled = b->options.stall_limit > 0 && b->stalled[i] >= b->options.stall_limit;
   const bool late = b->options.max_steps > 0 && b->steps[i] >= b->options.max_steps;
 
-  if (!moved || run->numerical) {
-    const bool terminates = !moved && b->options.on_blocked == DL2C_BLOCKED_TERMINATE;
+  if (outcome != DL2C_RAN) {
+    const bool terminates = outcome == DL2C_NO_RUN && b->options.on_blocked == DL2C_BLOCKED_TERMINATE;
     judged->end = terminates ? DL2C_TERMINATE : DL2C_TRUNCATE;
     judged->status = DL2C_NONE;
-    judged->reason = run->numerical ? DL2C_REASON_NUMERICAL
+    judged->reason = outcome == DL2C_NUMERICAL ? DL2C_REASON_NUMERICAL
         : b->options.on_blocked == DL2C_BLOCKED_FALLBACK ? DL2C_REASON_DEADLOCK
                                                          : DL2C_REASON_BLOCKED;
     return;
@@ -148,11 +175,38 @@ static void dl2c_conclude(dl2c_batch *b, int64_t i, const dl2c_run *run, bool mo
   judged->status = DL2C_NONE;
 }
 
-static void dl2c_step_one(dl2c_batch *b, int64_t i)
+/* Time and counters after a move of environment i. */
+static inline void dl2c_count(dl2c_batch *b, int64_t i, real duration)
+{
+  b->out.duration[i] = duration;
+  b->elapsed[i] += duration;
+  b->steps[i] += 1;
+  b->stalled[i] = duration > 0.0 ? 0 : b->stalled[i] + 1;
+}
+
+/* Takes over what lane `i` of a block did for environment `at`. */
+static inline dl2c_attempt dl2c_commit(dl2c_batch *b, int64_t at, const dl2c_block *block,
+                                              int64_t i)
+{
+  for (int k = 0; k < NX; k++) b->x[k * b->stride + at] = block->state[k * DL2C_BLOCK + i];
+  for (int c = 0; c < NCHOICE; c++) {
+    const int32_t taken = DECISIONS[block->path[i]][c];
+    b->out.executed_choices[at * NCHOICE + c] = taken >= 0 ? taken : b->out.choices[at * NCHOICE + c];
+  }
+  b->out.reset[at] = 0;
+  b->out.blocked[at] = !block->requested[i];
+  dl2c_count(b, at, block->duration[i]);
+  return DL2C_RAN;
+}
+
+/* Moves environment i as requested, in scalar code. */
+static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i)
 {
   real x[NX];
   real p[NP + 1];
+  uint8_t enabled[NPATH];
   dl2c_load(b, i, x, p);
+  for (int k = 0; k < DL2C_NSTART; k++) enabled[k] = b->enabled[k * b->stride + i];
 
   dl2c_clear_results(b, i);
   b->out.reset[i] = 0;
@@ -165,35 +219,86 @@ static void dl2c_step_one(dl2c_batch *b, int64_t i)
     .decided = b->out.executed_choices + i * NCHOICE,
     .executed = b->out.executed_inputs + i * NU,
   };
-  uint8_t *enabled = b->enabled + i * DL2C_NSTART;
-  real y[NX];
-  memcpy(y, x, sizeof y);
-  const bool moved = dl2c_complete(&run, 0, enabled, false, y);
-  if (moved && !run.numerical) {
-    memcpy(x, y, sizeof x);
-    dl2c_store(b, i, x);
-    b->out.duration[i] = run.duration;
-    b->elapsed[i] += run.duration;
-  }
+  const bool moved = dl2c_complete(&run, 0, enabled, false, x);
+  if (moved && !run.numerical) dl2c_store(b, i, x);
+  dl2c_count(b, i, moved && !run.numerical ? run.duration : 0.0);
+  b->out.blocked[i] = run.blocked || !moved;
+  return !moved ? DL2C_NO_RUN : run.numerical ? DL2C_NUMERICAL : DL2C_RAN;
+}
 
-  dl2c_enabled(0, x, p, enabled);
-  b->steps[i] += 1;
-  b->stalled[i] = b->out.duration[i] > 0.0 ? 0 : b->stalled[i] + 1;
+/* Judges the state that environment i is in, and shows it. */
+static inline void dl2c_finish(dl2c_batch *b, int64_t i, dl2c_attempt outcome,
+                               const uint8_t *facts, int64_t row)
+{
+  real x[NX];
+  real p[NP + 1];
+  dl2c_load(b, i, x, p);
   dl2c_judgement judged;
-  model_judge(x, p, &judged);
-  dl2c_conclude(b, i, &run, moved, dl2c_any_enabled(enabled), &judged);
+  model_judge(x, p, facts, row, &judged);
+  dl2c_conclude(b, i, outcome, dl2c_any_enabled(b, i), &judged);
 
-  const bool blocked = run.blocked || !moved;
   b->out.time[i] = b->elapsed[i];
-  b->out.blocked[i] = blocked;
-  b->out.rewards[i] = judged.reward + (blocked ? b->options.blocked_penalty : 0.0);
+  b->out.rewards[i] = judged.reward + (b->out.blocked[i] ? b->options.blocked_penalty : 0.0);
   b->out.cost[i] = judged.cost;
   b->out.status[i] = judged.status;
   b->out.reason[i] = judged.reason;
   b->out.terminated[i] = judged.end == DL2C_TERMINATE;
   b->out.truncated[i] = judged.end == DL2C_TRUNCATE;
+  b->out.postcondition[i] = facts[F_postcondition * row];
   b->ended[i] = judged.end != DL2C_GOES_ON;
   dl2c_show(b, i, x, p, judged.end != DL2C_GOES_ON);
+}
+
+/* Begins the next episode of an environment whose episode ended in this step; results stay. */
+static dl2c_status dl2c_next_episode(dl2c_batch *b, int64_t i)
+{
+  memcpy((dl2c_obs *)b->out.final_obs + i * NOBS, (dl2c_obs *)b->out.obs + i * NOBS,
+         sizeof(dl2c_obs) * NOBS);
+  const real time = b->out.time[i];
+  const uint8_t postcondition = b->out.postcondition[i];
+  const uint8_t saturated = b->out.saturated[i];
+  const dl2c_status status = dl2c_reset_one(b, i);
+  b->out.time[i] = time;
+  b->out.postcondition[i] = postcondition;
+  b->out.saturated[i] = saturated;
+  return status;
+}
+
+/* One step of environments `first` to `first + count`: move each, test all, judge each. */
+static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count)
+{
+  dl2c_attempt outcomes[DL2C_BLOCK];
+  bool waited[DL2C_BLOCK]; /* ended before, and reset by this call */
+  uint8_t facts[NFACT * DL2C_BLOCK];
+  dl2c_block block;
+
+  if (DL2C_STEPS_IN_LANES) {
+    dl2c_choose_lanes(b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE,
+                      block.path, block.requested);
+    dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, block.path, block.state,
+                    block.duration, block.settled);
+  }
+  for (int64_t i = 0; i < count; i++) {
+    waited[i] = b->options.autoreset == DL2C_AUTORESET_NEXT_STEP && b->ended[first + i];
+    if (waited[i]) continue;
+    const bool usual = DL2C_STEPS_IN_LANES && block.settled[i]
+        && (block.requested[i] || b->options.on_blocked == DL2C_BLOCKED_FALLBACK);
+    outcomes[i] = usual ? dl2c_commit(b, first + i, &block, i) : dl2c_advance(b, first + i);
+  }
+  dl2c_test(b, first, count, DL2C_BLOCK, facts);
+  for (int64_t i = 0; i < count; i++) {
+    dl2c_status status = DL2C_OK;
+    if (waited[i]) {
+      dl2c_clear_results(b, first + i);
+      status = dl2c_reset_one(b, first + i);
+    } else {
+      dl2c_finish(b, first + i, outcomes[i], facts + i, DL2C_BLOCK);
+      if (b->options.autoreset == DL2C_AUTORESET_SAME_STEP && b->ended[first + i])
+        status = dl2c_next_episode(b, first + i);
+    }
+    if (status != DL2C_OK) return status;
+  }
+  return DL2C_OK;
 }
 
 int32_t dl2c_abi_version(void) { return DL2C_ABI_VERSION; }
@@ -220,12 +325,14 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
   dl2c_batch *b = calloc(1, sizeof *b);
   if (b == NULL) return DL2C_ERR_NOMEM;
   const size_t rows = (size_t)n;
+  b->stride = dl2c_stride(n);
+  const size_t wide = (size_t)b->stride;
   b->n = n;
   b->options = *options;
   b->out = *buffers;
-  b->x = calloc(rows * (NX + 1), sizeof *b->x);
-  b->p = calloc(rows * (NP + 1), sizeof *b->p);
-  b->enabled = calloc(rows * ((size_t)DL2C_NSTART + 1), sizeof *b->enabled);
+  b->x = calloc(wide * (NX + 1), sizeof *b->x);
+  b->p = calloc(wide * (NP + 1), sizeof *b->p);
+  b->enabled = calloc(wide * ((size_t)DL2C_NSTART + 1), sizeof *b->enabled);
   b->ended = calloc(rows, sizeof *b->ended);
   b->seed = calloc(rows, sizeof *b->seed);
   b->episode = calloc(rows, sizeof *b->episode);
@@ -280,41 +387,20 @@ dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, 
                                 const double *p)
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
-  uint8_t enabled[NPATH];
   if (!dl2c_all_finite(x, NX) || !model_precondition(x, p)) return DL2C_ERR_STATE;
-  dl2c_enabled(0, x, p, enabled);
-  if (!dl2c_any_enabled(enabled)) return DL2C_ERR_STATE;
   dl2c_reseed(b, i, seed);
   b->episode[i]++;
-  memcpy(b->enabled + i * DL2C_NSTART, enabled, (size_t)DL2C_NSTART);
   dl2c_clear_results(b, i);
-  dl2c_begin(b, i, x, p);
-  return DL2C_OK;
+  return dl2c_begin(b, i, x, p) ? DL2C_OK : DL2C_ERR_STATE;
 }
 
 dl2c_status dl2c_batch_step(dl2c_batch *b)
 {
   if (b == NULL) return DL2C_ERR_ARG;
-  for (int64_t i = 0; i < b->n; i++) {
-    if (b->options.autoreset == DL2C_AUTORESET_NEXT_STEP && b->ended[i]) {
-      dl2c_clear_results(b, i);
-      const dl2c_status status = dl2c_reset_one(b, i);
-      if (status != DL2C_OK) return status;
-      continue;
-    }
-    dl2c_step_one(b, i);
-    if (b->options.autoreset == DL2C_AUTORESET_SAME_STEP && b->ended[i]) {
-      memcpy((dl2c_obs *)b->out.final_obs + i * NOBS, (dl2c_obs *)b->out.obs + i * NOBS,
-             sizeof(dl2c_obs) * NOBS);
-      const real ended_at = b->out.time[i];
-      const uint8_t postcondition = b->out.postcondition[i];
-      const uint8_t saturated = b->out.saturated[i];
-      const dl2c_status status = dl2c_reset_one(b, i);
-      if (status != DL2C_OK) return status;
-      b->out.time[i] = ended_at;
-      b->out.postcondition[i] = postcondition;
-      b->out.saturated[i] = saturated;
-    }
+  for (int64_t first = 0; first < b->n; first += DL2C_BLOCK) {
+    const int64_t rest = b->n - first;
+    const dl2c_status status = dl2c_step_block(b, first, rest < DL2C_BLOCK ? rest : DL2C_BLOCK);
+    if (status != DL2C_OK) return status;
   }
   return DL2C_OK;
 }
@@ -331,9 +417,11 @@ dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, cons
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
   if (!dl2c_all_finite(x, NX)) return DL2C_ERR_STATE;
   dl2c_store(b, i, x);
-  for (int k = 0; k < NP; k++) b->p[k * b->n + i] = p[k];
+  for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
   b->ended[i] = 0;
-  dl2c_enabled(0, x, p, b->enabled + i * DL2C_NSTART);
+  uint8_t facts[NFACT];
+  dl2c_test(b, i, 1, 1, facts);
+  b->out.postcondition[i] = facts[F_postcondition];
   dl2c_show(b, i, x, p, false);
   return DL2C_OK;
 }

@@ -16,12 +16,16 @@ enum { DL2C_RETREATS = 27 };
 /* Where the margin of a starting point on or inside the boundary crosses zero; INFINITY for never. */
 static inline real dl2c_crossing(real c0, real c1, real c2, bool touching_counts)
 {
+  if (c2 == 0.0) {
+    const real distance = c0 > 0.0 ? c0 : 0.0;
+    const real meets = distance / -c1;
+    return c1 < 0.0 ? meets : (real)INFINITY;
+  }
   if (c0 <= 0.0) {
     if (c1 <= 0.0) return c1 < 0.0 || c2 < 0.0 ? 0.0 : (real)INFINITY;
     return c2 < 0.0 ? -c1 / c2 : (real)INFINITY;
   }
   if (c1 >= 0.0 && c2 >= 0.0) return (real)INFINITY;
-  if (c2 == 0.0) return c0 / -c1;
   const real disc = c1 * c1 - 4.0 * c2 * c0;
   if (disc < 0.0 || (disc == 0.0 && c2 > 0.0 && !touching_counts)) return (real)INFINITY;
   const real root = sqrt(disc);

@@ -3,9 +3,11 @@
  *
  * A generated file includes this header, defines the sizes, tables and functions named
  * below, and then includes batch.h, which compiles the runtime around them. Arrays of
- * size zero do not exist in C: tables have at least one entry.
+ * size zero do not exist in C: tables have at least one entry. Functions with stride and
+ * count work on lanes: value k of environment i is x[k*stride + i], i < count.
  *
- *   enum { NX, NP, NU, NCHOICE, NMASK, NPRED, NOBS, NPOINT, NPATH, NFREE, NBOX };
+ *   enum { NX, NP, NU, NCHOICE, NMASK, NPRED, NOBS, NPOINT, NPATH, NFACT, NFREE, NBOX,
+ *          DL2C_LOOPS, DL2C_STEPS_IN_LANES, DL2C_LANE_FLOW };
  *   typedef float dl2c_obs;                      one observation entry, or double
  *   static const dl2c_path PATHS[];              all paths, grouped by point
  *   static const int32_t POINT_START[];          (NPOINT + 1) first path of each point
@@ -14,13 +16,15 @@
  *   static const double INPUT_LOW[], INPUT_HIGH[];
  *   static const double SAMPLE_LOW[][], SAMPLE_HIGH[][], SAMPLE_SHARE[]; static const int32_t SAMPLE_ALIAS[];
  *
- *   void model_guards(int point, x, p, uint8_t *enabled)         tests that no input decides
+ *   void model_guards(int point, x, p, stride, count, uint8_t *enabled)   tests that no input decides
  *   void model_limits(int path, int input, x, p, real *low, real *high)
  *   bool model_admits(int path, int input, x, p, real value)     tests that this input decides
  *   bool model_update(int path, x, p, u, real *y)                false: a value is undefined
- *   bool model_flow(int flow, real *x, p, real *duration)        false: a value is undefined
- *   void model_judge(x, p, dl2c_judgement *out)                  rewards and the end of episodes
- *   bool model_postcondition(x, p)
+ *   bool model_assign(int64_t path, x, p, real *y)               the same by selection, for lanes
+ *   dl2c_motion model_motion(int flow, x, p, real *y, real *duration)
+ *   bool model_at(int flow, x, p, real tau, real *y)             whether the domain holds after tau
+ *   void model_facts(x, p, stride, count, row, uint8_t *facts)   conditions of predicates, F_postcondition
+ *   void model_judge(x, p, facts, row, dl2c_judgement *out)      rewards and the end of episodes
  *   bool model_precondition(x, p)
  *   void model_observe(x, p, dl2c_obs *obs, uint8_t *saturated)
  *   void model_initial(const real *drawn, real *x, real *p)      a state from the drawn values
@@ -53,6 +57,13 @@ static inline void dl2c_limit(real offset, real slope, real *low, real *high)
   if (slope > 0.0 && root > *low) *low = root;
   if (slope < 0.0 && root < *high) *high = root;
 }
+
+/* What became of a flow. */
+typedef enum dl2c_motion {
+  DL2C_SETTLED = 0,   /* y is where it ends */
+  DL2C_UNDEFINED = 1, /* a value is undefined or too large */
+  DL2C_OUTSIDE = 2,   /* rounding put the end point outside the domain */
+} dl2c_motion;
 
 typedef enum dl2c_end {
   DL2C_GOES_ON = 0,

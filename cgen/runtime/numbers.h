@@ -10,6 +10,16 @@
 
 typedef double real;
 
+/*
+ * Functions over lanes exist twice, for AVX2 and for every x86-64; both compute the same
+ * bits. DL2C_NO_TARGET_CLONES leaves one, for linkers without indirect functions.
+ */
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(DL2C_NO_TARGET_CLONES)
+#define DL2C_LANES __attribute__((target_clones("avx2", "default")))
+#else
+#define DL2C_LANES
+#endif
+
 /* dL's min and max: the second where neither is smaller (greater). */
 static inline real dl2c_min(real a, real b) { return a < b ? a : b; }
 static inline real dl2c_max(real a, real b) { return a > b ? a : b; }
@@ -56,21 +66,16 @@ static inline real dl2c_from_ordinal(int64_t number)
 static inline float dl2c_observe_float(real a, float low, float high, uint8_t *saturated)
 {
   const float narrow = (float)a;
-  if (narrow < low) {
-    *saturated = 1;
-    return low;
-  }
-  if (narrow > high) {
-    *saturated = 1;
-    return high;
-  }
-  return narrow;
+  *saturated |= (uint8_t)((narrow < low) | (narrow > high));
+  const float raised = narrow < low ? low : narrow;
+  return raised > high ? high : raised;
 }
 
 static inline double dl2c_observe_double(real a, double low, double high, uint8_t *saturated)
 {
-  if (a < low || a > high) *saturated = 1;
-  return a < low ? low : a > high ? high : a;
+  *saturated |= (uint8_t)((a < low) | (a > high));
+  const double raised = a < low ? low : a;
+  return raised > high ? high : raised;
 }
 
 #endif

@@ -18,6 +18,29 @@ typedef struct dl2c_run {
   real *executed;       /* (NU) inputs as the action space writes them */
 } dl2c_run;
 
+/* Moves y along a flow. Where rounding left the domain, steps back until it holds. False: undefined. */
+static inline bool dl2c_flow(int flow, const real *p, real *y, real *duration)
+{
+  real end[NX];
+  const dl2c_motion motion = model_motion(flow, y, p, end, duration);
+  if (motion == DL2C_OUTSIDE) {
+    const real whole = *duration;
+    real part = DL2C_RETREAT_FIRST;
+    bool inside = false;
+    for (int k = 0; k < DL2C_RETREATS && !inside; k++, part *= 4.0) {
+      *duration = whole - whole * part;
+      memcpy(end, y, sizeof end);
+      inside = model_at(flow, y, p, *duration, end);
+    }
+    if (!inside) {
+      memcpy(end, y, sizeof end);
+      *duration = 0.0;
+    }
+  }
+  if (motion != DL2C_UNDEFINED) memcpy(y, end, sizeof end);
+  return motion != DL2C_UNDEFINED;
+}
+
 /* Executes one path from x into y: inputs, assignments, flow. False: a value is undefined. */
 static inline bool dl2c_follow(dl2c_run *run, int path, const real *x, real *y, real *duration)
 {
@@ -30,7 +53,7 @@ static inline bool dl2c_follow(dl2c_run *run, int path, const real *x, real *y, 
   *duration = 0.0;
   memcpy(y, x, sizeof(real) * NX);
   if (!model_update(path, x, run->p, u, y) || !dl2c_all_finite(y, NX)) return false;
-  return PATHS[path].flow == DL2C_NO_FLOW || model_flow(PATHS[path].flow, y, run->p, duration);
+  return PATHS[path].flow == DL2C_NO_FLOW || dl2c_flow(PATHS[path].flow, run->p, y, duration);
 }
 
 /*
@@ -53,7 +76,7 @@ static bool dl2c_complete(dl2c_run *run, int point, uint8_t *enabled, bool left,
     bool done = run->numerical || PATHS[path].target == DL2C_END;
     if (NPOINT > 1 && !done) {
       uint8_t next[NPATH];
-      dl2c_enabled(PATHS[path].target, y, run->p, next);
+      dl2c_enabled(PATHS[path].target, y, run->p, 1, 1, next);
       done = dl2c_complete(run, PATHS[path].target, next, left || !as_requested, y);
     } else {
       run->blocked = left || !as_requested;

@@ -1,9 +1,10 @@
 """The usual way to run a hybrid program in Python, to compare with: the recipe of "Gymnasium dL" (eq. 1).
 
 Made from the same step model as the C: guards, assignments, rewards and ends as Python functions,
-flows by `scipy.integrate.solve_ivp` with a terminal event for each condition of the domain. The
-functions are compiled from straight-line source text, so that no tree is walked at run time.
-The policy is that of a request of zeros: the first enabled alternative, inputs nearest to zero.
+flows by `scipy.integrate.solve_ivp` with a terminal event for each condition of the domain, up to the
+time at which a clock ends them. The functions are compiled from straight-line source text, so that no
+tree is walked at run time. The policy is that of a request of zeros: the first enabled alternative,
+inputs nearest to zero.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -109,7 +110,7 @@ def _flow(model: Model, k: int, flow: Flow) -> str:
         f"    return {_row(term_source(term) for _, term in flow.equations)}",
     ]
     moving = {Symbol(name, "variable") for name in moved}
-    events = [part for part in conjuncts(flow.watched) if moving & symbols(part) and not _is_equality(part)]
+    events = [part for part in conjuncts(flow.domain) if moving & symbols(part) and not _is_equality(part)]
     for i, part in enumerate(events):
         lines += [
             f"def event_{i}(tau, y):",
@@ -222,7 +223,9 @@ class Baseline:
         self.x = moved
         reward, terminated, truncated = self._judge(moved, self.p)
         if not terminated and not truncated:
-            terminated, truncated = not self._loops, self.steps == self._max_steps and self._loops
+            stuck = all(enter(moved, self.p) is None for enter, _, _ in self._points[0])
+            terminated = not self._loops
+            truncated = self._loops and (stuck or self.steps == self._max_steps)
         return self._observe(moved, self.p), reward, terminated, truncated
 
     def _completed(self, point: int, x: Row) -> Row | None:
@@ -240,7 +243,7 @@ class Baseline:
 
 
 def _preferred(paths: Paths, point: int) -> list[int]:
-    """The paths of a point, best first for a request of zeros: by decisions that agree, `@fallback`, order."""
+    """The paths of a point, best first for a request of zeros: by agreement, `@fallback`, order."""
 
     def rank(k: int) -> tuple[int, bool]:
         path: Path = paths.paths[k]

@@ -33,8 +33,8 @@ PREFIX = {"variable": "X_", "constant": "P_", "input": "U_", "time": "tau_"}
 
 NAMES: dict[Function, str] = {
     "abs": "abs",
-    "min": "min",
-    "max": "max",
+    "min": "least",
+    "max": "greatest",
     "sqrt": "sqrt",
     "exp": "exp",
     "sin": "sin",
@@ -53,6 +53,14 @@ def _divide(a: float, b: float) -> float:
     return a / b if b else math.nan
 
 
+def _least(a: float, b: float) -> float:
+    return a if a < b else b if b <= a else math.nan
+
+
+def _greatest(a: float, b: float) -> float:
+    return a if a > b else b if b >= a else math.nan
+
+
 def _or_nan(function: Callable[..., float]) -> Callable[..., float]:
     def total(*args: float) -> float:
         try:
@@ -65,6 +73,8 @@ def _or_nan(function: Callable[..., float]) -> Callable[..., float]:
 
 NAMESPACE: dict[str, Any] = {
     "divide": _divide,
+    "least": _least,
+    "greatest": _greatest,
     "sqrt": _or_nan(math.sqrt),
     "exp": _or_nan(math.exp),
     "sin": math.sin,

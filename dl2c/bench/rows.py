@@ -7,6 +7,7 @@ alternative" and costs nothing: what is measured is the environments.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import cycle, islice
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -16,7 +17,7 @@ from gymnasium.vector.utils import create_empty_array
 from numpy.typing import NDArray
 
 from dl2c.bench.baseline import Baseline, Start
-from dl2c.bench.hand_written import HandWritten
+from dl2c.bench.hand_written import HandWritten, is_there
 from dl2c.env.opening import batch_options, open_library
 from dl2c.pipeline import resolve_options, step_model
 from dl2c.source import Source
@@ -29,6 +30,9 @@ BASELINE = "solve_ivp"
 
 BATCHES = (1, 8, 64, 1024, 16384)
 PYTHON_BATCHES = (64, 1024)
+LOOP = 1024
+"""Environments of the hand-written loop."""
+
 STARTS = 256
 """Initial states of the baseline's episodes, drawn beforehand."""
 
@@ -70,9 +74,9 @@ def rows(what: Subject) -> tuple[list[Row], list[str]]:
         notes.append("no row for Stable-Baselines3, which is not installed (pip install dl2c[train])")
     else:
         found += [sb3_row(what, n) for n in PYTHON_BATCHES]
-    hand_written = HandWritten.of(what.library.manifest, BATCHES[3])
-    if hand_written is not None:
-        found.append(Row("loop", "hand-written C loop", hand_written.n, _repeated(hand_written.step)))
+    if is_there(what.source) and not what.options.keys() - POLICY.keys() - {"native"}:
+        loop = HandWritten(LOOP, what.options.get("native", False))
+        found.append(Row("loop", f"hand-written C loop, n = {LOOP}", LOOP, _repeated(loop.step)))
     return [*found, cartpole_row(), empty_row(what)], notes
 
 
@@ -133,7 +137,7 @@ def sb3_row(what: Subject, n: int) -> Row:
     """n environments as a Stable-Baselines3 VecEnv."""
     from dl2c.env.sb3 import Dl2cVecEnv
 
-    env = Dl2cVecEnv(what.source, n, **what.options)
+    env: Any = Dl2cVecEnv(what.source, n, **what.options)
     env.seed(0)
     env.reset()
     actions = create_empty_array(env.action_space, n)
@@ -150,10 +154,10 @@ def cartpole_row() -> Row:
 def empty_row(what: Subject) -> Row:
     """An environment that does nothing but make the same kinds of objects: the least Gymnasium costs."""
     model: Any = gym.make("dl2c:dl2c/Model-v0", model=what.source, **_gym_options(what))  # pyright: ignore[reportUnknownMemberType] # gym.make has a bare type
-    spec = EnvSpec("Empty-v0", entry_point=lambda: EmptyEnv(model))
+    spec = EnvSpec("Empty-v0", entry_point=lambda **_: EmptyEnv(model))
     env: Any = gym.make(spec)  # pyright: ignore[reportUnknownMemberType] # gym.make has a bare type
     env.reset(seed=0)
-    return Row("empty", "Gymnasium environment that does nothing", 1, _episodes(env, [zero(env.action_space)]))
+    return Row("empty", "empty Gymnasium environment", 1, _episodes(env, [zero(env.action_space)]))
 
 
 class EmptyEnv(gym.Env[NDArray[Any], Any]):
@@ -205,11 +209,12 @@ def _repeated(step: Callable[[], Any]) -> Callable[[int], None]:
 
 def _episodes(env: "gym.Env[Any, Any]", actions: Sequence[Any]) -> Callable[[int], None]:
     """Step and, at the end of an episode, reset; the actions are taken in turn."""
+    turns = cycle(actions)
 
     def run(k: int) -> None:
         step, reset = env.step, env.reset
-        for i in range(k):
-            _, _, terminated, truncated, _ = step(actions[i % len(actions)])
+        for action in islice(turns, k):
+            _, _, terminated, truncated, _ = step(action)
             if terminated or truncated:
                 reset()
 

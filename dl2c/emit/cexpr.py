@@ -1,6 +1,7 @@
 """Instruction tapes as C expressions.
 
-Operations used once are written in place; shared ones get a name. The printed code does
+Operations used once are written in place; shared ones get a name. Conditions are joined
+by & and |, which evaluate both sides: no branch, so that loops over lanes vectorise. The printed code does
 the tape's operations in the tape's order of operands, so its results have the same bits.
 """
 
@@ -27,8 +28,8 @@ INFIX = {
     "le": ("<=", ORDER),
     "eq": ("==", EQUALITY),
     "ne": ("!=", EQUALITY),
-    "and": ("&&", CONJUNCTION),
-    "or": ("||", DISJUNCTION),
+    "and": ("&", CONJUNCTION),
+    "or": ("|", DISJUNCTION),
 }
 MIRRORED = {"<": ">", "<=": ">="}
 FUNCTIONS = {
@@ -136,10 +137,8 @@ def _expression(
             return f"{operand(0, level)} {sign} {operand(1, level, True)}", level
         case "and" | "or":
             sign, level = INFIX[operation]
-            return (
-                f"{_condition(operand, args, texts, 0, level)} {sign} {_condition(operand, args, texts, 1, level)}",
-                level,
-            )
+            left, right = (_condition(args, texts, k, level) for k in (0, 1))
+            return f"{left} {sign} {right}", level
         case (
             "abs"
             | "min"
@@ -159,18 +158,10 @@ def _expression(
             assert_never(operation)
 
 
-def _condition(
-    operand: Callable[[int, int], str],
-    args: tuple[int, ...],
-    texts: list[tuple[str, int]],
-    k: int,
-    level: int,
-) -> str:
-    """An operand of && or ||; mixed operators are parenthesised for the reader and the compiler."""
-    _, binds = texts[args[k]]
-    if binds in (CONJUNCTION, DISJUNCTION) and binds != level:
-        return f"({texts[args[k]][0]})"
-    return operand(k, level)
+def _condition(args: tuple[int, ...], texts: list[tuple[str, int]], k: int, level: int) -> str:
+    """An operand of & or |, both sides of which are always evaluated; only the same operator needs no parentheses."""
+    text, binds = texts[args[k]]
+    return text if binds in (level, ATOM) else f"({text})"
 
 
 def _is_finiteness(tape: Tape, args: tuple[int, ...]) -> bool:

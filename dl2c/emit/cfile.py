@@ -64,11 +64,20 @@ def _signature(head: str) -> str:
     return "\n".join(lines).rstrip()
 
 
+LANES = "const real *restrict x, const real *restrict p, int64_t stride, int64_t count"
+"""Parameters of a function over lanes: `count` environments, x and p at the first."""
+
+
+def each_lane(target: str, value: str) -> list[str]:
+    """A loop that computes one value for every lane."""
+    return ["for (int64_t i = 0; i < count; i++)", *(f"  {line}" for line in wrapped(f"{target} = {value};"))]
+
+
 def wrapped(statement: str) -> list[str]:
     """A long statement over several lines, broken before operators."""
     if len(statement) <= WIDTH - 2:
         return [statement]
-    parts = statement.replace(" && ", "\n&& ").replace(" || ", "\n|| ").split("\n")
+    parts = statement.replace(" & ", "\n& ").replace(" | ", "\n| ").replace(", ", ",\n").split("\n")
     lines: list[str] = []
     for part in parts:
         if lines and len(lines[-1]) + len(part) + 1 <= WIDTH - 2:

@@ -1,14 +1,15 @@
 """Flows in C: the exact kernel of one ODE as straight-line code (see dl2c/ir/exact.py).
 
 For flow k: leaf functions of coefficients, margins, horizon and domain, then `flowK_at`
-(the state after a time) and `flowK` (how long the flow lasts and where it ends); at the
-end `model_flow`, which selects one.
+(the state after a time), `flowK_stays` (the domain) and `flowK_motion` (how long the flow
+lasts and where it ends), all without branches; at the end `model_motion` and `model_at`,
+which select one.
 """
 
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.names import index, slot
+from dl2c.emit.names import after, index, slot
 from dl2c.emit.plan import Environment
 from dl2c.ir.exact import ExactPlan, Watch
 from dl2c.ir.model import TRUE, Symbol
@@ -22,26 +23,36 @@ def flow_functions(environment: Environment, leaves: Leaves) -> list[str]:
     """All functions of all flows."""
     texts: list[str] = []
     for k, plan in enumerate(environment.flows):
-        inside = _inside(k, plan, leaves)
-        texts += [_at(k, plan, leaves), _flow(k, plan, leaves, inside)]
-    body: list[str] = []
-    body += [f"if (flow == {k}) return flow{k}(p, x, duration);" for k in range(len(environment.flows))]
-    texts.append(
-        function(
-            "static inline bool model_flow(int flow, real *x, const real *p, real *duration)",
-            [*body, "return true;"],
-            "Moves x along a flow as long as its domain allows. False where a value is undefined.",
-        )
+        texts += [_at(k, plan, leaves), _motion(k, plan, leaves)]
+    return [*texts, _model_motion(environment), _model_retreat(environment)]
+
+
+def _model_motion(environment: Environment) -> str:
+    flows = range(len(environment.flows))
+    body = [f"if (flow == {k}) return flow{k}_motion(x, p, y, duration);" for k in flows]
+    return function(
+        "static inline dl2c_motion model_motion(int flow, const real *x, const real *p, real *y, real *duration)",
+        [*body, "return DL2C_UNDEFINED;"],
+        "Moves x along a flow into y as long as its domain allows.",
     )
-    return texts
 
 
-def _inside(k: int, plan: ExactPlan, leaves: Leaves) -> str:
-    """An expression for whether y is in the domain."""
+def _model_retreat(environment: Environment) -> str:
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        body += [f"if (flow == {k}) {{", f"  flow{k}_at(x, p, tau, y);", f"  return {_inside(k, plan)};", "}"]
+    return function(
+        "static inline bool model_at(int flow, const real *x, const real *p, real tau, real *y)",
+        [*body, "return false;"],
+        "Moves x along a flow for the time tau into y, and says whether y is in the domain.",
+    )
+
+
+def _inside(k: int, plan: ExactPlan) -> str:
+    """An expression for whether y is in the domain; its leaf is made with the motion."""
     if plan.flow.domain == TRUE:
         return "true"
-    about = f"{place(plan.flow.span)}  {print_formula(plan.flow.domain)}"
-    return leaves.condition(f"flow{k}_inside", plan.flow.domain, about, "y")
+    return f"flow{k}_stays(y, p)"
 
 
 def _coefficients(stem: str, coefficients: Coefficients, about: str, leaves: Leaves) -> list[str]:
@@ -67,59 +78,62 @@ def _at(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     )
 
 
-def _flow(k: int, plan: ExactPlan, leaves: Leaves, inside: str) -> str:
-    body = ["*duration = 0.0;"]
+def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
+    stays = _stays(k, plan, leaves)
     terms = [c for cs in plan.solution.variables.values() for c in cs]
     terms += [c for w in plan.watches for c in w.margin] + [h.bound for h in plan.flow.horizons]
-    if (defined := leaves.defined(f"flow{k}_defined", terms, "all coefficients have a value")) is not None:
-        body.append(f"if (!{defined}) return false;")
+    defined = leaves.defined(f"flow{k}_defined", terms, "all coefficients have a value") or "true"
+    limits, body = _limits(k, plan, leaves)
+    for j, watch in enumerate(plan.watches):
+        body += _exit(k, j, watch, leaves)
+    exits = [f"exit{j}" for j in range(len(plan.watches))]
+    body.append(f"real end = {limits[0]};")
+    body += [f"end = {name} < end ? {name} : end;" for name in (*limits[1:], *exits)]
+    body += [f"const bool hit{j} = {name} <= end;" for j, name in enumerate(exits)]
+    body.append("const bool moves = end > 0.0;")
+    shy = [f"hit{j}" for j, w in enumerate(plan.watches) if w.kind in ("open", "apart")]
+    if shy:
+        body.append(f"end = {' | '.join(shy)} ? dl2c_before(end) : end;")
+    finite = "".join(f" & isfinite({limit})" for limit in limits if limit.startswith("left"))
+    body += [
+        "",
+        "for (int k = 0; k < NX; k++) y[k] = x[k];",
+        f"flow{k}_at(x, p, end, y);",
+        *_settled(k, plan, leaves),
+        f"const bool defined = {defined}{finite} & (!moves | dl2c_all_finite(y, NX));",
+        f"const bool inside = !moves | {_inside(k, plan)};",
+        "for (int k = 0; k < NX; k++) y[k] = moves ? y[k] : x[k];",
+        "*duration = moves ? end : 0.0;",
+        "return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;",
+    ]
+    head = f"static inline dl2c_motion flow{k}_motion(const real *x, const real *p, real *y, real *duration)"
+    return stays + function(head, body, f"{place(plan.flow.span)}  {print_flow(plan.flow)}")
+
+
+def _stays(k: int, plan: ExactPlan, leaves: Leaves) -> str:
+    """The domain of a flow as a condition of y; nothing where there is none."""
+    if plan.flow.domain == TRUE:
+        return ""
+    about = f"{place(plan.flow.span)}  {print_formula(plan.flow.domain)}"
+    holds = leaves.condition(f"flow{k}_inside", plan.flow.domain, about, after)
+    head = f"static inline bool flow{k}_stays(const real *y, const real *p)"
+    return function(head, [f"return {holds};"], "Whether y is in the domain of the flow.") + "\n"
+
+
+def _limits(k: int, plan: ExactPlan, leaves: Leaves) -> tuple[list[str], list[str]]:
+    """Names or numbers of the times at which the flow must end, and the lines that compute them."""
     limits: list[str] = []
+    lines: list[str] = []
     for j, horizon in enumerate(plan.flow.horizons):
         clock = Symbol(horizon.clock, "variable")
         bound = leaves.term(
             f"flow{k}_until{j}", horizon.bound, f"{horizon.clock} <= {print_term(horizon.bound)}"
         )
-        body.append(f"const real until{j} = {bound};")
-        body.append(f"const real left{j} = until{j} - {slot(clock)};")
+        lines += [f"const real until{j} = {bound};", f"const real left{j} = until{j} - {slot(clock)};"]
         limits.append(f"left{j}")
     if plan.flow.cap is not None:
         limits.append(number(float(plan.flow.cap)))
-    for j, watch in enumerate(plan.watches):
-        body += _exit(k, j, watch, leaves)
-    body.append(f"real end = {limits[0]};")
-    body += [f"if ({limit} < end) end = {limit};" for limit in limits[1:]]
-    exits = [f"exit{j}" for j in range(len(plan.watches))]
-    body += [f"if ({name} < end) end = {name};" for name in exits]
-    body += [f"if (!isfinite({limit})) return false;" for limit in limits if limit.startswith("left")]
-    body.append("if (!(end > 0.0)) return true;")
-    for j in range(len(plan.watches)):
-        body.append(f"const bool hit{j} = exit{j} <= end;")
-    shy = [f"hit{j}" for j, w in enumerate(plan.watches) if w.kind in ("open", "apart")]
-    if shy:
-        body.append(f"if ({' || '.join(shy)}) end = dl2c_before(end);")
-    body += [
-        "",
-        "real y[NX];",
-        "memcpy(y, x, sizeof y);",
-        f"flow{k}_at(x, p, end, y);",
-        *_settled(k, plan, leaves),
-    ]
-    body += [
-        f"if (dl2c_all_finite(y, NX) && {inside}) {{"
-        if inside != "true"
-        else "if (dl2c_all_finite(y, NX)) {",
-        "  memcpy(x, y, sizeof y);",
-        "  *duration = end;",
-        "  return true;",
-        "}",
-        "if (!dl2c_all_finite(y, NX)) return false;",
-        *_retreat(k, inside),
-    ]
-    return function(
-        f"static inline bool flow{k}(const real *p, real *x, real *duration)",
-        body,
-        f"{place(plan.flow.span)}  {print_flow(plan.flow)}",
-    )
+    return limits, lines
 
 
 def _exit(k: int, j: int, watch: Watch, leaves: Leaves) -> list[str]:
@@ -136,29 +150,11 @@ def _settled(k: int, plan: ExactPlan, leaves: Leaves) -> list[str]:
     """A clock that ran out and a bound that was met are met exactly (semantics 4, snap)."""
     lines: list[str] = []
     for j, horizon in enumerate(plan.flow.horizons):
-        lines.append(f"if (left{j} == end) y[{index(Symbol(horizon.clock, 'variable'))}] = until{j};")
+        clock = f"y[{index(Symbol(horizon.clock, 'variable'))}]"
+        lines.append(f"{clock} = left{j} == end ? until{j} : {clock};")
     for j, watch in enumerate(plan.watches):
         if watch.snap is not None:
             target = leaves.term(f"flow{k}_snap{j}", watch.snap.target, f"{watch.snap.variable} at its bound")
-            lines.append(f"if (hit{j}) y[{index(Symbol(watch.snap.variable, 'variable'))}] = {target};")
+            snapped = f"y[{index(Symbol(watch.snap.variable, 'variable'))}]"
+            lines.append(f"{snapped} = hit{j} ? {target} : {snapped};")
     return lines
-
-
-def _retreat(k: int, inside: str) -> list[str]:
-    """Rounding put the end point outside the domain: step back until it is inside."""
-    if inside == "true":
-        return []
-    return [
-        "real part = DL2C_RETREAT_FIRST;",
-        "for (int k = 0; k < DL2C_RETREATS; k++, part *= 4.0) {",
-        "  const real earlier = end - end * part;",
-        "  memcpy(y, x, sizeof y);",
-        f"  flow{k}_at(x, p, earlier, y);",
-        f"  if ({inside}) {{",
-        "    memcpy(x, y, sizeof y);",
-        "    *duration = earlier;",
-        "    return true;",
-        "  }",
-        "}",
-        "return true;",
-    ]

@@ -10,11 +10,11 @@ from fractions import Fraction
 import numpy as np
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import function, place
+from dl2c.emit.cfile import LANES, each_lane, function, place
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.names import slot
+from dl2c.emit.names import lane, slot
 from dl2c.emit.plan import Environment
-from dl2c.ir.model import Bound, Formula, Model, Predicate, Symbol, Term, Trigger
+from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Symbol, Term, Trigger
 from dl2c.ir.printer import print_formula, print_term
 from dl2c.options import Options
 
@@ -27,33 +27,60 @@ def judge_functions(environment: Environment, leaves: Leaves) -> list[str]:
     """All functions of this file."""
     model = environment.model
     return [
+        _facts(model, leaves),
         _judge(model, leaves),
-        _formula("postcondition", model.postcondition, leaves, "The problem's Q."),
-        _formula("precondition", model.precondition, leaves, "The problem's P, strict."),
+        _precondition(model, leaves),
         _observe(environment, leaves),
     ]
 
 
-def _formula(name: str, formula: Formula | None, leaves: Leaves, about: str) -> str:
-    holds = (
-        "true" if formula is None else leaves.condition(f"{name}_holds", formula, f"{print_formula(formula)}")
+def fact_names(model: Model) -> list[str]:
+    """Enumerators of the conditions that every post-state is tested for."""
+    names = [f"F_{p.name}_holds" for p in model.predicates]
+    names += [f"F_{p.name}_due" for p in model.predicates if p.due is not None]
+    return [*names, "F_postcondition"]
+
+
+def _precondition(model: Model, leaves: Leaves) -> str:
+    holds = leaves.condition("precondition_holds", model.precondition, print_formula(model.precondition))
+    return function(
+        f"static inline bool model_precondition({STATE})", [f"return {holds};"], "The problem's P, strict."
     )
-    body = [f"return {holds};"]
-    return function(f"static inline bool model_{name}({STATE})", body, about)
+
+
+def _facts(model: Model, leaves: Leaves) -> str:
+    body: list[str] = []
+
+    def add(fact: str, name: str, formula: Formula, about: str) -> None:
+        nonlocal body
+        body += each_lane(f"facts[{fact} * row + i]", leaves.condition(name, formula, about, lane))
+
+    for predicate in model.predicates:
+        name, where = predicate.name, place(predicate.span)
+        about = f"{where}  @{predicate.category} {name}: {print_formula(predicate.formula)}, within tolerance"
+        add(f"F_{name}_holds", f"{name}_holds", predicate.relaxed, about)
+        if predicate.due is not None:
+            about = f"{where}  {name} is due: {print_formula(predicate.due)}"
+            add(f"F_{name}_due", f"{name}_due", predicate.due, about)
+    post = TRUE if model.postcondition is None else model.postcondition
+    add("F_postcondition", "postcondition_holds", post, f"the problem's Q: {print_formula(post)}")
+    return function(
+        f"DL2C_LANES static void model_facts({LANES}, int64_t row, uint8_t *restrict facts)",
+        body,
+        "What a post-state is tested for.   facts: (NFACT, row)",
+    )
 
 
 def _judge(model: Model, leaves: Leaves) -> str:
     body = ["*out = (dl2c_judgement){.status = DL2C_NONE};"]
     for k, predicate in enumerate(model.predicates):
-        about = f"{place(predicate.span)}  @{predicate.category} {predicate.name}: {print_formula(predicate.formula)}"
-        good = leaves.condition(f"{predicate.name}_holds", predicate.relaxed, f"{about}, within tolerance")
-        body.append(f"const bool good{k} = {good};")
+        body.append(f"const bool good{k} = facts[F_{predicate.name}_holds * row];")
         body += _rewards(k, predicate, leaves)
         if predicate.category == "safety":
             body.append(f"out->cost += !good{k};")
     return function(
-        f"static inline void model_judge({STATE}, dl2c_judgement *out)",
-        [*body, *_endings(model, leaves)],
+        f"static inline void model_judge({STATE}, const uint8_t *facts, int64_t row, dl2c_judgement *out)",
+        [*body, *_endings(model)],
         "Sums the rewards of all predicates; of those that end the episode the most important wins.",
     )
 
@@ -85,12 +112,12 @@ def _reward(name: str, term: Term, when: str, leaves: Leaves) -> list[str]:
     ]
 
 
-def _endings(model: Model, leaves: Leaves) -> list[str]:
+def _endings(model: Model) -> list[str]:
     """Triggers as an if-chain, most important first; a `continue` counts only where nothing ends."""
     ending: list[tuple[tuple[int, int, int], list[str]]] = []
     going_on: list[str] = []
     for k, predicate in enumerate(model.predicates):
-        fired = {"on_success": f"good{k}", "on_failure": _failed(k, predicate, leaves)}
+        fired = {"on_success": f"good{k}", "on_failure": _failed(k, predicate)}
         for trigger, when in (
             (predicate.on_success, fired["on_success"]),
             (predicate.on_failure, fired["on_failure"]),
@@ -112,15 +139,11 @@ def _endings(model: Model, leaves: Leaves) -> list[str]:
     return [*lines, "}"]
 
 
-def _failed(k: int, predicate: Predicate, leaves: Leaves) -> str | None:
+def _failed(k: int, predicate: Predicate) -> str | None:
     """When a predicate counts as failed; a progress predicate only once its obligation is due."""
     if predicate.category != "progress":
         return f"!good{k}"
-    if predicate.due is None:
-        return None
-    about = f"{place(predicate.span)}  {predicate.name} is due: {print_formula(predicate.due)}"
-    due = leaves.condition(f"{predicate.name}_due", predicate.due, about)
-    return f"!good{k}" if due == "true" else f"!good{k} && {due}"
+    return None if predicate.due is None else f"!good{k} && facts[F_{predicate.name}_due * row]"
 
 
 def _rank(k: int, predicate: Predicate, trigger: Trigger) -> tuple[int, int, int]:

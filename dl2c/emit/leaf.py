@@ -15,6 +15,8 @@ from dl2c.ir.model import Formula, Symbol, Term
 from dl2c.symbolic.tape import Tape, defined_tape, formula_tape, term_tape
 from dl2c.symbolic.terms import Builder
 
+Place = Callable[[Symbol], str]
+
 
 @dataclass(slots=True)
 class Leaves:
@@ -23,35 +25,38 @@ class Leaves:
     builder: Builder
     order: Callable[[Symbol], int]
     texts: list[str] = field(default_factory=list[str])
+    made: set[str] = field(default_factory=set[str])
 
-    def term(self, name: str, term: Term, about: str, state: str = "x") -> str:
-        """An expression for a term's value, read from array `state`."""
-        return self._leaf(name, term_tape(self.builder, term), "real", about, state)
+    def term(self, name: str, term: Term, about: str, place: Place = names.slot) -> str:
+        """An expression for a term's value, each symbol read where `place` says."""
+        return self._leaf(name, term_tape(self.builder, term), "real", about, place)
 
-    def condition(self, name: str, formula: Formula, about: str, state: str = "x") -> str:
+    def condition(self, name: str, formula: Formula, about: str, place: Place = names.slot) -> str:
         """An expression for a formula's truth."""
-        return self._leaf(name, formula_tape(self.builder, formula), "bool", about, state)
+        return self._leaf(name, formula_tape(self.builder, formula), "bool", about, place)
 
-    def defined(self, name: str, terms: list[Term], about: str, state: str = "x") -> str | None:
+    def defined(self, name: str, terms: list[Term], about: str, place: Place = names.slot) -> str | None:
         """An expression for whether all terms are defined and finite; None if they always are."""
         tape = defined_tape(self.builder, terms)
-        return None if tape is None else self._leaf(name, tape, "bool", about, state)
+        return None if tape is None else self._leaf(name, tape, "bool", about, place)
 
-    def call(self, name: str, inputs: tuple[Symbol, ...], state: str = "x") -> str:
+    def call(self, name: str, inputs: tuple[Symbol, ...], place: Place = names.slot) -> str:
         """A call of a leaf with its arguments read from the arrays."""
-        arguments = ", ".join(names.slot(s, state) for s in sorted(inputs, key=self.order))
+        arguments = ", ".join(place(s) for s in sorted(inputs, key=self.order))
         return f"{name}({arguments})"
 
-    def _leaf(self, name: str, tape: Tape, kind: str, about: str, state: str) -> str:
-        slots = {s.name: names.slot(s, state) for s in tape.inputs}
+    def _leaf(self, name: str, tape: Tape, kind: str, about: str, place: Place) -> str:
+        slots = {s.name: place(s) for s in tape.inputs}
         direct = print_tape(tape, lambda n: slots[n], kind == "bool")
         if direct.trivial:
             return direct.expression
         ordered = sorted(tape.inputs, key=self.order)
         parameters = ", ".join(f"real {names.local(s.name)}" for s in ordered) or "void"
         head = f"static inline {kind} {name}({parameters})"
-        self.texts.append(function(head, _body(print_tape(tape, truth=kind == "bool")), about))
-        return self.call(name, tape.inputs, state)
+        if name not in self.made:
+            self.made.add(name)
+            self.texts.append(function(head, _body(print_tape(tape, truth=kind == "bool")), about))
+        return self.call(name, tape.inputs, place)
 
 
 def _body(printed: Printed) -> list[str]:

@@ -7,10 +7,10 @@ of initial states; tables; the runtime, compiled with the model as one unit.
 
 from dl2c.emit.cfile import comment, enumeration
 from dl2c.emit.flow_c import flow_functions
-from dl2c.emit.judge_c import judge_functions, observed
+from dl2c.emit.judge_c import fact_names, judge_functions, observed
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import index
-from dl2c.emit.paths_c import path_functions, path_tables
+from dl2c.emit.paths_c import path_functions, path_tables, steps_in_lanes
 from dl2c.emit.plan import Environment
 from dl2c.emit.sampler_c import sampler_functions, sampler_tables
 from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
@@ -64,12 +64,15 @@ def _sizes(environment: Environment) -> str:
         "NFREE": 0 if sampling is None else len(sampling.free),
         "NBOX": 0 if sampling is None else len(sampling.boxes),
         "DL2C_LOOPS": int(model.loops),
+        "DL2C_STEPS_IN_LANES": int(steps_in_lanes(environment)),
+        "DL2C_LANE_FLOW": next((p.flow for p in paths.paths if p.flow is not None), -1),
     }
     kind = "float" if environment.options.obs_dtype == "float32" else "double"
     return (
         enumeration(variables, "NX", "state")
         + enumeration(constants, "NP", "constants of the episode")
         + enumeration(inputs, "NU", "inputs")
+        + enumeration(fact_names(model), "NFACT", "what a state is tested for")
         + "enum { "
         + ", ".join(f"{k} = {v}" for k, v in sizes.items())
         + " };\n"

@@ -173,6 +173,16 @@ def slot(symbol: Symbol, state: str = "x") -> str:
     return f"{array}[{index(symbol)}]"
 
 
+def lane(symbol: Symbol) -> str:
+    """Where environment i of a batch keeps a symbol's value: rows of one symbol are `stride` apart."""
+    return f"{'x' if symbol.kind == 'variable' else 'p'}[{index(symbol)} * stride + i]"
+
+
+def after(symbol: Symbol) -> str:
+    """Where a symbol's value is in the state `y` that a flow leads to."""
+    return slot(symbol, "y")
+
+
 def file_stem(model_name: str) -> str:
     """The base name of a model's generated files: letters, digits and `_`, not starting with a digit."""
     stem = "".join(c if c.isascii() and c.isalnum() else "_" for c in model_name) or "model"

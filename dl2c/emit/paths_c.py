@@ -6,9 +6,9 @@ INPUT_LOW, INPUT_HIGH.
 """
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import function, place, row, table
+from dl2c.emit.cfile import LANES, each_lane, function, place, row, table, wrapped
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.names import index, slot
+from dl2c.emit.names import index, lane, slot
 from dl2c.emit.plan import Environment
 from dl2c.ir.inputs import rounded_down, rounded_up
 from dl2c.ir.model import TRUE, Symbol
@@ -25,6 +25,7 @@ def path_functions(environment: Environment, leaves: Leaves) -> list[str]:
         _limits(environment, leaves),
         _admits(environment, leaves),
         _update(environment, leaves),
+        _assign(environment, leaves),
     ]
 
 
@@ -34,16 +35,14 @@ def _guards(environment: Environment, leaves: Leaves) -> str:
     for point in range(paths.points):
         lines: list[str] = []
         for k, path in enumerate(paths.of(point)):
-            number_of = paths.paths.index(path)
             about = f"{place(path.span)}  {print_formula(path.guard)}"
-            name = f"path{number_of}_guard"
-            open_ = "true" if path.guard == TRUE else leaves.condition(name, path.guard, about)
-            lines.append(f"enabled[{k}] = {open_};")
+            name = f"path{paths.paths.index(path)}_guard"
+            lines += each_lane(f"enabled[{k} * stride + i]", leaves.condition(name, path.guard, about, lane))
         body += lines if paths.points == 1 else [f"if (point == {point}) {{", *(f"  {x}" for x in lines), "}"]
     return function(
-        f"static inline void model_guards(int point, {STATE}, uint8_t *enabled)",
+        f"DL2C_LANES static void model_guards(int point, {LANES}, uint8_t *restrict enabled)",
         body,
-        "Which paths of a point pass the tests that no input decides.   enabled: (paths of the point)",
+        "Which paths of a point pass the tests that no input decides.   enabled: (paths of the point, stride)",
     )
 
 
@@ -113,6 +112,46 @@ def _assignments(k: int, path: Path, leaves: Leaves) -> list[str]:
     return [*lines, f"return {defined or 'true'};"]
 
 
+LANE_PATHS = 16
+"""With more paths, computing the assignments of all of them costs more than branching."""
+
+
+def steps_in_lanes(environment: Environment) -> bool:
+    """Whether whole steps can be made for many environments at once: no inputs, one flow at most."""
+    paths = environment.paths
+    simple = not paths.inputs and paths.points == 1 and len(paths.paths) <= LANE_PATHS
+    return simple and len({p.flow for p in paths.paths}) == 1
+
+
+def _assign(environment: Environment, leaves: Leaves) -> str:
+    """All assignments of all paths as selections."""
+    body: list[str] = []
+    if steps_in_lanes(environment):
+        chosen: dict[str, str] = {}
+        defined: list[str] = []
+        for k, path in reversed([*enumerate(environment.paths.paths)]):
+            for variable, term in path.updates:
+                rest = chosen.get(variable, slot(Symbol(variable, "variable")))
+                value = leaves.term(f"path{k}_set_{variable}", term, "")
+                chosen[variable] = f"path == {k} ? {value} : {rest}"
+            condition = leaves.defined(f"path{k}_defined", [t for _, t in path.updates], "")
+            if condition is not None:
+                defined.append(f"((path != {k}) | {condition})")
+        body += [
+            line
+            for v, text in chosen.items()
+            for line in wrapped(f"y[{index(Symbol(v, 'variable'))}] = {text};")
+        ]
+        body += wrapped(f"return {' & '.join(defined) or 'true'};")
+    else:
+        body.append("return true;")
+    return function(
+        f"static inline bool model_assign(int64_t path, {STATE}, real *y)",
+        body,
+        "The assignments of a path as selections, for lanes. False where a value is undefined.",
+    )
+
+
 def path_tables(environment: Environment) -> list[str]:
     """Everything about paths that is data."""
     paths = environment.paths
@@ -151,7 +190,7 @@ def _lists(k: int, path: Path) -> str:
     inputs = [a.input for a in path.admissions]
     return (
         f"static const int8_t PATH{k}_MET[] = {row(path.met)};\n"
-        f"static const int8_t PATH{k}_MARKED[] = {row(int(m) for m in path.marks)};\n"
+        f"static const int8_t PATH{k}_MARKED[] = {row([*map(int, path.marks), 0])};\n"
         f"static const int8_t PATH{k}_INPUTS[] = {row(inputs)};\n"
     )
 

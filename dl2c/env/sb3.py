@@ -35,12 +35,12 @@ class Dl2cVecEnv(VecEnv):
         library = open_library(self._source, options)
         self.manifest = library.manifest
         self.batch = library.batch(num_envs, autoreset="same_step", **batch_options(self.manifest))
-        self._encoding = encoding(self.manifest, flat_format(self.manifest))
+        self.encoding = encoding(self.manifest, flat_format(self.manifest))
         self._reasons = reason_names(self.manifest)
         self._rng = np.random.default_rng()
         self._seeded = np.zeros(num_envs, np.bool_)
         self._actions: Any = None
-        spaces = observation_space(self.manifest), action_space(self._encoding)
+        spaces = observation_space(self.manifest), action_space(self.encoding)
         super().__init__(num_envs, *spaces)  # pyright: ignore[reportUnknownMemberType] # Space without its parameter
         self.metadata = {"render_modes": ["ansi"]}
 
@@ -58,7 +58,7 @@ class Dl2cVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Observations, rewards, dones and infos; an environment that is done has begun its next episode."""
-        write(self._encoding, self.batch, self._actions)
+        write(self.encoding, self.batch, self._actions)
         self.batch.step()
         dones = self.batch.terminated | self.batch.truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -82,7 +82,7 @@ class Dl2cVecEnv(VecEnv):
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which alternatives have a run: one row per environment."""
-        return masks(self._encoding, self.batch.mask).astype(np.bool_)
+        return masks(self.encoding, self.batch.mask).astype(np.bool_)
 
     def close(self) -> None:
         """Free the native environments. Closing twice is fine."""

@@ -55,8 +55,8 @@ def _range(line: Line, env: State, key: str, limits: tuple[Fraction, Fraction], 
     low, high = limits
     for atom, before in _tests(line, env, key):
         root = _root(atom, before)
-        low = low if root[0] is None else max(low, root[0])
-        high = high if root[1] is None else min(high, root[1])
+        low = low if root[0] is None else min(max(low, root[0]), limits[1])
+        high = high if root[1] is None else max(min(high, root[1]), limits[0])
     if exact:
         nudge = (high - low) / 2**60
         low, high = low + nudge, high - nudge

@@ -279,6 +279,15 @@ def operands(term: Term) -> tuple[Term, ...]:
             assert_never(term)
 
 
+def always_defined(term: Term) -> bool:
+    """Whether no state of reasonable size leaves the term without a value."""
+    match term:
+        case Div() | Call("sqrt" | "exp" | "tan" | "arcsin" | "pow"):
+            return False
+        case _:
+            return all(always_defined(t) for t in operands(term))
+
+
 def atoms(formula: Formula) -> Iterator[Compare]:
     """Every atom, left to right."""
     match formula:

@@ -4,7 +4,9 @@ Assumes a problem as `resolve` makes it. Raises `CompileError` with every indepe
 error: constants without a value, constructs that cannot be executed.
 """
 
+from collections.abc import Iterator
 from fractions import Fraction
+from typing import assert_never
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir import model as ir
@@ -14,10 +16,20 @@ from dl2c.ir.lower_program import ProgramLowering
 from dl2c.ir.lower_terms import Scope, lower_delta, lower_formula, lower_term
 from dl2c.options import Options
 from dl2c.parse import tree
-from dl2c.parse.annotations import ConstantAnnotation, Trigger, VariableAnnotation
+from dl2c.parse.annotations import (
+    ChoiceAnnotation,
+    ConstantAnnotation,
+    FallbackAnnotation,
+    Trigger,
+    VariableAnnotation,
+)
+from dl2c.parse.scan import scan
+from dl2c.resolve.errors import suggestion
 from dl2c.resolve.predicates import AnnotatedPredicate, ValueTerm
 from dl2c.resolve.problem import Problem
 from dl2c.resolve.shape import written_variables
+from dl2c.resolve.symbols import mentioned, nodes
+from dl2c.source import Span
 
 UNANNOTATED_PENALTY = Fraction(-1)
 
@@ -29,18 +41,20 @@ def lower(problem: Problem, options: Options) -> ir.Model:
     found: list[Diagnostic] = []
     if shape.prefix:
         found.append(_prefix(shape.prefix[0]))
-    lowering = ProgramLowering(scope, _roles(problem), problem.program_annotations, options)
+    code = scan(problem.entry.span.source).text
+    lowering = ProgramLowering(scope, _roles(problem), problem.program_annotations, code, options)
     body = tuple(s for p in shape.body for s in lowering.block(p))
-    precondition = conjunction(lower_formula(f, scope) for f in shape.assumptions)
+    assumptions = [(f.span, lower_formula(f, scope)) for f in shape.assumptions]
+    found += [_never_true(span) for span, formula in assumptions if formula == ir.FALSE]
+    precondition = conjunction(formula for _, formula in assumptions)
     constants = _constants(problem, options, precondition, found)
     found += lowering.found
+    found += _unused_annotations(problem, lowering)
+    found += _after_loop(problem)
     if found:
         raise CompileError(found)
     flows = tuple(lowering.flows)
     written = written_variables(shape.body)
-    post = None if shape.postcondition is None else lower_formula(shape.postcondition, scope)
-    if post is not None and {s.name for s in symbols(post)} & written_variables(shape.suffix):
-        post = None
     return ir.Model(
         name=problem.entry.name,
         source=problem.entry.span.source.name,
@@ -61,8 +75,18 @@ def lower(problem: Problem, options: Options) -> ir.Model:
         loops=shape.loop is not None,
         flows=flows,
         predicates=_predicates(problem, scope, options),
-        postcondition=post,
+        postcondition=_postcondition(problem, scope),
         tolerance=options.tolerance,
+    )
+
+
+def _never_true(span: Span) -> Diagnostic:
+    return error(
+        "unsatisfiable-precondition",
+        "no initial state satisfies the precondition",
+        span,
+        "is never true",
+        "relax this condition",
     )
 
 
@@ -74,6 +98,66 @@ def _prefix(program: tree.Program) -> Diagnostic:
         "this runs before the first step",
         "express the states it reaches as an assumption: `assumptions -> [{...}*] safe`",
     )
+
+
+def _changed_afterwards(problem: Problem, formula: tree.Formula) -> frozenset[str]:
+    """What the formula reads and the program after the loop, which is not run, would change."""
+    read = {n.name for n in nodes(formula) if isinstance(n, tree.Variable)}
+    return written_variables(problem.shape.suffix) & read
+
+
+def _postcondition(problem: Problem, scope: Scope) -> ir.Formula | None:
+    post = problem.shape.postcondition
+    return None if post is None or _changed_afterwards(problem, post) else lower_formula(post, scope)
+
+
+def _after_loop(problem: Problem) -> Iterator[Diagnostic]:
+    """Without annotations the conditions after the program become predicates of the state after a step."""
+    shape = problem.shape
+    used = shape.postcondition or shape.progress
+    if used is None or problem.annotated:
+        return
+    for program in shape.suffix:
+        if changed := written_variables((program,)) & _changed_afterwards(problem, used):
+            yield error(
+                "program-after-loop",
+                "a program after the loop is not run",
+                program.span,
+                f"it changes {', '.join(f'`{n}`' for n in sorted(changed))}, which the postcondition reads",
+                "leave it out, or annotate the predicates that judge a step",
+            )
+
+
+def _unused_annotations(problem: Problem, lowering: ProgramLowering) -> Iterator[Diagnostic]:
+    """Annotations in a program that runs, but not in front of what they are for."""
+    for annotation in problem.program_annotations:
+        if annotation in lowering.placed or not _runs(problem, annotation.span):
+            continue
+        match annotation:
+            case ChoiceAnnotation():
+                name, wanted = "choice", "a choice `{...} ++ {...}` that is not an `if`"
+            case FallbackAnnotation():
+                name, wanted = "fallback", "an alternative of a choice `{...} ++ {...}` that is not an `if`"
+            case _:
+                assert_never(annotation)
+        title = f"this `@{name}` belongs to nothing"
+        yield error("misplaced-annotation", title, annotation.span, help=f"write it directly before {wanted}")
+
+
+def _runs(problem: Problem, place: Span) -> bool:
+    """Whether a place is inside the body of a step, or of a definition that the problem uses."""
+    ranges = [(p.span.start, p.span.end) for p in problem.shape.body]
+    used = set(mentioned(problem.entry.problem))
+    waiting = list(used)
+    while waiting:
+        declaration = problem.symbols.declarations.get(waiting.pop())
+        if declaration is None or declaration.body is None:
+            continue
+        ranges.append((declaration.span.end, declaration.body.span.end))
+        more = set(mentioned(declaration.body)) - used
+        used |= more
+        waiting += more
+    return any(start <= place.start < end for start, end in ranges)
 
 
 def _scope(problem: Problem) -> Scope:
@@ -91,8 +175,8 @@ def _constants(
     """Every constant with its bound or value; `found` gets those that have neither."""
     given = dict(options.constants)
     used = {s.name for s in symbols(precondition) if s.kind == "constant"}
-    for name in given.keys() - {d.name for d, _ in problem.constants}:
-        found.append(_unknown_constant(name, problem))
+    unknown = sorted(given.keys() - {d.name for d, _ in problem.constants})
+    found += [_unknown_constant(name, problem) for name in unknown]
     constants: list[ir.Constant] = []
     for declaration, annotation in problem.constants:
         constant = _constant(declaration, annotation, given.get(declaration.name))
@@ -120,12 +204,20 @@ def _constant(
 
 
 def _unknown_constant(name: str, problem: Problem) -> Diagnostic:
-    known = ", ".join(d.name for d, _ in problem.constants) or "none"
+    declaration = problem.symbols.declarations.get(name)
+    known = [d.name for d, _ in problem.constants]
+    if declaration is None:
+        label = f"the model declares no `{name}`"
+    elif declaration.body is not None:
+        label = f"`{name}` has a definition, which cannot be replaced"
+    else:
+        label = f"`{name}` is a program variable"
     return error(
         "unknown-constant",
-        f"the model has no undefined constant `{name}` to set",
-        problem.entry.span,
-        help=f"undefined constants are: {known}",
+        f"there is no undefined constant `{name}` to set",
+        problem.entry.span if declaration is None else declaration.span,
+        label,
+        suggestion(name, known) or f"constants without definition: {', '.join(known) or 'none'}",
     )
 
 

@@ -19,18 +19,27 @@ from dl2c.parse import tree
 from dl2c.parse.annotations import ChoiceAnnotation, FallbackAnnotation, ProgramAnnotation
 from dl2c.source import Span
 
+SPACE = " \t\r\n{"
+"""What may stand between an annotation and the construct it belongs to."""
+
 
 @dataclass(slots=True)
 class ProgramLowering:
-    """One program being lowered: what it reads, and the flows, keys and errors found so far."""
+    """One program being lowered: what it reads, and the flows, keys and errors found so far.
+
+    `code` is the text of the model with blank comments. `placed` holds for every annotation met
+    where the construct that it belongs to begins.
+    """
 
     scope: Scope
     roles: dict[str, ir.Role]
     annotations: Sequence[ProgramAnnotation]
+    code: str
     options: Options
     flows: list[ir.Flow] = field(default_factory=list[ir.Flow])
     choices: int = 0
-    assigned: dict[str, int] = field(default_factory=dict[str, int])
+    assigned: dict[str, str] = field(default_factory=dict[str, str])
+    placed: dict[ProgramAnnotation, Span] = field(default_factory=dict[ProgramAnnotation, Span])
     found: list[Diagnostic] = field(default_factory=list[Diagnostic])
 
     def block(self, program: tree.Program) -> ir.Block:
@@ -58,9 +67,12 @@ class ProgramLowering:
                 assert_never(program)
 
     def _assign_any(self, name: str, span: Span) -> ir.AssignAny:
-        count = self.assigned.get(name, 0)
-        self.assigned[name] = count + 1
-        key = f"assign_{name}" if count == 0 else f"assign_{name}_{count}"
+        key = f"assign_{name}"
+        count = 0
+        while key in self.assigned:
+            count += 1
+            key = f"assign_{name}_{count}"
+        self.assigned[key] = name
         role = self.roles.get(name, "agent")
         if role == "env":
             self.found.append(_environment_decides(span))
@@ -75,8 +87,10 @@ class ProgramLowering:
         annotation = self._annotation_at(program.span)
         if annotation is not None and annotation.role == "env":
             self.found.append(_environment_decides(annotation.span))
+        marks = [self._is_fallback(a.span) for a in alternatives]
         lowered = tuple(
-            ir.Alternative(self.block(a), self._is_fallback(a.span), span=a.span) for a in alternatives
+            ir.Alternative(self.block(a), mark, span=a.span)
+            for a, mark in zip(alternatives, marks, strict=True)
         )
         role = annotation.role if annotation else "agent"
         return ir.Choice(key, lowered, role, annotation.name if annotation else "", span=program.span)
@@ -93,25 +107,24 @@ class ProgramLowering:
         return ir.If(condition, otherwise, then, orelse, span=span)
 
     def _annotation_at(self, span: Span) -> ChoiceAnnotation | None:
-        """The `@choice` whose next program construct begins where this one does."""
+        """The `@choice` in front of a choice. It belongs to the outermost that begins there."""
         for annotation in self.annotations:
-            if isinstance(annotation, ChoiceAnnotation) and _precedes(annotation.span, span):
+            if isinstance(annotation, ChoiceAnnotation) and self._precedes(annotation, span):
                 return annotation
         return None
 
     def _is_fallback(self, span: Span) -> bool:
-        return any(isinstance(a, FallbackAnnotation) and _precedes(a.span, span) for a in self.annotations)
+        return any(isinstance(a, FallbackAnnotation) and self._precedes(a, span) for a in self.annotations)
 
-
-def _precedes(annotation: Span, node: Span) -> bool:
-    """Whether only blanks, comments and braces stand between an annotation and a node."""
-    if annotation.source is not node.source or annotation.end > node.start:
-        return False
-    between = annotation.source.text[annotation.end : node.start]
-    lines = [
-        line.split("//", 1)[0] if "*/" not in line else line.split("*/", 1)[1] for line in between.split("\n")
-    ]
-    return not "".join(lines).strip(" \t\r{*/+")
+    def _precedes(self, annotation: ProgramAnnotation, node: Span) -> bool:
+        """Whether only blanks, comments, braces and `++` stand between an annotation and a node's text."""
+        begin = node.start
+        while self.code[begin] in SPACE:
+            begin += 1
+        end = annotation.span.end
+        if end > begin or self.code[end:begin].strip(f"{SPACE}+"):
+            return False
+        return self.placed.setdefault(annotation, node) == node
 
 
 def _alternatives(program: tree.Program) -> list[tree.Program]:

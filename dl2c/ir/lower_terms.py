@@ -1,17 +1,17 @@
 """Terms and formulas of the syntax tree as IR: exact numbers, negation normal form.
 
 Assumes an expanded, executable tree. Subterms made of numbers alone are folded exactly.
-Raises `CompileError` for what has no executable meaning (a symbolic function, `e^x` with a
-variable exponent is a call of pow).
+Raises `CompileError` for numbers beyond the doubles and for distances that do not exist.
 """
 
+import sys
 from collections.abc import Mapping
 from fractions import Fraction
 from typing import assert_never, cast
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir import model as ir
-from dl2c.ir.logic import conjunction, decided, delta, disjunction, folded, negation
+from dl2c.ir.logic import always_defined, conjunction, decided, delta, disjunction, folded, negation
 from dl2c.parse import tree
 from dl2c.source import Span
 
@@ -26,8 +26,18 @@ Scope = Mapping[str, ir.Term]
 """What each name of a model stands for."""
 
 
+LARGEST = Fraction(sys.float_info.max)
+
+
 def lower_term(term: tree.Term, scope: Scope) -> ir.Term:
-    """The IR of a term; equal numbers fold."""
+    """The IR of a term; operations on numbers fold. Raises `CompileError` for a number that is no double."""
+    lowered = _lowered(term, scope)
+    if isinstance(lowered, ir.Number) and abs(lowered.value) > LARGEST:
+        raise CompileError(_beyond_doubles(term.span))
+    return lowered
+
+
+def _lowered(term: tree.Term, scope: Scope) -> ir.Term:
     match term:
         case tree.Number(value):
             return ir.Number(value)
@@ -61,8 +71,10 @@ def _power(base: ir.Term, exponent: ir.Term) -> ir.Term:
     match exponent:
         case ir.Number(value) if value.denominator == 1 and abs(value) <= MAX_EXPONENT:
             n = int(value)
-            if n == 0:
+            if n == 0 and always_defined(base):
                 return ir.ONE
+            if n == 0:
+                return ir.Call("pow", (base, exponent))
             power = folded(ir.Pow(base, abs(n)))
             return power if n > 0 else folded(ir.Div(ir.ONE, power))
         case ir.Number(value) if value == Fraction(1, 2):
@@ -112,6 +124,16 @@ def lower_delta(formula: tree.Formula, scope: Scope) -> ir.Term:
     if term is None:
         raise CompileError(_no_distance(formula.span))
     return term
+
+
+def _beyond_doubles(span: Span) -> Diagnostic:
+    return error(
+        "number-out-of-range",
+        "this number is too large",
+        span,
+        "no floating-point number is as large",
+        "choose other units",
+    )
 
 
 def _no_distance(span: Span) -> Diagnostic:

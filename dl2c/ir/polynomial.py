@@ -36,7 +36,7 @@ def polynomial(term: Term, curves: Mapping[Symbol, Coefficients]) -> Coefficient
             return None if a is None or b is None else _product(a, b)
         case Div(left, right):
             a, b = polynomial(left, curves), polynomial(right, curves)
-            if a is None or b is None or len(b) > 1:
+            if a is None or b is None or len(b) != 1:
                 return None
             return tuple(_quotient(c, b[0]) for c in a)
         case Pow(base, exponent):
@@ -68,7 +68,7 @@ def _times(a: Term, b: Term) -> Term:
 
 
 def _quotient(a: Term, b: Term) -> Term:
-    return ZERO if a == ZERO and isinstance(b, Number) else folded(Div(a, b))
+    return ZERO if a == ZERO and isinstance(b, Number) and b != ZERO else folded(Div(a, b))
 
 
 def _sum(a: Coefficients, b: Coefficients) -> Coefficients:

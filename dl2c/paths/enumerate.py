@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import assert_never
 
 from dl2c.diagnostics import CompileError, Diagnostic
-from dl2c.ir.logic import atoms, conjunction, conjuncts, mapped, substituted, symbols
+from dl2c.ir.logic import atoms, conjunction, conjuncts, mapped, operands, substituted, symbols
 from dl2c.ir.model import (
     FALSE,
     ONE,
@@ -35,6 +35,8 @@ from dl2c.paths.path import END, Admission, Decision, Input, Limit, Path, Paths
 from dl2c.source import NOWHERE, Span
 
 MAX_PATHS = 4096
+MAX_SIZE = 100_000
+"""Symbols in the value of a variable, written over the state at the start of its path."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +70,15 @@ def enumerate_paths(model: Model) -> Paths:
     points: list[Block] = [model.body]
     drafts: list[_Draft] = []
     done = 0
+    seen = 0
     while done < len(points):
         for line in _lines(points[done]):
+            seen += 1
+            if seen > MAX_PATHS:
+                raise CompileError(errors.too_many_paths(MAX_PATHS, _first_span(model.body)))
             draft = _draft(model, points, done, line)
             if draft.tests != FALSE:
                 drafts.append(draft)
-            if len(drafts) > MAX_PATHS:
-                raise CompileError(errors.too_many_paths(MAX_PATHS, _first_span(model.body)))
         done += 1
     tests: dict[str, list[Formula]] = {}
     for draft in drafts:
@@ -160,13 +164,17 @@ def _lines(block: Block) -> Iterator[_Line]:
 def _draft(model: Model, points: list[Block], point: int, line: _Line) -> _Draft:
     """Substitute a line's assignments; a new point is appended to `points`."""
     values: dict[Symbol, Term] = {}
+    sizes: dict[Term, int] = {}
     tests: list[Formula] = []
     inputs: list[str] = []
     flow = None
     for statement in line.statements:
         match statement:
             case Assign(name, term):
-                values[Symbol(name, "variable")] = substituted(term, values)
+                symbol = Symbol(name, "variable")
+                values[symbol], sizes[symbol] = substituted(term, values), _size(term, sizes)
+                if sizes[symbol] > MAX_SIZE:
+                    raise CompileError(errors.too_large(name, MAX_SIZE, statement.span))
             case AssignAny(name, key):
                 values[Symbol(name, "variable")] = Symbol(key, "input")
                 inputs.append(key)
@@ -178,6 +186,11 @@ def _draft(model: Model, points: list[Block], point: int, line: _Line) -> _Draft
                 assert_never(statement)
     updates = tuple((s.name, t) for s, t in values.items() if s != t)
     return _Draft(point, line, tuple(inputs), conjunction(tests), updates, flow, _target(points, line.rest))
+
+
+def _size(term: Term, sizes: dict[Term, int]) -> int:
+    """How many symbols a term has once those in `sizes` are substituted."""
+    return sizes.get(term, 1) + sum(_size(t, sizes) for t in operands(term))
 
 
 def _path(

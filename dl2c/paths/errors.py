@@ -9,7 +9,18 @@ def too_many_paths(count: int, span: Span) -> Diagnostic:
         "too-many-paths",
         f"the step has more than {count} control paths",
         span,
-        help="move choices that do not depend on each other into separate steps, or merge them",
+        "the step begins here",
+        "every combination of alternatives is a path: leave out choices that make no difference",
+    )
+
+
+def too_large(variable: str, limit: int, span: Span) -> Diagnostic:
+    return error(
+        "too-large",
+        f"the value of `{variable}` is a term of more than {limit} symbols over the state before the step",
+        span,
+        "after this assignment",
+        "assignments that mention a variable several times multiply: split the step by a flow or the loop",
     )
 
 
@@ -29,5 +40,5 @@ def unbounded_input(variable: str, span: Span) -> Diagnostic:
         f"`{variable} := *` has no finite range",
         span,
         "neither a bound nor the tests after it limit the value",
-        f"annotate {variable} with `@var: bound=[lo:hi]`, or test it: `?lo <= {variable} & {variable} <= hi;`",
+        f"annotate {variable} with `@var: bound=[lo:hi]`, or test it: `?-b <= {variable} & {variable} <= A;`",
     )

@@ -4,6 +4,8 @@ The tests on a path are contracted by intervals, with the constants inside their
 and the state unknown. A finite bound of the variable is intersected with the result.
 """
 
+import math
+from collections.abc import Callable
 from fractions import Fraction
 
 from dl2c.diagnostics import CompileError, Diagnostic
@@ -53,18 +55,25 @@ def _implied(
             found = _hull(found, inside[symbol])
     if found is None:
         return declared.low, declared.high
-    return _end(declared.low, found.low), _end(declared.high, found.high)
+    low, high = _finite(found.low), _finite(found.high)
+    return _last(declared.low, low, max), _last(declared.high, high, min)
 
 
 def _hull(found: Interval | None, more: Interval) -> Interval:
     return more if found is None else Interval(min(found.low, more.low), max(found.high, more.high))
 
 
-def _end(declared: Fraction | None, implied: float) -> Fraction | None:
-    """The implied end where the tests give one, else the declared one."""
-    if implied in (float("inf"), float("-inf")):
-        return declared
-    return declared if declared is not None and float(declared) == implied else Fraction(implied)
+def _finite(end: float) -> Fraction | None:
+    return Fraction(end) if math.isfinite(end) else None
+
+
+def _last(
+    declared: Fraction | None, implied: Fraction | None, tighter: Callable[[Fraction, Fraction], Fraction]
+) -> Fraction | None:
+    """The tighter of both ends. A declared one stays exact: as interval it was rounded outward."""
+    if declared is None or implied is None:
+        return implied if declared is None else declared
+    return tighter(declared, implied)
 
 
 def _interval(bound: Bound, value: Fraction | None) -> Interval:

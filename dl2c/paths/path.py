@@ -44,7 +44,7 @@ class Input:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """An atom `offset + slope*u >= 0` (or > 0) of an input u: a lower limit where slope > 0, else an upper."""
+    """An atom `offset + slope*u >= 0` (or > 0) of an input u: where slope > 0 a lower limit, else upper."""
 
     offset: Term
     slope: Term

@@ -13,6 +13,14 @@ from dl2c.parse import tree
 from dl2c.resolve import errors
 from dl2c.resolve.symbols import BUILTINS, Node, Symbols, children
 
+HOLES = {
+    "exerciseF_": "term",
+    "exerciseP_": "formula",
+    "exerciseS_": "program",
+    "exerciseD_": "differential equation",
+}
+"""The symbols that the holes of exercises are read as, and what each stands for."""
+
 
 def check_entry(entry: tree.Entry, symbols: Symbols) -> list[Diagnostic]:
     """Errors in all definitions and in the problem."""
@@ -20,19 +28,39 @@ def check_entry(entry: tree.Entry, symbols: Symbols) -> list[Diagnostic]:
     for declaration in entry.definitions:
         if declaration.body is not None:
             local = frozenset(p.name for p in declaration.parameters or ())
+            found += _parameters(declaration)
             found += check(declaration.body, symbols, local)
     return found + list(check(entry.problem, symbols, frozenset()))
 
 
+def _parameters(declaration: tree.Declaration) -> Iterator[Diagnostic]:
+    first: dict[str, tree.Parameter] = {}
+    for parameter in declaration.parameters or ():
+        if parameter.name in first:
+            yield errors.duplicate(parameter.name, parameter.span, first[parameter.name].span)
+        first.setdefault(parameter.name, parameter)
+
+
 def check(node: Node, symbols: Symbols, local: frozenset[str]) -> Iterator[Diagnostic]:
-    """Errors in one expression; `local` are parameters and quantified variables in scope."""
+    """Errors in one expression.
+
+    `local` are parameters and quantified variables in scope, and as `f()` functions that need no
+    declaration there.
+    """
     match node:
+        case (
+            tree.UnitFunctional(name)
+            | tree.UnitPredicational(name)
+            | tree.ProgramConst(name)
+            | tree.DifferentialProgramConst(name)
+        ) if name in HOLES and name not in symbols.roles:
+            yield errors.hole(node.span, HOLES[name])
         case tree.Variable(name):
             yield from _name(name, node, symbols, local)
         case tree.FuncOf(name, args):
-            yield from _call(name, args, node, symbols, "function")
+            yield from _call(name, args, node, symbols, local, "function")
         case tree.PredOf(name, args):
-            yield from _call(name, args, node, symbols, "predicate")
+            yield from _call(name, args, node, symbols, local, "predicate")
         case tree.Forall(name, child) | tree.Exists(name, child):
             yield from check(child, symbols, local | {name})
             return
@@ -43,7 +71,7 @@ def check(node: Node, symbols: Symbols, local: frozenset[str]) -> Iterator[Diagn
                 yield _not_a_program(name, node, symbols)
         case tree.ODESystem(equations):
             yield from _equations(equations)
-        case tree.DifferentialProgramConst(name):
+        case tree.DifferentialProgramConst(name, None):
             yield from _equation_call(name, node, symbols)
         case _:
             pass
@@ -70,9 +98,16 @@ def _name(name: str, node: tree.Variable, symbols: Symbols, local: frozenset[str
 
 
 def _call(
-    name: str, args: tuple[tree.Term, ...], node: tree.FuncOf | tree.PredOf, symbols: Symbols, wanted: str
+    name: str,
+    args: tuple[tree.Term, ...],
+    node: tree.FuncOf | tree.PredOf,
+    symbols: Symbols,
+    local: frozenset[str],
+    wanted: str,
 ) -> Iterator[Diagnostic]:
     role = symbols.roles.get(name)
+    if role is None and f"{name}()" in local:
+        return
     if wanted == "function" and (symbols.is_builtin(name, len(args)) or (role == "constant" and not args)):
         return
     if role is None and name in BUILTINS and wanted == "function":
@@ -124,4 +159,4 @@ def _equation_call(name: str, node: tree.DifferentialProgramConst, symbols: Symb
             f"to run the program `{name}` write `{name};`",
         )
     else:
-        yield errors.undefined_program(name, node.span, symbols.named("program"))
+        yield errors.undefined_equation(name, node.span, symbols.named("program"))

@@ -50,7 +50,8 @@ def constant_written(name: str, span: Span) -> Diagnostic:
 
 def recursive_definition(cycle: tuple[str, ...], span: Span) -> Diagnostic:
     chain = " -> ".join(f"`{n}`" for n in cycle)
-    return error("recursive-definition", "a definition uses itself", span, chain)
+    advice = "a use of a definition stands for its body, so the body must do without it"
+    return error("recursive-definition", "a definition uses itself", span, chain, advice)
 
 
 def captured(name: str, variables: Iterable[str], span: Span) -> Diagnostic:
@@ -79,9 +80,46 @@ def undefined_program(name: str, span: Span, known: Iterable[str]) -> Diagnostic
     )
 
 
+def undefined_equation(name: str, span: Span, programs: Iterable[str]) -> Diagnostic:
+    """A name among differential equations, `{c}` or `{x' = 1, c}`."""
+    close = get_close_matches(name, sorted(programs), n=1)
+    advice = f"to run the program `{close[0]}` write `{close[0]};`" if close else f"write `{name}' = ...`"
+    label = f"`{name}` is not a differential equation"
+    return error("undefined-program", "undefined differential equation", span, label, advice)
+
+
 def not_executable(code: str, construct: str, span: Span, advice: str = "") -> Diagnostic:
     """A construct that dL allows and no environment can execute."""
     return error(code, f"{construct} cannot be executed", span, help=advice)
+
+
+def hole(span: Span, wanted: str) -> Diagnostic:
+    """An exercise placeholder; `wanted` is what has to stand there."""
+    return error(
+        "exercise-hole",
+        "an exercise with a hole cannot be executed",
+        span,
+        f"a {wanted} is missing here",
+        f"replace `{'_' * 10}` by a {wanted}",
+    )
+
+
+def too_deep(span: Span, limit: int) -> Diagnostic:
+    return error(
+        "too-deep",
+        f"with its definitions expanded, the problem is nested deeper than {limit} levels",
+        span,
+        help="use fewer definitions inside definitions",
+    )
+
+
+def too_large(span: Span, limit: int) -> Diagnostic:
+    return error(
+        "too-large",
+        f"with its definitions expanded, the problem has more than {limit} symbols",
+        span,
+        help="use definitions that mention their arguments several times less often inside each other",
+    )
 
 
 def not_a_problem(span: Span) -> Diagnostic:
@@ -90,4 +128,25 @@ def not_a_problem(span: Span) -> Diagnostic:
         "the problem contains no program to run",
         span,
         "expected `assumptions -> [{ctrl; plant}*] safe`",
+    )
+
+
+def outside_modality(span: Span) -> Diagnostic:
+    return error(
+        "condition-beside-program",
+        "a condition beside the program is not part of an environment",
+        span,
+        "no program stands before this",
+        "`[program] P & Q` means `([program] P) & Q`: write `[program](P & Q)`",
+    )
+
+
+def several_modalities(span: Span, written: str, first: Span) -> Diagnostic:
+    """`written` is how the modality looks: `[program]` or `<program>`."""
+    return error(
+        "several-modalities",
+        f"the problem has several `{written}`",
+        span,
+        f"the first is at {first.place}",
+        "join their postconditions after one of them: `" + written + "(P & Q)`",
     )

@@ -2,6 +2,7 @@
 
 Assumes that `bind` found no error, so that names exist, sorts and arities fit and no
 definition is recursive. Nodes of a body keep the span of the definition they come from.
+Definitions inside definitions can make a small text huge: the result is limited in size.
 A definition of a term or formula must not mention, other than as a parameter, a variable
 that a program around its use changes (the substitution would be captured); such uses are
 errors, as in KeYmaera X.
@@ -13,10 +14,14 @@ from typing import assert_never
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import tree
 from dl2c.resolve import errors
-from dl2c.resolve.symbols import Symbols, nodes
+from dl2c.resolve.symbols import Node, Symbols, children, nodes
 
 Names = frozenset[str]
 NONE: Names = frozenset()
+
+MAX_DEPTH = 200
+MAX_SIZE = 100_000
+"""Limits of an expanded problem: levels of nesting, and symbols."""
 
 
 @dataclass(slots=True)
@@ -25,6 +30,7 @@ class Expander:
 
     symbols: Symbols
     found: list[Diagnostic] = field(default_factory=list[Diagnostic])
+    expanded: int = 0
 
     def term(self, term: tree.Term, values: dict[str, tree.Term], bound: Names) -> tree.Term:
         """`values` replaces parameters; `bound` are variables that programs around this term change."""
@@ -53,11 +59,11 @@ class Expander:
             return tree.FuncOf(name, args, span=use.span)
         declaration = self.symbols.declarations.get(name)
         if declaration is None or self.symbols.roles[name] in ("variable", "constant"):
-            return tree.Variable(name, span=use.span)
+            return tree.FuncOf(name, args, span=use.span) if args else tree.Variable(name, span=use.span)
         if declaration.body is None:
             self.found.append(errors.undefined_function(name, use.span))
             return use
-        self._check_capture(declaration, use, bound)
+        self._check_use(declaration, use, bound)
         return self.term(_term_body(declaration), _bound_parameters(declaration, args), bound)
 
     def formula(self, formula: tree.Formula, values: dict[str, tree.Term], bound: Names) -> tree.Formula:
@@ -74,7 +80,7 @@ class Expander:
                 if declaration.body is None:
                     self.found.append(errors.undefined_function(name, formula.span))
                     return formula
-                self._check_capture(declaration, formula, bound)
+                self._check_use(declaration, formula, bound)
                 return self.formula(_formula_body(declaration), _bound_parameters(declaration, actual), bound)
             case tree.Not(child) | tree.DifferentialFormula(child):
                 return replace(formula, child=self.formula(child, values, bound))
@@ -134,9 +140,10 @@ class Expander:
         )
         return replace(ode, equations=equations, domain=self.formula(ode.domain, values, inner)), written
 
-    def _check_capture(
-        self, declaration: tree.Declaration, use: tree.Term | tree.Formula, bound: Names
-    ) -> None:
+    def _check_use(self, declaration: tree.Declaration, use: tree.Term | tree.Formula, bound: Names) -> None:
+        self.expanded += 1
+        if self.expanded > MAX_SIZE:
+            raise CompileError(errors.too_large(use.span, MAX_SIZE))
         if clash := self._free(declaration) & bound:
             diagnostic = errors.captured(declaration.name, clash, use.span)
             if diagnostic not in self.found:
@@ -150,12 +157,33 @@ class Expander:
 
 
 def expanded_formula(formula: tree.Formula, symbols: Symbols) -> tree.Formula:
-    """The formula without definitions. Raises `CompileError` for captures and missing bodies."""
+    """The formula without definitions.
+
+    Raises `CompileError` for captures, missing bodies, and a result beyond the limits.
+    """
     expander = Expander(symbols)
-    result = expander.formula(formula, {}, NONE)
+    try:
+        result = expander.formula(formula, {}, NONE)
+    except RecursionError:
+        raise CompileError(errors.too_deep(formula.span, MAX_DEPTH)) from None
     if expander.found:
         raise CompileError(expander.found)
+    _check_size(result)
     return result
+
+
+def _check_size(formula: tree.Formula) -> None:
+    """Arguments are shared, so that a result may be far larger than the work of building it."""
+    size = 0
+    stack: list[tuple[Node, int]] = [(formula, 1)]
+    while stack:
+        node, depth = stack.pop()
+        size += 1
+        if depth > MAX_DEPTH:
+            raise CompileError(errors.too_deep(formula.span, MAX_DEPTH))
+        if size > MAX_SIZE:
+            raise CompileError(errors.too_large(formula.span, MAX_SIZE))
+        stack += [(child, depth + 1) for child in children(node)]
 
 
 def _bound_parameters(declaration: tree.Declaration, args: tuple[tree.Term, ...]) -> dict[str, tree.Term]:

@@ -5,7 +5,7 @@ every construct found: games, uniform-substitution symbols, modalities and quant
 inside state formulas, differential symbols.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import tree
@@ -16,6 +16,13 @@ from dl2c.resolve.symbols import Node, children
 def check_executable(problem: tree.Formula) -> None:
     """Raises `CompileError`. Modalities are legal where the problem's shape has them."""
     found = list(dict.fromkeys(_top(problem)))
+    if found:
+        raise CompileError(found)
+
+
+def check_state(parts: Iterable[tree.Formula | tree.Term]) -> None:
+    """The same for formulas and terms about one state, such as predicates and rewards."""
+    found = list(dict.fromkeys(d for part in parts for d in _state(part)))
     if found:
         raise CompileError(found)
 
@@ -55,11 +62,11 @@ def _state(node: Node) -> Iterator[Diagnostic]:
 def _refused(node: Node) -> Diagnostic | None:
     match node:
         case tree.Dual(span=span):
-            return errors.not_executable(
-                "game", "a hybrid game", span, "write the opponent's moves as choices with `role=env`"
-            )
+            advice = "write the opponent's moves into the program, as choices or as one fixed strategy"
+            return errors.not_executable("game", "a hybrid game", span, advice)
         case tree.Box(span=span) | tree.Diamond(span=span):
-            return errors.not_executable("modality-in-state", "a modality inside a test or condition", span)
+            advice = "replace it by a condition on the state; only the problem itself may run a program"
+            return errors.not_executable("modality-in-state", "a modality inside a condition", span, advice)
         case tree.Forall(name, span=span) | tree.Exists(name, span=span):
             advice = f"replace it by the equivalent condition without {name}"
             return errors.not_executable("quantifier", "a quantifier", span, advice)
@@ -68,15 +75,20 @@ def _refused(node: Node) -> Diagnostic | None:
             | tree.Differential(span=span)
             | tree.DifferentialFormula(span=span)
         ):
-            return errors.not_executable("differential", "a differential outside an ODE", span)
-        case tree.Assign(_, _, True, span=span) | tree.AssignAny(_, True, span=span):
-            return errors.not_executable("differential", "an assignment to a differential symbol", span)
+            advice = "write the right-hand side of the differential equation instead"
+            return errors.not_executable("differential", "a differential outside an ODE", span, advice)
+        case tree.Assign(name, _, True, span=span) | tree.AssignAny(name, True, span=span):
+            advice = f"rates change by differential equations: `{{{name}' = ...}}`"
+            return errors.not_executable("differential", "an assignment to a differential", span, advice)
         case (
             tree.UnitFunctional(span=span)
             | tree.UnitPredicational(span=span)
             | tree.PredicationalOf(span=span)
             | tree.DifferentialProgramConst(span=span)
         ):
-            return errors.not_executable("substitution-symbol", "a symbol of uniform substitution", span)
+            advice = "replace it by what it stands for"
+            return errors.not_executable(
+                "substitution-symbol", "a symbol of uniform substitution", span, advice
+            )
         case _:
             return None

@@ -4,7 +4,8 @@ The arguments of an annotated predicate are those of its calls in the postcondit
 in the loop's @invariant, else in the assumptions. Exactly one list binds; several are an
 error; with none, each parameter stands for the variable or constant of its name. Rewards,
 penalties and shapes see the same parameters, and may use predicates as values (their
-distance to satisfaction, paper 4.4).
+distance to satisfaction, paper 4.4). A `Real` function with a `@stability` shape binds its
+parameters alike; as a predicate it is true.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,10 +17,13 @@ from dl2c.parse.annotations import PredicateAnnotation
 from dl2c.parse.printer import print_term
 from dl2c.resolve.bind import check
 from dl2c.resolve.expand import NONE, Expander
+from dl2c.resolve.fragment import check_state
+from dl2c.resolve.obligations import Obligations
 from dl2c.resolve.shape import Shape
 from dl2c.resolve.symbols import Node, Symbols, children
 
 Arguments = tuple[tree.Term, ...]
+Values = dict[str, tree.Term]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +47,16 @@ class AnnotatedPredicate:
     due: tuple[tuple[tree.Formula, ...], ...]
 
 
+@dataclass(frozen=True, slots=True)
+class _Binding:
+    """An annotated definition while it is being bound: `values` are what its parameters stand for."""
+
+    declaration: tree.Declaration
+    values: Values
+    shape: Shape
+    symbols: Symbols
+
+
 def bind_predicates(
     declared: Sequence[tuple[tree.Declaration, PredicateAnnotation]], shape: Shape, symbols: Symbols
 ) -> tuple[AnnotatedPredicate, ...]:
@@ -62,30 +76,52 @@ def bind_predicates(
 def _bound(
     declaration: tree.Declaration, annotation: PredicateAnnotation, shape: Shape, symbols: Symbols
 ) -> AnnotatedPredicate:
-    if not isinstance(declaration.body, tree.Formula):
-        raise CompileError(_not_a_predicate(declaration))
+    _check_kind(declaration, annotation)
     arguments = _arguments(declaration, shape, symbols)
-    values = {p.name: a for p, a in zip(declaration.parameters or (), arguments, strict=True)}
+    values = _values(declaration, arguments)
+    binding = _Binding(declaration, values, shape, symbols)
     expander = Expander(symbols)
-    formula = expander.formula(declaration.body, values, NONE)
+    body = declaration.body if isinstance(declaration.body, tree.Formula) else tree.Truth(True)
+    formula = expander.formula(body, values, NONE)
     parts = (annotation.reward, annotation.penalty, annotation.shape)
-    reward, penalty, potential = (_value(p, values, symbols) for p in parts)
-    due = tuple(
-        tuple(expander.formula(f, {}, NONE) for f in premises)
-        for premises in _obligations(shape.written_postcondition, declaration.name, arguments, expander)
-    )
+    reward, penalty, potential = (_value(p, binding) for p in parts)
+    due: list[tuple[tree.Formula, ...]] = []
+    if shape.written_postcondition is not None:
+        due += Obligations(declaration.name, arguments, expander).of(shape.written_postcondition)
     if expander.found:
         raise CompileError(expander.found)
-    return AnnotatedPredicate(declaration, annotation, formula, reward, penalty, potential, due)
+    check_state((formula, *(f for premises in due for f in premises)))
+    return AnnotatedPredicate(declaration, annotation, formula, reward, penalty, potential, tuple(due))
 
 
-def _not_a_predicate(declaration: tree.Declaration) -> Diagnostic:
+def _check_kind(declaration: tree.Declaration, annotation: PredicateAnnotation) -> None:
+    """A function has a value and no truth: only `shape` says anything about it."""
+    if isinstance(declaration.body, tree.Formula):
+        return
+    given = {
+        "reward": annotation.reward,
+        "penalty": annotation.penalty,
+        "on_success": annotation.on_success,
+        "on_failure": annotation.on_failure,
+    }
+    if wrong := [name for name, value in given.items() if value is not None]:
+        raise CompileError(_not_a_predicate(declaration, annotation, wrong[0]))
+
+
+def _not_a_predicate(
+    declaration: tree.Declaration, annotation: PredicateAnnotation, attribute: str
+) -> Diagnostic:
     return error(
-        "annotation-not-on-predicate",
-        "this annotation belongs to a predicate",
-        declaration.span,
-        f"`{declaration.name}` is not a `Bool` with a definition",
+        "attribute-not-on-function",
+        f"`{attribute}` needs a predicate",
+        annotation.span,
+        f"`{declaration.name}` has a value, but is never true or false",
+        f"use `shape` alone, or annotate a condition: `Bool p(...) <-> {declaration.name}(...) <= c;`",
     )
+
+
+def _values(declaration: tree.Declaration, arguments: Arguments) -> Values:
+    return {p.name: a for p, a in zip(declaration.parameters or (), arguments, strict=True)}
 
 
 def _arguments(declaration: tree.Declaration, shape: Shape, symbols: Symbols) -> Arguments:
@@ -96,27 +132,37 @@ def _arguments(declaration: tree.Declaration, shape: Shape, symbols: Symbols) ->
         shape.written_assumptions,
     ]
     for formulas in places:
+        if formulas is places[1]:
+            _check_invariants(formulas, symbols)
         calls = list(dict.fromkeys(c for f in formulas for c in _calls(f, declaration.name, {}, symbols)))
         if len(calls) > 1:
             raise CompileError(_ambiguous(declaration, calls))
         if calls:
+            if found := [d for argument in calls[0] for d in check(argument, symbols, frozenset())]:
+                raise CompileError(found)
             return calls[0]
     return _namesakes(declaration, symbols)
 
 
-def _calls(node: Node, name: str, values: dict[str, tree.Term], symbols: Symbols) -> Iterator[Arguments]:
-    """Argument lists of the calls of a predicate, also inside other predicates."""
-    if isinstance(node, tree.PredOf):
-        expander = Expander(symbols)
-        actual = tuple(expander.term(a, values, NONE) for a in node.args)
-        if node.name == name:
-            yield actual
-            return
+def _check_invariants(formulas: tuple[tree.Formula, ...], symbols: Symbols) -> None:
+    """Invariants are not executed; they are looked at only where they bind parameters."""
+    old = frozenset({"old()"})
+    found = [d for f in formulas for d in check(f, symbols, old)]
+    if found:
+        raise CompileError(found)
+
+
+def _calls(node: Node, name: str, values: Values, symbols: Symbols) -> Iterator[Arguments]:
+    """Argument lists of the calls of a definition, also inside other definitions."""
+    if isinstance(node, (tree.PredOf, tree.FuncOf)):
         definition = symbols.declarations.get(node.name)
-        if definition is not None and isinstance(definition.body, tree.Formula):
-            inner = {p.name: a for p, a in zip(definition.parameters or (), actual, strict=True)}
-            yield from _calls(definition.body, name, inner, symbols)
-        return
+        if definition is not None and definition.body is not None:
+            expander = Expander(symbols)
+            actual = tuple(expander.term(a, values, NONE) for a in node.args)
+            if node.name == name:
+                yield actual
+                return
+            yield from _calls(definition.body, name, _values(definition, actual), symbols)
     for child in children(node):
         yield from _calls(child, name, values, symbols)
 
@@ -127,8 +173,8 @@ def _ambiguous(declaration: tree.Declaration, calls: Sequence[Arguments]) -> Dia
         "ambiguous-arguments",
         f"`{declaration.name}` is called with different arguments",
         declaration.span,
-        "an annotated predicate stands for one condition",
-        "define one predicate for each, and annotate them separately",
+        "an annotated definition stands for one condition",
+        "define one for each, and annotate them separately",
         lists,
     )
 
@@ -152,51 +198,59 @@ def _unbound(declaration: tree.Declaration, parameter: tree.Parameter) -> Diagno
         "unbound-parameter",
         f"nothing says what parameter `{parameter.name}` of `{declaration.name}` stands for",
         parameter.span,
-        "not a variable or constant, and the problem does not call the predicate",
-        f"call `{declaration.name}` in the postcondition or @invariant, or name the parameter after a variable",
+        "not a variable or constant, and the problem does not call the definition",
+        f"call `{declaration.name}` in the postcondition or @invariant, or rename the parameter",
     )
 
 
-def _value(
-    expression: tree.Term | tree.Formula | None, values: dict[str, tree.Term], symbols: Symbols
-) -> ValueTerm | None:
+@dataclass(frozen=True, slots=True)
+class _Use:
+    """A formula used as a value, and what parameters stand for in it."""
+
+    formula: tree.Formula
+    values: Values
+
+
+def _value(expression: tree.Term | tree.Formula | None, binding: _Binding) -> ValueTerm | None:
     """A reward expression with predicates taken out and definitions expanded."""
     if expression is None:
         return None
-    deltas: dict[str, tree.Formula] = {}
-    term = _without_predicates(expression, deltas, symbols)
-    found = [
-        d for part in (term, *deltas.values()) for d in check(part, symbols, frozenset({*values, *deltas}))
-    ]
+    symbols = binding.symbols
+    uses: dict[str, _Use] = {}
+    term = _without_predicates(expression, uses, binding)
+    found = [*check(term, symbols, frozenset({*binding.values, *uses}))]
+    found += [d for u in uses.values() for d in check(u.formula, symbols, frozenset(u.values))]
     if found:
         raise CompileError(found)
     expander = Expander(symbols)
-    own = {name: tree.Variable(name) for name in deltas}
-    expanded = expander.term(term, {**values, **own}, NONE)
-    formulas = {name: expander.formula(f, values, NONE) for name, f in deltas.items()}
+    own: Values = {name: tree.Variable(name) for name in uses}
+    expanded = expander.term(term, {**binding.values, **own}, NONE)
+    formulas = {name: expander.formula(u.formula, u.values, NONE) for name, u in uses.items()}
     if expander.found:
         raise CompileError(expander.found)
+    check_state((expanded, *formulas.values()))
     return ValueTerm(expanded, formulas)
 
 
 def _without_predicates(
-    expression: tree.Term | tree.Formula, deltas: dict[str, tree.Formula], symbols: Symbols
+    expression: tree.Term | tree.Formula, uses: dict[str, _Use], binding: _Binding
 ) -> tree.Term:
-    """The expression with each predicate replaced by a fresh variable that `deltas` explains."""
+    """The expression with each predicate replaced by a fresh variable that `uses` explains."""
+    roles = binding.symbols.roles
     match expression:
-        case tree.Variable(name) if symbols.roles.get(name) == "predicate":
-            return _fresh(tree.PredOf(name, (), span=expression.span), deltas)
-        case tree.FuncOf(name, args) if symbols.roles.get(name) == "predicate":
-            return _fresh(tree.PredOf(name, args, span=expression.span), deltas)
+        case tree.Variable(name) if roles.get(name) == "predicate" and name not in binding.values:
+            return _bare(expression, uses, binding)
+        case tree.FuncOf(name, args) if roles.get(name) == "predicate":
+            return _fresh(tree.PredOf(name, args, span=expression.span), binding.values, uses)
         case tree.FuncOf(name, args):
             return tree.FuncOf(
-                name, tuple(_without_predicates(a, deltas, symbols) for a in args), span=expression.span
+                name, tuple(_without_predicates(a, uses, binding) for a in args), span=expression.span
             )
         case tree.Neg(child):
-            return tree.Neg(_without_predicates(child, deltas, symbols), span=expression.span)
+            return tree.Neg(_without_predicates(child, uses, binding), span=expression.span)
         case tree.Plus() | tree.Minus() | tree.Times() | tree.Divide() | tree.Power():
-            left = _without_predicates(expression.left, deltas, symbols)
-            right = _without_predicates(expression.right, deltas, symbols)
+            left = _without_predicates(expression.left, uses, binding)
+            right = _without_predicates(expression.right, uses, binding)
             return type(expression)(left, right, span=expression.span)
         case (
             tree.Number()
@@ -207,39 +261,20 @@ def _without_predicates(
         ):
             return expression
         case _:
-            return _fresh(expression, deltas)
+            return _fresh(expression, binding.values, uses)
 
 
-def _fresh(formula: tree.Formula, deltas: dict[str, tree.Formula]) -> tree.Term:
-    name = f"delta {len(deltas)}"
-    deltas[name] = formula
+def _bare(name: tree.Variable, uses: dict[str, _Use], binding: _Binding) -> tree.Term:
+    """A predicate's name without arguments: the condition that an annotation of it stands for."""
+    declaration = binding.symbols.declarations[name.name]
+    values = binding.values
+    if declaration.name != binding.declaration.name:
+        values = _values(declaration, _arguments(declaration, binding.shape, binding.symbols))
+    own = tuple(tree.Variable(p.name, span=name.span) for p in declaration.parameters or ())
+    return _fresh(tree.PredOf(name.name, own, span=name.span), values, uses)
+
+
+def _fresh(formula: tree.Formula, values: Values, uses: dict[str, _Use]) -> tree.Term:
+    name = f"delta {len(uses)}"
+    uses[name] = _Use(formula, values)
     return tree.Variable(name, span=formula.span)
-
-
-def _obligations(
-    postcondition: tree.Formula | None, name: str, arguments: Arguments, expander: Expander
-) -> Iterator[tuple[tree.Formula, ...]]:
-    """Premises D of every `D -> P` in Q under & only; `!D | P` and `D1 -> (D2 -> P)` count as well."""
-
-    def is_call(formula: tree.Formula) -> bool:
-        if not isinstance(formula, tree.PredOf) or formula.name != name:
-            return False
-        return tuple(expander.term(a, {}, NONE) for a in formula.args) == arguments
-
-    def walk(formula: tree.Formula, premises: tuple[tree.Formula, ...]) -> Iterator[tuple[tree.Formula, ...]]:
-        if premises and is_call(formula):
-            yield premises
-            return
-        match formula:
-            case tree.And(left, right):
-                yield from walk(left, premises)
-                yield from walk(right, premises)
-            case tree.Imply(left, right):
-                yield from walk(right, (*premises, left))
-            case tree.Or(tree.Not(left), right) | tree.Or(right, tree.Not(left)):
-                yield from walk(right, (*premises, left))
-            case _:
-                return
-
-    if postcondition is not None:
-        yield from walk(postcondition, ())

@@ -39,15 +39,18 @@ class _Modal:
     post: tree.Formula
     node: tree.Box | tree.Diamond
 
+    @property
+    def statements(self) -> tuple[tree.Program, ...]:
+        return tuple(s for program in self.programs for s in statements(program))
+
 
 def take_apart(written: tree.Formula, expanded: tree.Formula) -> Shape:
     """Raises `CompileError` for a problem that is not of this shape."""
     assumptions, conclusion = _implications(expanded)
     box, diamond = _modalities(conclusion)
-    programs = (box or diamond).programs  # pyright: ignore[reportOptionalMemberAccess]
-    if box and diamond and box.programs != diamond.programs:
+    if box and diamond and box.statements != diamond.statements:
         raise CompileError(_different_programs(box, diamond))
-    prefix, loop, suffix = _around_loop(tuple(s for p in programs for s in statements(p)))
+    prefix, loop, suffix = _around_loop((box or diamond).statements)  # pyright: ignore[reportOptionalMemberAccess]
     written_assumptions, written_conclusion = _implications(written)
     written_box, written_diamond = _written(written_conclusion, box, diamond)
     return Shape(
@@ -93,13 +96,23 @@ def _modal(formula: tree.Formula) -> _Modal | None:
 
 def _modalities(conclusion: tree.Formula) -> tuple[_Modal | None, _Modal | None]:
     """The box and the diamond of the conclusion, at least one."""
-    parts = (conclusion.left, conclusion.right) if isinstance(conclusion, tree.And) else (conclusion,)
-    modals = [_modal(p) for p in parts]
-    boxes = [m for m in modals if m and isinstance(m.node, tree.Box)]
-    diamonds = [m for m in modals if m and isinstance(m.node, tree.Diamond)]
-    if None in modals or len(boxes) > 1 or len(diamonds) > 1:
+    parts = [(part, _modal(part)) for part in _conjuncts(conclusion)]
+    boxes = [m for _, m in parts if m and isinstance(m.node, tree.Box)]
+    diamonds = [m for _, m in parts if m and isinstance(m.node, tree.Diamond)]
+    if not boxes and not diamonds:
         raise CompileError(errors.not_a_problem(conclusion.span))
+    found = [errors.outside_modality(part.span) for part, modal in parts if modal is None]
+    for modals, written in ((boxes, "[program]"), (diamonds, "<program>")):
+        found += [errors.several_modalities(m.node.span, written, modals[0].node.span) for m in modals[1:]]
+    if found:
+        raise CompileError(found)
     return (boxes[0] if boxes else None), (diamonds[0] if diamonds else None)
+
+
+def _conjuncts(formula: tree.Formula) -> tuple[tree.Formula, ...]:
+    if isinstance(formula, tree.And):
+        return (*_conjuncts(formula.left), *_conjuncts(formula.right))
+    return (formula,)
 
 
 def _written(
@@ -133,13 +146,13 @@ def _one_of_several(loop: tree.Program) -> Diagnostic:
         "the program has several top-level loops",
         loop.span,
         "one of them",
-        "an episode is one loop: merge them, or move the others into it",
+        "an episode repeats one loop: join them, e.g. `{first ++ second}*`",
     )
 
 
 def _different_programs(box: _Modal, diamond: _Modal) -> Diagnostic:
     def text(modal: _Modal) -> str:
-        shown = " ".join(print_program(p) for p in modal.programs)
+        shown = " ".join(" ".join(print_program(p).split()) for p in modal.programs)
         return shown if len(shown) <= 200 else shown[:200] + " ..."
 
     return error(

@@ -59,12 +59,13 @@ def collect(entry: tree.Entry) -> tuple[Symbols, list[Diagnostic]]:
     declarations: dict[str, tree.Declaration] = {}
     roles: dict[str, Role] = {}
     found: list[Diagnostic] = []
+    variables = {d.name for d in entry.variables}
     for declaration in (*entry.definitions, *entry.variables):
         if (first := declarations.get(declaration.name)) is not None:
             found.append(errors.duplicate(declaration.name, declaration.span, first.span))
             continue
         declarations[declaration.name] = declaration
-        roles[declaration.name] = "variable" if declaration in entry.variables else _role(declaration)
+        roles[declaration.name] = "variable" if declaration.name in variables else _role(declaration)
     imports = frozenset(name.rsplit(".", 1)[-1] for name in entry.imports)
     symbols = Symbols(declarations, roles, imports)
     found += _cycles(symbols)
@@ -73,7 +74,7 @@ def collect(entry: tree.Entry) -> tuple[Symbols, list[Diagnostic]]:
 
 def _role(declaration: tree.Declaration) -> Role:
     match declaration.sort:
-        case "Real" if declaration.parameters is None and declaration.body is None:
+        case "Real" if not declaration.parameters and declaration.body is None:
             return "constant"
         case "Real":
             return "function"
@@ -94,8 +95,8 @@ def _cycles(symbols: Symbols) -> list[Diagnostic]:
     }
     found: list[Diagnostic] = []
     done: set[str] = set()
-    for root in uses:
-        trail: list[tuple[str, Iterator[str]]] = [(root, iter(uses[root]))] if root not in done else []
+    for root, used in uses.items():
+        trail: list[tuple[str, Iterator[str]]] = [(root, iter(used))] if root not in done else []
         while trail:
             name, rest = trail[-1]
             following = next(rest, None)

@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -18,20 +18,30 @@ from rich.table import Table
 from dl2c.training.evaluation import Estimate, Evaluation, evaluate
 from dl2c.training.plots import plot_curves, plot_trajectory
 from dl2c.training.rollout import rollout
-
-if TYPE_CHECKING:
-    from dl2c.training.ppo import Algorithm, Point
+from dl2c.training.run import Algorithm, Point, Settings
 
 MODEL = "example:waypoint"
 FOLDER = Path("build/demo")
 SEEDS = (1, 2, 3)
 EPISODES = 200
 
-STRICT = {"on_blocked": "terminate"}
+STRICT: dict[str, Any] = {"on_blocked": "terminate"}
 """How every policy is measured: a request without a run ends the episode, unsuccessfully."""
 
-LESSONS = {"on_blocked": "fallback", "blocked_penalty": -1000.0}
+LESSONS: dict[str, Any] = {"on_blocked": "fallback", "blocked_penalty": -1000.0}
 """How the unmasked policy learns: such a request costs 1000, and the episode goes on with an enabled run."""
+
+GUARDS = Settings(
+    steps=1_800_000,
+    n_steps=32,
+    batch_size=512,
+    n_epochs=4,
+    learning_rate=3e-3,
+    gamma=0.01,
+    gae_lambda=0.0,
+    width=128,
+)
+"""Long enough to find the guards. A request blocks or not at once, so nothing needs to look ahead."""
 
 ABOUT = """\
 Every row: {episodes} episodes with random constants and initial states; 95 % intervals in brackets.
@@ -49,10 +59,10 @@ class Trained:
     """One finished training: what it is called, its curve and how the policy did."""
 
     name: str
-    algo: "Algorithm"
+    algo: Algorithm
     seed: int
     policy: Path
-    curve: "tuple[Point, ...]"
+    curve: tuple[Point, ...]
     found: Evaluation
 
 
@@ -89,10 +99,10 @@ def _train_all() -> list[Trained]:
         return list(pool.map(_train, *zip(*reversed(jobs), strict=True)))[::-1]
 
 
-def _train(algo: "Algorithm", seed: int) -> Trained:
+def _train(algo: Algorithm, seed: int) -> Trained:
     import torch
 
-    from dl2c.training.ppo import Settings, train
+    from dl2c.training.ppo import train
 
     torch.set_num_threads(1)
     masked = algo == "maskable-ppo"

@@ -6,13 +6,14 @@ Imports torch: import this module only where training happens.
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 import torch
 from gymnasium import spaces
+from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from sb3_contrib import MaskablePPO
 from stable_baselines3 import PPO
@@ -20,56 +21,14 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
+from dl2c.env.actions import action_space
 from dl2c.env.opening import Model, source_of
 from dl2c.env.sb3 import Dl2cVecEnv
 from dl2c.training.policies import PolicyError
-
-Algorithm: TypeAlias = Literal["ppo", "maskable-ppo"]
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """PPO's settings, in Stable-Baselines3's terms; `width` is the size of two hidden layers."""
-
-    steps: int = 400_000
-    n_envs: int = 64
-    n_steps: int = 128
-    batch_size: int = 1024
-    n_epochs: int = 6
-    learning_rate: float = 1e-3
-    gamma: float = 0.995
-    gae_lambda: float = 0.95
-    ent_coef: float = 0.003
-    width: int = 64
-    relu: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Point:
-    """The episodes that ended during one round of experience: rates among them and their mean return."""
-
-    steps: int
-    episodes: int
-    success: float
-    violations: float
-    episode_return: float
-    steps_per_second: float
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """A finished training: the saved policy and its learning curve."""
-
-    policy: Path
-    curve: tuple[Point, ...]
-    seconds: float
-
+from dl2c.training.run import Algorithm, Point, Progress, Run, Settings
 
 SAMPLED_STEPS = 200
 """Steps of every environment from which observations are standardised."""
-
-Progress: TypeAlias = Callable[[Point], None]
-"""Is told about every round of experience."""
 
 
 class Standardised(BaseFeaturesExtractor):
@@ -112,7 +71,7 @@ def train(
     env = Dl2cVecEnv(source, chosen.n_envs, **options)
     if algo == "maskable-ppo" and env.manifest.inputs:
         raise PolicyError("maskable-ppo needs discrete decisions only; use ppo")
-    watch = _Watch(progress)
+    watch = _Watch(env, progress)
     moments = _moments(env, seed)
     learner = _learner(
         algo, VecNormalize(VecMonitor(env), norm_obs=False, gamma=chosen.gamma), moments, chosen, seed
@@ -130,12 +89,13 @@ def train(
 
 def _moments(env: Dl2cVecEnv, seed: int) -> dict[str, list[float]]:
     """Mean and deviation of each observation entry while a random policy acts, for `Standardised`."""
+    space: Any = batch_space(action_space(env.encoding), env.num_envs)
+    space.seed(seed)
     env.seed(seed)
-    env.action_space.seed(seed)
     seen = [env.reset()]
     for _ in range(SAMPLED_STEPS):
-        actions = np.stack([env.action_space.sample() for _ in range(env.num_envs)])
-        seen.append(env.step(actions)[0])
+        env.step_async(space.sample())
+        seen.append(env.step_wait()[0])
     rows = np.concatenate(seen).astype(np.float64)
     deviation = rows.std(axis=0)
     return {"center": rows.mean(axis=0).tolist(), "scale": np.where(deviation > 0, deviation, 1).tolist()}
@@ -157,7 +117,6 @@ def _learner(
         ent_coef=settings.ent_coef,
         policy_kwargs={
             "net_arch": [settings.width, settings.width],
-            "activation_fn": torch.nn.ReLU if settings.relu else torch.nn.Tanh,
             "features_extractor_class": Standardised,
             "features_extractor_kwargs": moments,
         },
@@ -187,8 +146,10 @@ def _write(run: Run, path: Path, algo: Algorithm, seed: int, settings: Settings,
 class _Watch(BaseCallback):
     """Collects a point of the learning curve per round of experience."""
 
-    def __init__(self, progress: Progress | None) -> None:
+    def __init__(self, env: Dl2cVecEnv, progress: Progress | None) -> None:
         super().__init__()
+        self._env = env
+        self._blocked: list[float] = []
         self.curve: list[Point] = []
         self._progress = progress
         self._ended: list[tuple[bool, bool, float]] = []
@@ -198,6 +159,7 @@ class _Watch(BaseCallback):
         self._started = time.perf_counter()
 
     def _on_step(self) -> bool:
+        self._blocked.append(float(self._env.batch.blocked.mean()))
         dones: NDArray[np.bool_] = self.locals["dones"]
         for i in np.flatnonzero(dones).tolist():
             info = self.locals["infos"][i]
@@ -209,7 +171,9 @@ class _Watch(BaseCallback):
         rates = np.mean(self._ended, axis=0) if n else np.full(3, np.nan)
         speed = self.num_timesteps / (time.perf_counter() - self._started)
         success, violations, total = (float(r) for r in rates)
-        self.curve.append(Point(self.num_timesteps, n, success, violations, total, speed))
+        blocked = float(np.mean(self._blocked))
+        self.curve.append(Point(self.num_timesteps, blocked, n, success, violations, total, speed))
         self._ended.clear()
+        self._blocked.clear()
         if self._progress is not None:
             self._progress(self.curve[-1])

@@ -1,0 +1,79 @@
+/*
+ * lanes.h -- a step of many environments at once, for models whose step has no inputs and one flow.
+ *
+ * Every lane chooses its path and moves along the flow by selection, without branches;
+ * lanes that meet something out of the ordinary are left to the scalar step, which
+ * computes the same bits.
+ */
+#ifndef DL2C_LANES_H
+#define DL2C_LANES_H
+
+#include "step.h"
+
+/* Environments that are moved and judged together: what they need fits the first cache. */
+enum { DL2C_BLOCK = 64 };
+
+/* What the lanes of a block did. Rows of `state` are DL2C_BLOCK apart. */
+typedef struct dl2c_block {
+  int64_t path[DL2C_BLOCK];       /* the path taken, -1 for none */
+  uint8_t requested[DL2C_BLOCK];  /* it is the one requested */
+  uint8_t settled[DL2C_BLOCK];    /* state and duration are the result */
+  real duration[DL2C_BLOCK];
+  real state[NX * DL2C_BLOCK];
+} dl2c_block;
+
+/* The path that each lane prefers (see dl2c_preferred).   enabled: (paths, stride)   choices: (count, NCHOICE) */
+DL2C_LANES static void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stride, int64_t count,
+                                         const int32_t *restrict choices, int64_t *restrict path,
+                                         uint8_t *restrict requested)
+{
+  for (int64_t i = 0; i < count; i++) {
+    int64_t best = -1;
+    int64_t best_rank = -1;
+    for (int k = 0; k < NPATH; k++) {
+      int64_t agreed = 0;
+      int64_t rank = 0;
+      bool whole = true;
+      for (int j = 0; j < PATHS[k].nmet; j++) {
+        const bool same = DECISIONS[k][PATHS[k].met[j]] == choices[i * NCHOICE + PATHS[k].met[j]];
+        rank = whole & !same ? 2 * agreed + PATHS[k].marked[j] : rank;
+        whole &= same;
+        agreed += whole;
+      }
+      rank = whole ? 2 * NCHOICE + 2 : rank;
+      const bool better = (enabled[k * stride + i] != 0) & (rank > best_rank);
+      best = better ? k : best;
+      best_rank = better ? rank : best_rank;
+    }
+    path[i] = best;
+    requested[i] = best_rank == 2 * NCHOICE + 2;
+  }
+}
+
+/* Assignments and flow of every lane.   x: (NX, stride)   p: (NP, stride) */
+DL2C_LANES static void dl2c_move_lanes(const real *restrict x, const real *restrict p, int64_t stride,
+                                       int64_t count, const int64_t *restrict path,
+                                       real *restrict state, real *restrict duration,
+                                       uint8_t *restrict settled)
+{
+  for (int64_t i = 0; i < count; i++) {
+    real own[NX];
+    real start[NX];
+    real end[NX];
+    real constants[NP + 1];
+    for (int k = 0; k < NX; k++) own[k] = start[k] = x[k * stride + i];
+    for (int k = 0; k < NP; k++) constants[k] = p[k * stride + i];
+    const bool assigned = model_assign(path[i], own, constants, start);
+    real time = 0.0;
+    bool well = assigned & dl2c_all_finite(start, NX) & (path[i] >= 0);
+    if (DL2C_LANE_FLOW == DL2C_NO_FLOW)
+      for (int k = 0; k < NX; k++) end[k] = start[k];
+    else
+      well &= model_motion(DL2C_LANE_FLOW, start, constants, end, &time) == DL2C_SETTLED;
+    for (int k = 0; k < NX; k++) state[k * DL2C_BLOCK + i] = end[k];
+    duration[i] = time;
+    settled[i] = well;
+  }
+}
+
+#endif

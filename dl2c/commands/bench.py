@@ -1,0 +1,139 @@
+"""What `dl2c bench` prints: how fast a model steps in C, in multiples of the same model in Python."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+from dl2c.commands.failures import CommandError
+from dl2c.env.opening import Model, source_of
+
+if TYPE_CHECKING:
+    from dl2c.bench.measure import Result
+
+PIPED_WIDTH = 120
+"""Columns of output that is not a terminal's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """A row should have at least this ratio to the baseline."""
+
+    key: str
+    least: float
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One run. `deviation` is how far Python and C came apart over some steps, infinite if they disagree;
+    `growth` how much faster a batch's environment step is than that of the smallest batch, by size.
+    """
+
+    model: str
+    results: tuple["Result", ...]
+    growth: Mapping[int, float]
+    deviation: float
+    notes: tuple[str, ...]
+    requirements: tuple[Requirement, ...]
+
+    def met(self, requirement: Requirement) -> bool:
+        """Whether a required ratio was reached."""
+        return self.ratio(requirement.key) >= requirement.least
+
+    def ratio(self, key: str) -> float:
+        """The ratio of a row to the baseline."""
+        return next(r.ratio for r in self.results if r.key == key)
+
+
+def compare(
+    model: Model,
+    options: Mapping[str, Any],
+    seconds: float,
+    required: Iterable[str],
+    note: Callable[[str], None],
+) -> Comparison:
+    """Build and measure a model. Raises `CommandError` where that cannot be done as asked."""
+    if find_spec("scipy") is None:
+        raise CommandError("the comparison is with scipy; install it with `pip install scipy`")
+    from dl2c.bench.measure import growth, measure
+    from dl2c.bench.rows import deviation, rows, subject
+
+    requirements = tuple(map(_requirement, required))
+    what = subject(source_of(model), options)
+    found, notes = rows(what)
+    for requirement in requirements:
+        if requirement.key not in (keys := [row.key for row in found]):
+            raise CommandError(f"no row `{requirement.key}` here; there is {', '.join(keys)}")
+    apart = deviation(what)
+    results = measure(found, seconds, note=note)
+    name = what.library.manifest.name
+    return Comparison(name, tuple(results), growth(results), apart, tuple(notes), requirements)
+
+
+def _requirement(text: str) -> Requirement:
+    key, _, least = text.partition("=")
+    try:
+        return Requirement(key, float(least))
+    except ValueError:
+        raise CommandError(f"--require takes ROW=RATIO, such as gym=100, not {text!r}") from None
+
+
+def show_comparison(comparison: Comparison) -> None:
+    """Print the table, then how the batch grows, then whether each requirement is met."""
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=PIPED_WIDTH)
+    title = f"{comparison.model}: environment steps per CPU second"
+    table = Table(title=title, title_justify="left", box=None)
+    table.add_column("row")
+    table.add_column("what")
+    for column in ("ns per step", "times solve_ivp", "lowest", "highest"):
+        table.add_column(column, justify="right")
+    for r in comparison.results:
+        ratios = (f"{value:,.4g}" if value < 1000 else f"{value:,.0f}" for value in (r.ratio, r.low, r.high))
+        table.add_row(r.key, r.title, f"{1e9 / r.rate:,.0f}", *ratios)
+    console.print(table)
+    sizes = ", ".join(f"n = {n}: {times:.2f}" for n, times in comparison.growth.items())
+    print(f"\nsteps per second of a batch in C, times those of n = 1: {sizes}")
+    print(_agreement(comparison.deviation))
+    for text in comparison.notes:
+        print(f"note: {text}")
+    for requirement in comparison.requirements:
+        verdict = "pass" if comparison.met(requirement) else "FAIL"
+        reached = f"{comparison.ratio(requirement.key):,.0f} times solve_ivp"
+        print(f"{verdict}  {requirement.key}: {reached}, at least {requirement.least:,g} wanted")
+
+
+def _agreement(deviation: float) -> str:
+    if math.isinf(deviation):
+        return "solve_ivp and C disagree on where an episode ends: the comparison is not of the same motion"
+    return f"solve_ivp and C agree to {deviation:.1g} over 200 steps from the same initial states"
+
+
+def comparison_data(comparison: Comparison) -> dict[str, Any]:
+    """The same for scripts; `deviation` is null where the two disagree on the end of an episode."""
+    return {
+        "model": comparison.model,
+        "rows": [
+            {
+                "key": r.key,
+                "title": r.title,
+                "n": r.n,
+                "steps_per_second": r.rate,
+                "ratio": r.ratio,
+                "ratio_range": [r.low, r.high],
+            }
+            for r in comparison.results
+        ],
+        "growth": {str(n): times for n, times in comparison.growth.items()},
+        "deviation": None if math.isinf(comparison.deviation) else comparison.deviation,
+        "notes": list(comparison.notes),
+        "requirements": [
+            {"key": r.key, "least": r.least, "ratio": comparison.ratio(r.key), "met": comparison.met(r)}
+            for r in comparison.requirements
+        ],
+    }

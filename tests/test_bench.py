@@ -1,0 +1,221 @@
+"""The speed comparison: that its rows do the same work, and what it reports. No times are asserted."""
+
+import json
+import math
+import sys
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dl2c.bench.rows
+import dl2c.cli
+from dl2c.bench.hand_written import HandWritten, is_there
+from dl2c.bench.measure import growth, measure
+from dl2c.bench.python_source import NAMESPACE, formula_source, term_source
+from dl2c.bench.rows import BASELINE, Row, Subject, baseline_row, deviation, rows, sb3_row, starts, subject
+from dl2c.env.opening import batch_options, source_of
+from dl2c.ir.evaluate import Undefined, evaluate, truth
+from dl2c.ir.model import Add, And, Call, Compare, Div, Formula, Mul, Neg, Number, Or, Sub, Symbol, Term
+from dl2c.source import Source
+
+pytest.importorskip("scipy")
+
+WAYPOINT = "example:waypoint"
+
+SYMBOLS = [Symbol("x", "variable"), Symbol("A", "constant")]
+
+MODEL = """
+ArchiveEntry "Small"
+ProgramVariables
+  /* @var: bound=[0:4] */ Real x;
+  /* @var: bound=[-2:2] */ Real v;
+  /* @var: bound=[0:1] */ Real t;
+End.
+Problem
+  x >= 0 & t = 0 -> [{%s}*]x >= -100
+End.
+End.
+"""
+
+BODIES = {
+    "inputs": "v := *; ?(v >= x - 3 & v <= 2 & v > -1.5); t := 0; {x' = v, t' = 1 & t <= 0.5}",
+    "events": "{?x > 1; v := -1; ++ v := 2;} t := 0; {x' = v, v' = -1, t' = 1 & t <= 2 & x <= 3.5}",
+    "two flows": "t := 0; {x' = v, t' = 1 & t <= 1} {?x > 0; v := -1; ++ ?x <= 0; v := 1;}"
+    "{x' = v, t' = 1 & t <= 2}",
+    "marks": "{?x < 1; v := -1; ++ v := 1; ++ /* @fallback */ v := 0.5;} t := 0; {x' = v, t' = 1 & t <= 1}",
+}
+
+
+def terms() -> st.SearchStrategy[Term]:
+    leaves = st.sampled_from(SYMBOLS) | st.integers(-3, 3).map(lambda n: Number(Fraction(n)))
+
+    def extend(parts: st.SearchStrategy[Term]) -> st.SearchStrategy[Term]:
+        pairs = st.tuples(parts, parts)
+        binary = st.sampled_from([Add, Sub, Mul, Div])
+        calls = st.tuples(st.sampled_from(["min", "max"]), pairs).map(lambda c: Call(c[0], c[1]))
+        single = st.tuples(st.sampled_from(["abs", "sqrt"]), parts).map(lambda c: Call(c[0], (c[1],)))
+        return st.tuples(binary, pairs).map(lambda b: b[0](*b[1])) | calls | single | parts.map(Neg)
+
+    return st.recursive(leaves, extend, max_leaves=8)
+
+
+def formulas() -> st.SearchStrategy[Formula]:
+    atoms = st.builds(Compare, st.sampled_from(["=", "!=", "<", "<=", ">", ">="]), terms(), terms())
+    return st.recursive(
+        atoms,
+        lambda parts: st.builds(lambda kind, a, b: kind((a, b)), st.sampled_from([And, Or]), parts, parts),
+        max_leaves=4,
+    )
+
+
+def value_of(text: str, x: int, a: int) -> Any:
+    return eval(text, NAMESPACE | {"X_x": float(x), "P_A": float(a)})
+
+
+@given(terms(), st.integers(-3, 3), st.integers(-3, 3))
+def test_printed_terms_have_the_value_of_terms(term: Term, x: int, a: int) -> None:
+    found = value_of(term_source(term), x, a)
+    try:
+        assert found == evaluate(term, dict(zip(SYMBOLS, (float(x), float(a)), strict=True)))
+    except Undefined:
+        assert math.isnan(found)
+
+
+@given(formulas(), st.integers(-3, 3), st.integers(-3, 3))
+def test_printed_formulas_have_the_truth_of_formulas(formula: Formula, x: int, a: int) -> None:
+    env = dict(zip(SYMBOLS, (float(x), float(a)), strict=True))
+    assert value_of(formula_source(formula), x, a) == truth(formula, env)
+
+
+@pytest.fixture(scope="module")
+def waypoint() -> Subject:
+    return subject(source_of(WAYPOINT), {})
+
+
+def test_baseline_moves_like_the_c(waypoint: Subject) -> None:
+    assert deviation(waypoint, 200) < 1e-6
+
+
+@pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
+def test_baseline_moves_like_the_c_in_other_models(body: str) -> None:
+    assert deviation(subject(Source("small.kyx", MODEL % body), {"max_episode_steps": 20}), 200) < 1e-6
+
+
+def test_deviation_sees_a_difference(waypoint: Subject) -> None:
+    other = subject(waypoint.source, {"dt": "0.05"})
+    assert deviation(Subject(waypoint.source, waypoint.options, other.library)) > 1e-3
+
+
+def test_hand_written_loop_does_what_the_batch_does(waypoint: Subject) -> None:
+    n = 64
+    batch = waypoint.library.batch(n, autoreset="same_step", **batch_options(waypoint.library.manifest))
+    batch.reset(seeds=np.arange(n, dtype=np.uint64))
+    loop = HandWritten(n)
+    loop.state[:] = [x + p for x, p in starts(waypoint.library, n)]
+    loop.refresh()
+    names = ("duration", "status", "reason", "cost", "terminated", "truncated")
+    names += ("blocked", "postcondition", "saturated")
+    ended = 0
+    for _ in range(100):
+        batch.step()
+        loop.step()
+        results = {name: array.squeeze() for name, array in loop.results.items()}
+        for name in names:
+            assert np.allclose(results[name], getattr(batch, name), 1e-9, 1e-9), name
+        assert np.allclose(results["reward"], batch.rewards)
+        assert np.array_equal(results["choice"], batch.executed_choices[:, 0])
+        assert np.array_equal(results["reset"], batch.began)
+        over = batch.began
+        assert np.allclose(results["final_obs"][over], batch.final_obs[over])
+        assert np.allclose(results["obs"][~over], batch.obs[~over])
+        assert np.array_equal(results["mask"][~over], batch.mask[~over])
+        for i in np.flatnonzero(over):
+            loop.state[i] = np.concatenate(batch.get_state(int(i)))
+        loop.refresh()
+        ended += over.sum()
+    assert ended > 50
+
+
+def test_hand_written_loop_begins_admissible_episodes(waypoint: Subject) -> None:
+    loop = HandWritten(32)
+    batch = waypoint.library.batch(1, **batch_options(waypoint.library.manifest))
+    for row in loop.state:
+        batch.reset_to(0, 0, row[:6], row[6:])
+
+
+def test_rows_agree_on_their_keys_and_order(waypoint: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dl2c.bench.rows, "find_spec", lambda _: None)
+    found, notes = rows(waypoint)
+    assert [note for note in notes if "Stable-Baselines3" in note]
+    results = measure(found, 0.5, rounds=3)
+    by_key = {r.key: r for r in results}
+    batches = [f"batch{n}" for n in (1, 8, 64, 1024, 16384)]
+    assert list(by_key) == [
+        *(BASELINE, "gym", *batches, "vector64", "vector1024", "loop", "cartpole", "empty")
+    ]
+    assert by_key[BASELINE].ratio == by_key[BASELINE].low == by_key[BASELINE].high == 1.0
+    assert all(0 < r.low <= r.ratio <= r.high for r in results)
+    assert by_key["batch1024"].ratio > by_key["gym"].ratio > 1
+    assert list(growth(results)) == [1, 8, 64, 1024, 16384]
+    assert growth(results)[1] == 1.0
+
+
+def test_sb3_row_runs(waypoint: Subject) -> None:
+    pytest.importorskip("stable_baselines3")
+    sb3_row(waypoint, 8).run(3)
+
+
+def test_other_models_have_no_hand_written_loop(waypoint: Subject) -> None:
+    assert is_there(waypoint.source)
+    assert not is_there(Source("small.kyx", MODEL % BODIES["inputs"]))
+
+
+def test_slower_rows_have_smaller_ratios() -> None:
+    def busy(amount: int) -> Row:
+        key = BASELINE if amount == 4000 else f"row{amount}"
+        return Row(key, key, 1, lambda k: [sum(range(amount)) for _ in range(k)] and None)
+
+    slow, base, fast = measure([busy(16000), busy(4000), busy(1000)], 0.3, rounds=3)
+    assert slow.ratio < base.ratio == 1.0 < fast.ratio
+
+
+def test_baseline_row_goes_through_episodes(waypoint: Subject) -> None:
+    baseline_row(waypoint).run(150)
+
+
+def bench(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of `dl2c bench example:waypoint` without Stable-Baselines3."""
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as end:
+        patch.setattr(dl2c.bench.rows, "find_spec", lambda _: None)
+        patch.setattr(sys, "argv", ["dl2c", "bench", WAYPOINT, "--seconds", "0.1", *arguments])
+        dl2c.cli.main()
+    out, err = capsys.readouterr()
+    return int(end.value.code or 0), out, err
+
+
+def test_bench_prints_json(capsys: Any) -> None:
+    code, out, _ = bench(capsys, "--json", "--require", "gym=0.1", "--require", "batch1024=1")
+    data = json.loads(out)
+    assert code == 0
+    assert {row["key"] for row in data["rows"]} >= {BASELINE, "gym", "batch1024", "empty"}
+    assert [r["met"] for r in data["requirements"]] == [True, True]
+    assert data["deviation"] < 1e-6
+    assert data["growth"]["1"] == 1.0
+
+
+def test_bench_fails_where_a_requirement_is_missed(capsys: Any) -> None:
+    code, out, _ = bench(capsys, "--require", "gym=0.1", "--require", "batch1024=1e9")
+    assert code == 1
+    assert [line.split()[0] for line in out.splitlines()[-2:]] == ["pass", "FAIL"]
+
+
+@pytest.mark.parametrize("wanted", ["nothing=1", "gym", "gym=fast"])
+def test_bench_refuses_requirements_it_does_not_know(capsys: Any, wanted: str) -> None:
+    code, _, err = bench(capsys, "--require", wanted)
+    assert code == 1
+    assert err.startswith("error: ")
+    assert "Traceback" not in err
