@@ -54,20 +54,17 @@ static inline void dl2c_test(dl2c_batch *b, int64_t first, int64_t count, int64_
   model_facts(b->x + first, b->p + first, b->stride, count, row, facts);
 }
 
-static bool dl2c_any_enabled(const dl2c_batch *b, int64_t i)
+/* Whether some path is open in each environment.   open: (count) */
+static inline void dl2c_any_enabled(const dl2c_batch *b, int64_t first, int64_t count, uint8_t *open)
 {
-  uint8_t any = 0;
-  for (int k = 0; k < DL2C_NSTART; k++) any |= b->enabled[k * b->stride + i];
-  return any;
+  for (int64_t i = 0; i < count; i++) open[i] = 0;
+  for (int k = 0; k < DL2C_NSTART; k++)
+    for (int64_t i = 0; i < count; i++) open[i] |= b->enabled[k * b->stride + first + i];
 }
 
-/* Writes observation and mask of a state. A final state shows every alternative as open. */
-static inline void dl2c_show(dl2c_batch *b, int64_t i, const real *x, const real *p, bool final)
+/* Writes the mask of environment i. A final state shows every alternative as open. */
+static inline void dl2c_mask(dl2c_batch *b, int64_t i, bool final)
 {
-  uint8_t saturated = 0;
-  model_observe(x, p, (dl2c_obs *)b->out.obs + i * NOBS, &saturated);
-  b->out.saturated[i] = saturated;
-
   int8_t *mask = b->out.mask + i * NMASK;
   for (int c = 0; c < NCHOICE; c++) {
     const int32_t from = MASK_START[c];
@@ -84,23 +81,32 @@ static inline void dl2c_show(dl2c_batch *b, int64_t i, const real *x, const real
   }
 }
 
+/* Tests and shows the state that environment i is in; whether a run is possible from it. */
+static bool dl2c_show(dl2c_batch *b, int64_t i)
+{
+  uint8_t facts[NFACT];
+  uint8_t open;
+  dl2c_test(b, i, 1, 1, facts);
+  dl2c_any_enabled(b, i, 1, &open);
+  b->out.postcondition[i] = facts[F_postcondition];
+  model_observe(b->x + i, b->p + i, b->stride, 1, 1, (dl2c_obs *)b->out.obs + i * NOBS,
+                b->out.saturated + i);
+  dl2c_mask(b, i, false);
+  return open;
+}
+
 /* Begins an episode in the state given, if a run is possible from it. */
 static bool dl2c_begin(dl2c_batch *b, int64_t i, const real *x, const real *p)
 {
   for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
   dl2c_store(b, i, x);
-  uint8_t facts[NFACT];
-  dl2c_test(b, i, 1, 1, facts);
-  if (!dl2c_any_enabled(b, i)) return false;
   b->ended[i] = 0;
   b->steps[i] = 0;
   b->stalled[i] = 0;
   b->elapsed[i] = 0.0;
   b->out.reset[i] = 1;
   b->out.time[i] = 0.0;
-  b->out.postcondition[i] = facts[F_postcondition];
-  dl2c_show(b, i, x, p, false);
-  return true;
+  return dl2c_show(b, i);
 }
 
 /* Draws initial states until one has a run. */
@@ -139,64 +145,44 @@ typedef enum dl2c_attempt {
   DL2C_NUMERICAL = 2, /* the run led to an undefined or infinite value */
 } dl2c_attempt;
 
-/* How the step ends the episode, if it does; a predicate's ending goes before all others. */
-static inline void dl2c_conclude(dl2c_batch *b, int64_t i, dl2c_attempt outcome, bool open,
-                                 dl2c_judgement *judged)
-{
-  const bool stalled = b->options.stall_limit > 0 && b->stalled[i] >= b->options.stall_limit;
-  const bool late = b->options.max_steps > 0 && b->steps[i] >= b->options.max_steps;
+/* Everything that a step of one block computes on its way. */
+typedef struct dl2c_scratch {
+  dl2c_moves moves;
+  dl2c_judgement judged;
+  uint8_t attempt[DL2C_BLOCK]; /* dl2c_attempt */
+  uint8_t waited[DL2C_BLOCK];  /* the episode had ended before: this call begins the next */
+  uint8_t open[DL2C_BLOCK];    /* some path is open after the step */
+  uint8_t facts[NFACT * DL2C_BLOCK];
+  dl2c_obs obs[NOBS * DL2C_BLOCK + 1];
+} dl2c_scratch;
 
-  if (outcome != DL2C_RAN) {
-    const bool terminates = outcome == DL2C_NO_RUN && b->options.on_blocked == DL2C_BLOCKED_TERMINATE;
-    judged->end = terminates ? DL2C_TERMINATE : DL2C_TRUNCATE;
-    judged->status = DL2C_NONE;
-    judged->reason = outcome == DL2C_NUMERICAL ? DL2C_REASON_NUMERICAL
-        : b->options.on_blocked == DL2C_BLOCKED_FALLBACK ? DL2C_REASON_DEADLOCK
-                                                         : DL2C_REASON_BLOCKED;
-    return;
+/* Counters after a move that took so long. */
+static inline void dl2c_count(dl2c_batch *b, int64_t first, int64_t count, const real *duration)
+{
+  for (int64_t i = 0; i < count; i++) {
+    b->out.duration[first + i] = duration[i];
+    b->elapsed[first + i] += duration[i];
+    b->out.time[first + i] = b->elapsed[first + i];
   }
-  if (judged->end != DL2C_GOES_ON) return;
-  judged->end = DL2C_TRUNCATE;
-  if (judged->undefined) {
-    judged->reason = DL2C_REASON_NUMERICAL;
-  } else if (!DL2C_LOOPS) {
-    judged->end = DL2C_TERMINATE;
-    judged->reason = DL2C_REASON_END;
-  } else if (!open) {
-    judged->reason = DL2C_REASON_DEADLOCK;
-  } else if (stalled) {
-    judged->reason = DL2C_REASON_STALLED;
-  } else if (late) {
-    judged->reason = DL2C_REASON_TIME_LIMIT;
-  } else {
-    judged->end = DL2C_GOES_ON;
-    return;
+  for (int64_t i = 0; i < count; i++) {
+    b->steps[first + i] += 1;
+    b->stalled[first + i] = duration[i] > 0.0 ? 0 : b->stalled[first + i] + 1;
   }
-  judged->status = DL2C_NONE;
 }
 
-/* Time and counters after a move of environment i. */
-static inline void dl2c_count(dl2c_batch *b, int64_t i, real duration)
+/* Takes over what lanes `lane` to `lane + count` did for environments from `at` on. */
+static inline void dl2c_commit(dl2c_batch *b, int64_t at, int64_t count, const dl2c_moves *moves,
+                               int64_t lane, uint8_t *attempt)
 {
-  b->out.duration[i] = duration;
-  b->elapsed[i] += duration;
-  b->steps[i] += 1;
-  b->stalled[i] = duration > 0.0 ? 0 : b->stalled[i] + 1;
-}
-
-/* Takes over what lane `i` of a block did for environment `at`. */
-static inline dl2c_attempt dl2c_commit(dl2c_batch *b, int64_t at, const dl2c_block *block,
-                                              int64_t i)
-{
-  for (int k = 0; k < NX; k++) b->x[k * b->stride + at] = block->state[k * DL2C_BLOCK + i];
-  for (int c = 0; c < NCHOICE; c++) {
-    const int32_t taken = DECISIONS[block->path[i]][c];
-    b->out.executed_choices[at * NCHOICE + c] = taken >= 0 ? taken : b->out.choices[at * NCHOICE + c];
-  }
-  b->out.reset[at] = 0;
-  b->out.blocked[at] = !block->requested[i];
-  dl2c_count(b, at, block->duration[i]);
-  return DL2C_RAN;
+  const size_t n = (size_t)count;
+  for (int k = 0; k < NX; k++)
+    memcpy(b->x + k * b->stride + at, moves->state + k * DL2C_BLOCK + lane, n * sizeof(real));
+  dl2c_decided_lanes(moves->path + lane, count, b->out.choices + at * NCHOICE,
+                     b->out.executed_choices + at * NCHOICE);
+  for (int64_t i = 0; i < count; i++) b->out.blocked[at + i] = !moves->requested[lane + i];
+  memset(b->out.reset + at, 0, n);
+  memset(attempt, DL2C_RAN, n);
+  dl2c_count(b, at, count, moves->duration + lane);
 }
 
 /* Moves environment i as requested, in scalar code. */
@@ -220,33 +206,101 @@ static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i)
     .executed = b->out.executed_inputs + i * NU,
   };
   const bool moved = dl2c_complete(&run, 0, enabled, false, x);
+  const real duration = moved && !run.numerical ? run.duration : 0.0;
   if (moved && !run.numerical) dl2c_store(b, i, x);
-  dl2c_count(b, i, moved && !run.numerical ? run.duration : 0.0);
+  dl2c_count(b, i, 1, &duration);
   b->out.blocked[i] = run.blocked || !moved;
   return !moved ? DL2C_NO_RUN : run.numerical ? DL2C_NUMERICAL : DL2C_RAN;
 }
 
-/* Judges the state that environment i is in, and shows it. */
-static inline void dl2c_finish(dl2c_batch *b, int64_t i, dl2c_attempt outcome,
-                               const uint8_t *facts, int64_t row)
+/* Moves a block: in lanes where the model and every state in it allow, else one by one. */
+static inline void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
 {
-  real x[NX];
-  real p[NP + 1];
-  dl2c_load(b, i, x, p);
-  dl2c_judgement judged;
-  model_judge(x, p, facts, row, &judged);
-  dl2c_conclude(b, i, outcome, dl2c_any_enabled(b, i), &judged);
+  const bool waits = b->options.autoreset == DL2C_AUTORESET_NEXT_STEP;
+  const bool falls_back = b->options.on_blocked == DL2C_BLOCKED_FALLBACK;
+  bool all = DL2C_STEPS_IN_LANES;
+  if (DL2C_STEPS_IN_LANES) {
+    dl2c_choose_lanes(b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE,
+                      s->moves.path, s->moves.requested);
+    dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, s->moves.path, s->moves.state,
+                    s->moves.duration, s->moves.settled);
+    for (int64_t i = 0; i < count; i++) s->moves.settled[i] &= s->moves.requested[i] | falls_back;
+  }
+  for (int64_t i = 0; i < count; i++) {
+    s->waited[i] = waits & b->ended[first + i];
+    all = all && s->moves.settled[i] && !s->waited[i];
+  }
+  if (all) {
+    dl2c_commit(b, first, count, &s->moves, 0, s->attempt);
+    return;
+  }
+  for (int64_t i = 0; i < count; i++) {
+    s->attempt[i] = DL2C_RAN;
+    if (s->waited[i]) continue;
+    if (DL2C_STEPS_IN_LANES && s->moves.settled[i])
+      dl2c_commit(b, first + i, 1, &s->moves, i, s->attempt + i);
+    else
+      s->attempt[i] = (uint8_t)dl2c_advance(b, first + i);
+  }
+}
 
-  b->out.time[i] = b->elapsed[i];
-  b->out.rewards[i] = judged.reward + (b->out.blocked[i] ? b->options.blocked_penalty : 0.0);
-  b->out.cost[i] = judged.cost;
-  b->out.status[i] = judged.status;
-  b->out.reason[i] = judged.reason;
-  b->out.terminated[i] = judged.end == DL2C_TERMINATE;
-  b->out.truncated[i] = judged.end == DL2C_TRUNCATE;
-  b->out.postcondition[i] = facts[F_postcondition * row];
-  b->ended[i] = judged.end != DL2C_GOES_ON;
-  dl2c_show(b, i, x, p, judged.end != DL2C_GOES_ON);
+/* How the step ends each episode, if it does; a predicate's ending goes before all others. */
+static inline void dl2c_conclude(dl2c_batch *b, int64_t first, int64_t count, const dl2c_scratch *s)
+{
+  const int64_t stall = b->options.stall_limit > 0 ? b->options.stall_limit : INT64_MAX;
+  const int64_t longest = b->options.max_steps > 0 ? b->options.max_steps : INT64_MAX;
+  const int32_t refused = b->options.on_blocked == DL2C_BLOCKED_TERMINATE ? DL2C_TERMINATE : DL2C_TRUNCATE;
+  const int32_t stuck =
+      b->options.on_blocked == DL2C_BLOCKED_FALLBACK ? DL2C_REASON_DEADLOCK : DL2C_REASON_BLOCKED;
+  for (int64_t i = 0; i < count; i++) {
+    int32_t end = s->judged.end[i];
+    int32_t status = s->judged.status[i];
+    int32_t reason = s->judged.reason[i];
+    int32_t other = DL2C_REASON_NONE;
+    other = b->steps[first + i] >= longest ? DL2C_REASON_TIME_LIMIT : other;
+    other = b->stalled[first + i] >= stall ? DL2C_REASON_STALLED : other;
+    other = s->open[i] ? other : DL2C_REASON_DEADLOCK;
+    other = DL2C_LOOPS ? other : DL2C_REASON_END;
+    other = s->judged.undefined[i] ? DL2C_REASON_NUMERICAL : other;
+    const bool ends_so = (end == DL2C_GOES_ON) & (other != DL2C_REASON_NONE);
+    end = ends_so ? (other == DL2C_REASON_END ? DL2C_TERMINATE : DL2C_TRUNCATE) : end;
+    status = ends_so ? DL2C_NONE : status;
+    reason = ends_so ? other : reason;
+
+    const bool failed = s->attempt[i] != DL2C_RAN;
+    const bool numerical = s->attempt[i] == DL2C_NUMERICAL;
+    end = failed ? (numerical ? DL2C_TRUNCATE : refused) : end;
+    status = failed ? DL2C_NONE : status;
+    reason = failed ? (numerical ? DL2C_REASON_NUMERICAL : stuck) : reason;
+
+    b->out.status[first + i] = status;
+    b->out.reason[first + i] = reason;
+    b->out.cost[first + i] = s->judged.cost[i];
+    b->out.terminated[first + i] = end == DL2C_TERMINATE;
+    b->out.truncated[first + i] = end == DL2C_TRUNCATE;
+    b->ended[first + i] = end != DL2C_GOES_ON;
+    b->out.postcondition[first + i] = s->facts[F_postcondition * DL2C_BLOCK + i];
+  }
+  const real penalty = b->options.blocked_penalty;
+  for (int64_t i = 0; i < count; i++)
+    b->out.rewards[first + i] = s->judged.reward[i] + (b->out.blocked[first + i] ? penalty : 0.0);
+}
+
+/* Judges the states of a block and shows them. */
+static inline void dl2c_judge_block(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+{
+  const real *x = b->x + first;
+  const real *p = b->p + first;
+  dl2c_test(b, first, count, DL2C_BLOCK, s->facts);
+  dl2c_any_enabled(b, first, count, s->open);
+  model_judge(x, p, b->stride, count, s->facts, DL2C_BLOCK, &s->judged);
+  dl2c_conclude(b, first, count, s);
+  model_observe(x, p, b->stride, count, DL2C_BLOCK, s->obs, b->out.saturated + first);
+  dl2c_obs *obs = (dl2c_obs *)b->out.obs + first * NOBS;
+  for (int64_t i = 0; i < count; i++) {
+    for (int k = 0; k < NOBS; k++) obs[i * NOBS + k] = s->obs[k * DL2C_BLOCK + i];
+    dl2c_mask(b, first + i, b->ended[first + i]);
+  }
 }
 
 /* Begins the next episode of an environment whose episode ended in this step; results stay. */
@@ -264,37 +318,19 @@ static dl2c_status dl2c_next_episode(dl2c_batch *b, int64_t i)
   return status;
 }
 
-/* One step of environments `first` to `first + count`: move each, test all, judge each. */
+/* One step of environments `first` to `first + count`: move all, judge all, begin what is next. */
 static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count)
 {
-  dl2c_attempt outcomes[DL2C_BLOCK];
-  bool waited[DL2C_BLOCK]; /* ended before, and reset by this call */
-  uint8_t facts[NFACT * DL2C_BLOCK];
-  dl2c_block block;
-
-  if (DL2C_STEPS_IN_LANES) {
-    dl2c_choose_lanes(b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE,
-                      block.path, block.requested);
-    dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, block.path, block.state,
-                    block.duration, block.settled);
-  }
-  for (int64_t i = 0; i < count; i++) {
-    waited[i] = b->options.autoreset == DL2C_AUTORESET_NEXT_STEP && b->ended[first + i];
-    if (waited[i]) continue;
-    const bool usual = DL2C_STEPS_IN_LANES && block.settled[i]
-        && (block.requested[i] || b->options.on_blocked == DL2C_BLOCKED_FALLBACK);
-    outcomes[i] = usual ? dl2c_commit(b, first + i, &block, i) : dl2c_advance(b, first + i);
-  }
-  dl2c_test(b, first, count, DL2C_BLOCK, facts);
+  dl2c_scratch s;
+  dl2c_move_block(b, first, count, &s);
+  dl2c_judge_block(b, first, count, &s);
   for (int64_t i = 0; i < count; i++) {
     dl2c_status status = DL2C_OK;
-    if (waited[i]) {
+    if (s.waited[i]) {
       dl2c_clear_results(b, first + i);
       status = dl2c_reset_one(b, first + i);
-    } else {
-      dl2c_finish(b, first + i, outcomes[i], facts + i, DL2C_BLOCK);
-      if (b->options.autoreset == DL2C_AUTORESET_SAME_STEP && b->ended[first + i])
-        status = dl2c_next_episode(b, first + i);
+    } else if (b->options.autoreset == DL2C_AUTORESET_SAME_STEP && b->ended[first + i]) {
+      status = dl2c_next_episode(b, first + i);
     }
     if (status != DL2C_OK) return status;
   }
@@ -419,10 +455,7 @@ dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, cons
   dl2c_store(b, i, x);
   for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
   b->ended[i] = 0;
-  uint8_t facts[NFACT];
-  dl2c_test(b, i, 1, 1, facts);
-  b->out.postcondition[i] = facts[F_postcondition];
-  dl2c_show(b, i, x, p, false);
+  dl2c_show(b, i);
   return DL2C_OK;
 }
 

@@ -17,9 +17,8 @@ enum { DL2C_RETREATS = 27 };
 static inline real dl2c_crossing(real c0, real c1, real c2, bool touching_counts)
 {
   if (c2 == 0.0) {
-    const real distance = c0 > 0.0 ? c0 : 0.0;
-    const real meets = distance / -c1;
-    return c1 < 0.0 ? meets : (real)INFINITY;
+    const real distance = dl2c_select(c0 > 0.0, c0, 0.0);
+    return dl2c_select(c1 < 0.0, distance / -c1, (real)INFINITY);
   }
   if (c0 <= 0.0) {
     if (c1 <= 0.0) return c1 < 0.0 || c2 < 0.0 ? 0.0 : (real)INFINITY;

@@ -10,17 +10,14 @@
 
 #include "step.h"
 
-/* Environments that are moved and judged together: what they need fits the first cache. */
-enum { DL2C_BLOCK = 64 };
-
 /* What the lanes of a block did. Rows of `state` are DL2C_BLOCK apart. */
-typedef struct dl2c_block {
-  int64_t path[DL2C_BLOCK];       /* the path taken, -1 for none */
-  uint8_t requested[DL2C_BLOCK];  /* it is the one requested */
-  uint8_t settled[DL2C_BLOCK];    /* state and duration are the result */
+typedef struct dl2c_moves {
+  int64_t path[DL2C_BLOCK];      /* the path taken, -1 for none */
+  uint8_t requested[DL2C_BLOCK]; /* it is the one requested */
+  uint8_t settled[DL2C_BLOCK];   /* state and duration are the result */
   real duration[DL2C_BLOCK];
   real state[NX * DL2C_BLOCK];
-} dl2c_block;
+} dl2c_moves;
 
 /* The path that each lane prefers (see dl2c_preferred).   enabled: (paths, stride)   choices: (count, NCHOICE) */
 DL2C_LANES static void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stride, int64_t count,
@@ -30,10 +27,12 @@ DL2C_LANES static void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_
   for (int64_t i = 0; i < count; i++) {
     int64_t best = -1;
     int64_t best_rank = -1;
+    DL2C_UNROLL
     for (int k = 0; k < NPATH; k++) {
       int64_t agreed = 0;
       int64_t rank = 0;
       bool whole = true;
+      DL2C_UNROLL
       for (int j = 0; j < PATHS[k].nmet; j++) {
         const bool same = DECISIONS[k][PATHS[k].met[j]] == choices[i * NCHOICE + PATHS[k].met[j]];
         rank = whole & !same ? 2 * agreed + PATHS[k].marked[j] : rank;
@@ -50,7 +49,7 @@ DL2C_LANES static void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_
   }
 }
 
-/* Assignments and flow of every lane.   x: (NX, stride)   p: (NP, stride) */
+/* Assignments and flow of every lane.   x: (NX, stride)   p: (NP, stride)   state: (NX, DL2C_BLOCK) */
 DL2C_LANES static void dl2c_move_lanes(const real *restrict x, const real *restrict p, int64_t stride,
                                        int64_t count, const int64_t *restrict path,
                                        real *restrict state, real *restrict duration,
@@ -61,19 +60,35 @@ DL2C_LANES static void dl2c_move_lanes(const real *restrict x, const real *restr
     real start[NX];
     real end[NX];
     real constants[NP + 1];
+    DL2C_UNROLL
     for (int k = 0; k < NX; k++) own[k] = start[k] = x[k * stride + i];
+    DL2C_UNROLL
     for (int k = 0; k < NP; k++) constants[k] = p[k * stride + i];
-    const bool assigned = model_assign(path[i], own, constants, start);
+    bool well = model_assign(path[i], own, constants, start) & (path[i] >= 0);
+    well &= dl2c_all_finite(start, NX);
     real time = 0.0;
-    bool well = assigned & dl2c_all_finite(start, NX) & (path[i] >= 0);
-    if (DL2C_LANE_FLOW == DL2C_NO_FLOW)
-      for (int k = 0; k < NX; k++) end[k] = start[k];
-    else
-      well &= model_motion(DL2C_LANE_FLOW, start, constants, end, &time) == DL2C_SETTLED;
+#if DL2C_LANE_FLOW == DL2C_NO_FLOW
+    DL2C_UNROLL
+    for (int k = 0; k < NX; k++) end[k] = start[k];
+#else
+    well &= model_motion(DL2C_LANE_FLOW, start, constants, end, &time) == DL2C_SETTLED;
+#endif
+    DL2C_UNROLL
     for (int k = 0; k < NX; k++) state[k * DL2C_BLOCK + i] = end[k];
     duration[i] = time;
     settled[i] = well;
   }
+}
+
+/* The alternatives that the lanes took, the request where a decision was not met. */
+static inline void dl2c_decided_lanes(const int64_t *path, int64_t count, const int32_t *choices,
+                                      int32_t *decided)
+{
+  for (int64_t i = 0; i < count; i++)
+    for (int c = 0; c < NCHOICE; c++) {
+      const int32_t taken = DECISIONS[path[i]][c];
+      decided[i * NCHOICE + c] = taken >= 0 ? taken : choices[i * NCHOICE + c];
+    }
 }
 
 #endif

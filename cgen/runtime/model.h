@@ -7,7 +7,8 @@
  * count work on lanes: value k of environment i is x[k*stride + i], i < count.
  *
  *   enum { NX, NP, NU, NCHOICE, NMASK, NPRED, NOBS, NPOINT, NPATH, NFACT, NFREE, NBOX,
- *          DL2C_LOOPS, DL2C_STEPS_IN_LANES, DL2C_LANE_FLOW };
+ *          DL2C_LOOPS, DL2C_STEPS_IN_LANES };
+ *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
  *   typedef float dl2c_obs;                      one observation entry, or double
  *   static const dl2c_path PATHS[];              all paths, grouped by point
  *   static const int32_t POINT_START[];          (NPOINT + 1) first path of each point
@@ -24,9 +25,9 @@
  *   dl2c_motion model_motion(int flow, x, p, real *y, real *duration)
  *   bool model_at(int flow, x, p, real tau, real *y)             whether the domain holds after tau
  *   void model_facts(x, p, stride, count, row, uint8_t *facts)   conditions of predicates, F_postcondition
- *   void model_judge(x, p, facts, row, dl2c_judgement *out)      rewards and the end of episodes
+ *   void model_judge(x, p, stride, count, facts, row, dl2c_judgement *judged)   rewards and endings
  *   bool model_precondition(x, p)
- *   void model_observe(x, p, dl2c_obs *obs, uint8_t *saturated)
+ *   void model_observe(x, p, stride, count, row, dl2c_obs *obs, uint8_t *saturated)   obs: (NOBS, row)
  *   void model_initial(const real *drawn, real *x, real *p)      a state from the drawn values
  *   bool model_accept(x, p)                                      and whether it is admissible
  */
@@ -38,7 +39,8 @@
 #include "numbers.h"
 
 /* The longest list of decisions or inputs of one path that a table row holds. */
-enum { DL2C_END = -1, DL2C_NO_FLOW = -1 };
+enum { DL2C_END = -1 };
+#define DL2C_NO_FLOW (-1)
 
 typedef struct dl2c_path {
   int32_t flow;         /* DL2C_NO_FLOW for none */
@@ -71,14 +73,17 @@ typedef enum dl2c_end {
   DL2C_TRUNCATE = 2,
 } dl2c_end;
 
-/* What the annotated predicates say of a state. */
+/* Environments that are moved and judged together: what they need fits the first cache. */
+enum { DL2C_BLOCK = 64 };
+
+/* What the annotated predicates say of the states of a block. */
 typedef struct dl2c_judgement {
-  real reward;
-  int32_t cost;   /* violated @safety predicates */
-  int32_t end;    /* dl2c_end */
-  int32_t status; /* dl2c_outcome */
-  int32_t reason; /* dl2c_reason */
-  bool undefined; /* a reward term has no finite value */
+  real reward[DL2C_BLOCK];
+  int32_t cost[DL2C_BLOCK];      /* violated @safety predicates */
+  int32_t end[DL2C_BLOCK];       /* dl2c_end */
+  int32_t status[DL2C_BLOCK];    /* dl2c_outcome */
+  int32_t reason[DL2C_BLOCK];    /* dl2c_reason */
+  uint8_t undefined[DL2C_BLOCK]; /* a reward term has no finite value */
 } dl2c_judgement;
 
 #endif

@@ -10,6 +10,15 @@
 
 typedef double real;
 
+/* For short loops with constant bounds inside loops over lanes. */
+#if defined(__clang__)
+#define DL2C_UNROLL _Pragma("unroll")
+#elif defined(__GNUC__)
+#define DL2C_UNROLL _Pragma("GCC unroll 64")
+#else
+#define DL2C_UNROLL
+#endif
+
 /*
  * Functions over lanes exist twice, for AVX2 and for every x86-64; both compute the same
  * bits. DL2C_NO_TARGET_CLONES leaves one, for linkers without indirect functions.
@@ -19,6 +28,20 @@ typedef double real;
 #else
 #define DL2C_LANES
 #endif
+
+/* a where the condition holds, else b, without a branch: loops over lanes vectorise. */
+static inline real dl2c_select(bool condition, real a, real b)
+{
+  uint64_t first;
+  uint64_t second;
+  memcpy(&first, &a, sizeof first);
+  memcpy(&second, &b, sizeof second);
+  const uint64_t mask = -(uint64_t)condition;
+  const uint64_t chosen = (first & mask) | (second & ~mask);
+  real result;
+  memcpy(&result, &chosen, sizeof result);
+  return result;
+}
 
 /* dL's min and max: the second where neither is smaller (greater). */
 static inline real dl2c_min(real a, real b) { return a < b ? a : b; }
@@ -31,6 +54,7 @@ static inline real dl2c_max(real a, real b) { return a > b ? a : b; }
 static inline bool dl2c_all_finite(const real *x, int n)
 {
   bool finite = true;
+  DL2C_UNROLL
   for (int k = 0; k < n; k++) finite &= fabs(x[k]) <= DL2C_LARGEST_STATE;
   return finite;
 }

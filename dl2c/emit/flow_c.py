@@ -88,22 +88,24 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
         body += _exit(k, j, watch, leaves)
     exits = [f"exit{j}" for j in range(len(plan.watches))]
     body.append(f"real end = {limits[0]};")
-    body += [f"end = {name} < end ? {name} : end;" for name in (*limits[1:], *exits)]
+    body += [f"end = dl2c_select({name} < end, {name}, end);" for name in (*limits[1:], *exits)]
     body += [f"const bool hit{j} = {name} <= end;" for j, name in enumerate(exits)]
     body.append("const bool moves = end > 0.0;")
     shy = [f"hit{j}" for j, w in enumerate(plan.watches) if w.kind in ("open", "apart")]
     if shy:
-        body.append(f"end = {' | '.join(shy)} ? dl2c_before(end) : end;")
+        body.append(f"end = dl2c_select({' | '.join(shy)}, dl2c_before(end), end);")
     finite = "".join(f" & isfinite({limit})" for limit in limits if limit.startswith("left"))
     body += [
         "",
+        "DL2C_UNROLL",
         "for (int k = 0; k < NX; k++) y[k] = x[k];",
         f"flow{k}_at(x, p, end, y);",
         *_settled(k, plan, leaves),
         f"const bool defined = {defined}{finite} & (!moves | dl2c_all_finite(y, NX));",
         f"const bool inside = !moves | {_inside(k, plan)};",
-        "for (int k = 0; k < NX; k++) y[k] = moves ? y[k] : x[k];",
-        "*duration = moves ? end : 0.0;",
+        "DL2C_UNROLL",
+        "for (int k = 0; k < NX; k++) y[k] = dl2c_select(moves, y[k], x[k]);",
+        "*duration = dl2c_select(moves, end, 0.0);",
         "return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;",
     ]
     head = f"static inline dl2c_motion flow{k}_motion(const real *x, const real *p, real *y, real *duration)"
@@ -151,10 +153,10 @@ def _settled(k: int, plan: ExactPlan, leaves: Leaves) -> list[str]:
     lines: list[str] = []
     for j, horizon in enumerate(plan.flow.horizons):
         clock = f"y[{index(Symbol(horizon.clock, 'variable'))}]"
-        lines.append(f"{clock} = left{j} == end ? until{j} : {clock};")
+        lines.append(f"{clock} = dl2c_select(left{j} == end, until{j}, {clock});")
     for j, watch in enumerate(plan.watches):
         if watch.snap is not None:
             target = leaves.term(f"flow{k}_snap{j}", watch.snap.target, f"{watch.snap.variable} at its bound")
             snapped = f"y[{index(Symbol(watch.snap.variable, 'variable'))}]"
-            lines.append(f"{snapped} = hit{j} ? {target} : {snapped};")
+            lines.append(f"{snapped} = dl2c_select(hit{j}, {target}, {snapped});")
     return lines

@@ -10,9 +10,9 @@ from fractions import Fraction
 import numpy as np
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import LANES, each_lane, function, place
+from dl2c.emit.cfile import LANES, each_lane, function, place, wrapped
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.names import lane, slot
+from dl2c.emit.names import lane
 from dl2c.emit.plan import Environment
 from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Symbol, Term, Trigger
 from dl2c.ir.printer import print_formula, print_term
@@ -72,92 +72,101 @@ def _facts(model: Model, leaves: Leaves) -> str:
 
 
 def _judge(model: Model, leaves: Leaves) -> str:
-    body = ["*out = (dl2c_judgement){.status = DL2C_NONE};"]
-    for k, predicate in enumerate(model.predicates):
-        body.append(f"const bool good{k} = facts[F_{predicate.name}_holds * row];")
-        body += _rewards(k, predicate, leaves)
+    body = [
+        "for (int64_t i = 0; i < count; i++)",
+        "  judged->reward[i] = 0.0;",
+        "for (int64_t i = 0; i < count; i++) {",
+        "  judged->cost[i] = 0;",
+        "  judged->undefined[i] = 0;",
+        "}",
+    ]
+    for predicate in model.predicates:
+        body += _rewards(predicate, leaves)
         if predicate.category == "safety":
-            body.append(f"out->cost += !good{k};")
+            good = f"facts[F_{predicate.name}_holds * row + i]"
+            body += each_lane("judged->cost[i]", f"judged->cost[i] + !{good}")
+    body += ["for (int64_t i = 0; i < count; i++) {", *(f"  {line}" for line in _endings(model)), "}"]
     return function(
-        f"static inline void model_judge({STATE}, const uint8_t *facts, int64_t row, dl2c_judgement *out)",
-        [*body, *_endings(model)],
+        f"DL2C_LANES static void model_judge({LANES}, const uint8_t *restrict facts, int64_t row, "
+        "dl2c_judgement *restrict judged)",
+        body,
         "Sums the rewards of all predicates; of those that end the episode the most important wins.",
     )
 
 
-def _rewards(k: int, predicate: Predicate, leaves: Leaves) -> list[str]:
-    lines: list[str] = []
+def _rewards(predicate: Predicate, leaves: Leaves) -> list[str]:
+    """Adds reward or penalty, then the shape."""
+    good = f"facts[F_{predicate.name}_holds * row + i]"
     parts = (
-        ("reward", predicate.reward, f"if (good{k}) "),
-        ("penalty", predicate.penalty, f"if (!good{k}) "),
-        ("shape", predicate.shape, ""),
+        ("reward", predicate.reward, good),
+        ("penalty", predicate.penalty, f"!{good}"),
+        ("shape", predicate.shape, "true"),
     )
-    for word, term, when in parts:
-        if term is not None:
-            lines += _reward(f"{predicate.name}_{word}", term, when, leaves)
-    return lines
+    return [
+        line
+        for word, term, when in parts
+        if term is not None
+        for line in _reward(f"{predicate.name}_{word}", term, when, leaves)
+    ]
 
 
 def _reward(name: str, term: Term, when: str, leaves: Leaves) -> list[str]:
     """Adds a reward term; one without a finite value adds nothing and says so."""
-    value = leaves.term(name, term, f"{name.replace('_', ' ')} = {print_term(term)}")
-    defined = leaves.defined(f"{name}_defined", [term], "it has a value")
+    value = leaves.term(name, term, f"{name.replace('_', ' ')} = {print_term(term)}", lane)
+    defined = leaves.defined(f"{name}_defined", [term], "it has a value", lane)
     if defined is None:
-        return [f"{when}out->reward += {value};"]
+        return each_lane("judged->reward[i]", f"judged->reward[i] + dl2c_select({when}, {value}, 0.0)")
     return [
-        f"{when}{{" if when else "{",
-        f"  if ({defined}) out->reward += {value};",
-        "  else out->undefined = true;",
+        "for (int64_t i = 0; i < count; i++) {",
+        *(f"  {line}" for line in wrapped(f"const bool defined = {defined};")),
+        *(f"  {line}" for line in wrapped(f"const real value = {value};")),
+        f"  judged->reward[i] += dl2c_select({when} && defined, value, 0.0);",
+        f"  judged->undefined[i] |= (uint8_t)({when} & !defined);",
         "}",
     ]
 
 
 def _endings(model: Model) -> list[str]:
-    """Triggers as an if-chain, most important first; a `continue` counts only where nothing ends."""
-    ending: list[tuple[tuple[int, int, int], list[str]]] = []
+    """Triggers as selections, the least important first; a `continue` counts only where nothing ends."""
+    ending: list[tuple[tuple[int, int, int], str, str, str, str]] = []
     going_on: list[str] = []
     for k, predicate in enumerate(model.predicates):
-        fired = {"on_success": f"good{k}", "on_failure": _failed(k, predicate)}
-        for trigger, when in (
-            (predicate.on_success, fired["on_success"]),
-            (predicate.on_failure, fired["on_failure"]),
-        ):
+        good = f"facts[F_{predicate.name}_holds * row + i]"
+        for trigger, when in ((predicate.on_success, good), (predicate.on_failure, _failed(predicate, good))):
             if trigger is None or when is None:
                 continue
+            status = STATUS[trigger.status]
             if trigger.action == "continue":
-                going_on.append(f"if ({when}) out->status = {STATUS[trigger.status]};")
+                going_on.append(f"status = {when} ? {status} : status;")
             else:
-                ending.append((_rank(k, predicate, trigger), _end(k, trigger, when)))
-    lines: list[str] = []
-    for j, (_, text) in enumerate(sorted(ending, key=lambda e: e[0])):
-        head, *rest = text
-        lines += [head if j == 0 else f"}} else {head}", *rest]
-    if not ending:
-        return going_on
-    if going_on:
-        lines += ["} else {", *(f"  {line}" for line in going_on)]
-    return [*lines, "}"]
+                reason = f"DL2C_REASON_PREDICATE + {k}"
+                ending.append((_rank(k, predicate, trigger), when, ENDS[trigger.action], status, reason))
+    lines = [
+        "int32_t end = DL2C_GOES_ON;",
+        "int32_t status = DL2C_NONE;",
+        "int32_t reason = DL2C_REASON_NONE;",
+    ]
+    lines += going_on
+    for j, (_, when, action, status, reason) in enumerate(sorted(ending, reverse=True)):
+        lines += [
+            f"const bool fires{j} = {when};",
+            f"end = fires{j} ? {action} : end;",
+            f"status = fires{j} ? {status} : status;",
+            f"reason = fires{j} ? {reason} : reason;",
+        ]
+    return [*lines, "judged->end[i] = end;", "judged->status[i] = status;", "judged->reason[i] = reason;"]
 
 
-def _failed(k: int, predicate: Predicate) -> str | None:
+def _failed(predicate: Predicate, good: str) -> str | None:
     """When a predicate counts as failed; a progress predicate only once its obligation is due."""
     if predicate.category != "progress":
-        return f"!good{k}"
-    return None if predicate.due is None else f"!good{k} && facts[F_{predicate.name}_due * row]"
+        return f"!{good}"
+    return None if predicate.due is None else f"(!{good}) & facts[F_{predicate.name}_due * row + i]"
 
 
 def _rank(k: int, predicate: Predicate, trigger: Trigger) -> tuple[int, int, int]:
     status = ("failure", "success", "none").index(trigger.status)
     return status, ("safety", "progress", "stability").index(predicate.category), k
-
-
-def _end(k: int, trigger: Trigger, when: str) -> list[str]:
-    return [
-        f"if ({when}) {{",
-        f"  out->end = {ENDS[trigger.action]};",
-        f"  out->status = {STATUS[trigger.status]};",
-        f"  out->reason = DL2C_REASON_PREDICATE + {k};",
-    ]
 
 
 def observed(model: Model, options: Options) -> list[tuple[str, Symbol, Bound]]:
@@ -187,18 +196,17 @@ def _outward(value: Fraction, direction: int, options: Options) -> float:
 def _observe(environment: Environment, leaves: Leaves) -> str:
     kind = "float" if environment.options.obs_dtype == "float32" else "double"
     suffix = "f" if kind == "float" else ""
-    body: list[str] = []
+    body = ["for (int64_t i = 0; i < count; i++)", "  saturated[i] = 0;"]
     for k, (_, symbol, bound) in enumerate(observed(environment.model, environment.options)):
         low, high = observation_limits(bound, environment.options)
-        if math.isinf(low) and math.isinf(high):
-            body.append(f"obs[{k}] = ({kind}){slot(symbol)};")
-        else:
-            limits = f"{_limit(low, suffix)}, {_limit(high, suffix)}"
-            body.append(f"obs[{k}] = dl2c_observe_{kind}({slot(symbol)}, {limits}, saturated);")
+        limits = f"{_limit(low, suffix)}, {_limit(high, suffix)}"
+        value = f"dl2c_observe_{kind}({lane(symbol)}, {limits}, &saturated[i])"
+        body += each_lane(f"obs[{k} * row + i]", value)
     return function(
-        f"static inline void model_observe({STATE}, dl2c_obs *obs, uint8_t *saturated)",
+        f"DL2C_LANES static void model_observe({LANES}, int64_t row, dl2c_obs *restrict obs, "
+        "uint8_t *restrict saturated)",
         body,
-        "Observed variables and constants, inside their declared bounds.",
+        "Observed variables and constants, inside their declared bounds.   obs: (NOBS, row)",
     )
 
 

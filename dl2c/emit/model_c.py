@@ -65,7 +65,6 @@ def _sizes(environment: Environment) -> str:
         "NBOX": 0 if sampling is None else len(sampling.boxes),
         "DL2C_LOOPS": int(model.loops),
         "DL2C_STEPS_IN_LANES": int(steps_in_lanes(environment)),
-        "DL2C_LANE_FLOW": next((p.flow for p in paths.paths if p.flow is not None), -1),
     }
     kind = "float" if environment.options.obs_dtype == "float32" else "double"
     return (
@@ -76,6 +75,7 @@ def _sizes(environment: Environment) -> str:
         + "enum { "
         + ", ".join(f"{k} = {v}" for k, v in sizes.items())
         + " };\n"
+        + f"#define DL2C_LANE_FLOW ({next((p.flow for p in paths.paths if p.flow is not None), -1)})\n"
         + f"typedef {kind} dl2c_obs;\n"
     )
 

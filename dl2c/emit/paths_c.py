@@ -127,28 +127,22 @@ def _assign(environment: Environment, leaves: Leaves) -> str:
     """All assignments of all paths as selections."""
     body: list[str] = []
     if steps_in_lanes(environment):
-        chosen: dict[str, str] = {}
         defined: list[str] = []
-        for k, path in reversed([*enumerate(environment.paths.paths)]):
+        for k, path in enumerate(environment.paths.paths):
             for variable, term in path.updates:
-                rest = chosen.get(variable, slot(Symbol(variable, "variable")))
+                target = f"y[{index(Symbol(variable, 'variable'))}]"
                 value = leaves.term(f"path{k}_set_{variable}", term, "")
-                chosen[variable] = f"path == {k} ? {value} : {rest}"
+                body += wrapped(f"{target} = dl2c_select(path == {k}, {value}, {target});")
             condition = leaves.defined(f"path{k}_defined", [t for _, t in path.updates], "")
             if condition is not None:
                 defined.append(f"((path != {k}) | {condition})")
-        body += [
-            line
-            for v, text in chosen.items()
-            for line in wrapped(f"y[{index(Symbol(v, 'variable'))}] = {text};")
-        ]
         body += wrapped(f"return {' & '.join(defined) or 'true'};")
     else:
         body.append("return true;")
     return function(
         f"static inline bool model_assign(int64_t path, {STATE}, real *y)",
         body,
-        "The assignments of a path as selections, for lanes. False where a value is undefined.",
+        "The assignments of a path as selections, from x into its copy y. False where a value is undefined.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Whether a step may read a variable's old value."""
+"""Whether a step forgets a variable's old value."""
 
 from typing import assert_never
 
@@ -6,9 +6,10 @@ from dl2c.ir.logic import symbols
 from dl2c.ir.model import Assign, AssignAny, Block, Choice, Evolve, Flow, If, Symbol, Test
 
 
-def may_read(block: Block, variable: str, flows: tuple[Flow, ...]) -> bool:
-    """Whether some path reads the variable (in a test, a domain, a right-hand side) before writing it."""
-    return _scan(block, Symbol(variable, "variable"), flows)[0]
+def overwritten(block: Block, variable: str, flows: tuple[Flow, ...]) -> bool:
+    """Whether every path writes the variable before any read (in a test, a domain, a right-hand side)."""
+    reads, writes = _scan(block, Symbol(variable, "variable"), flows)
+    return writes and not reads
 
 
 def _scan(block: Block, symbol: Symbol, flows: tuple[Flow, ...]) -> tuple[bool, bool]:

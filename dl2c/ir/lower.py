@@ -10,7 +10,7 @@ from typing import assert_never
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir import model as ir
-from dl2c.ir.liveness import may_read
+from dl2c.ir.liveness import overwritten
 from dl2c.ir.logic import conjunction, disjunction, relaxed, symbols
 from dl2c.ir.lower_program import ProgramLowering
 from dl2c.ir.lower_terms import Scope, lower_delta, lower_formula, lower_term
@@ -54,20 +54,10 @@ def lower(problem: Problem, options: Options) -> ir.Model:
     if found:
         raise CompileError(found)
     flows = tuple(lowering.flows)
-    written = written_variables(shape.body)
     return ir.Model(
         name=problem.entry.name,
         source=problem.entry.span.source.name,
-        variables=tuple(
-            _variable(
-                d,
-                a,
-                problem.annotated,
-                ir.Symbol(d.name, "variable") in symbols(precondition),
-                d.name in written and not may_read(body, d.name, flows),
-            )
-            for d, a in problem.variables
-        ),
+        variables=_variables(problem, precondition, body, flows),
         constants=constants,
         precondition=precondition,
         prefix=(),
@@ -236,19 +226,25 @@ def _bound(bound: tuple[Fraction | None, Fraction | None] | None) -> ir.Bound:
     return ir.UNBOUNDED if bound is None else ir.Bound(bound[0], bound[1])
 
 
+def _variables(
+    problem: Problem, precondition: ir.Formula, body: ir.Block, flows: tuple[ir.Flow, ...]
+) -> tuple[ir.Variable, ...]:
+    assumed = {s.name for s in symbols(precondition)}
+    return tuple(
+        _variable(d, a, problem.annotated, d.name not in assumed and overwritten(body, d.name, flows))
+        for d, a in problem.variables
+    )
+
+
 def _variable(
-    declaration: tree.Declaration,
-    annotation: VariableAnnotation | None,
-    annotated: bool,
-    assumed: bool,
-    fresh: bool,
+    declaration: tree.Declaration, annotation: VariableAnnotation | None, annotated: bool, fresh: bool
 ) -> ir.Variable:
-    """`assumed` where the assumptions mention it, `fresh` where every step writes it before reading it."""
+    """`fresh` where nothing depends on the value that it starts with."""
     bound = _bound(annotation.bound if annotation else None)
     return ir.Variable(
         name=declaration.name,
         bound=bound,
-        initial="zero" if bound == ir.UNBOUNDED and fresh and not assumed else "sampled",
+        initial="zero" if bound == ir.UNBOUNDED and fresh else "sampled",
         observed=annotation.observe if annotation else not annotated,
         description=annotation.description if annotation else "",
         unit=annotation.unit if annotation else "",

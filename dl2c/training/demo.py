@@ -93,10 +93,12 @@ def main() -> None:
 
 
 def _train_all() -> list[Trained]:
-    """Every algorithm with every seed, in parallel; results in a fixed order."""
-    jobs = [(algo, seed) for algo in ("maskable-ppo", "ppo") for seed in SEEDS]
-    with ProcessPoolExecutor(min(len(jobs), os.cpu_count() or 1), mp_context=get_context("spawn")) as pool:
-        return list(pool.map(_train, *zip(*reversed(jobs), strict=True)))[::-1]
+    """Every algorithm with every seed, the longest first, in parallel; results in a fixed order."""
+    algorithms, seeds = zip(
+        *((algo, seed) for algo in ("ppo", "maskable-ppo") for seed in SEEDS), strict=True
+    )
+    with ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn")) as pool:
+        return sorted(pool.map(_train, algorithms, seeds), key=lambda run: run.algo)
 
 
 def _train(algo: Algorithm, seed: int) -> Trained:
