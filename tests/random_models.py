@@ -189,8 +189,8 @@ class Builder:
         if rng.random() < 0.2:
             equations = (("y", Div(Symbol("d", "constant"), variable("z"))), ("x", Number(grid(rng))))
         clocked = rng.random() < 0.8
-        bound: Term = rng.choice((Symbol("d", "constant"), Number(Fraction(1, 2)), Number(Fraction(3))))
-        watched = [self.condition() for _ in range(rng.randint(0, 3))]
+        bound: Term = rng.choice((Symbol("d", "constant"), Number(Fraction(4)), Number(Fraction(9))))
+        watched = [self.wide() if rng.random() < 0.7 else self.condition() for _ in range(rng.randint(1, 3))]
         horizon = Compare("<=", variable(CLOCK), bound)
         domain = conjunction([horizon, *watched] if clocked else watched)
         if clocked:
@@ -201,10 +201,16 @@ class Builder:
                 domain,
                 conjunction(watched),
                 (Horizon(CLOCK, bound),) if clocked else (),
-                None if clocked and rng.random() < 0.8 else Fraction(2, 5),
+                None if clocked and rng.random() < 0.9 else rng.choice((Fraction(2, 5), Fraction(5))),
             )
         )
         return Evolve(len(self.flows) - 1)
+
+    def wide(self) -> Formula:
+        """A condition that most states satisfy and that a motion soon leaves."""
+        name, limit = self.rng.choice((("x", Fraction(17, 4)), ("y", Fraction(17, 4)), ("x", Fraction(6))))
+        op, sign = self.rng.choice((("<=", 1), ("<", 1), (">=", -1), (">", -1)))
+        return Compare(op, variable(name), Number(sign * limit))
 
     def condition(self) -> Formula:
         rng = self.rng

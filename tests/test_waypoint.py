@@ -1,204 +1,126 @@
-"""The waypoint example and a model with every kind of decision, compiled, through every door."""
+"""The paper's model: proved invariants hold, and exact arithmetic agrees with the compiled code."""
 
-import json
-import pickle
-import subprocess
-import sys
-import warnings
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from agreement import assert_batch_equals_singles
-from gymnasium.utils.env_checker import check_env, data_equivalence
-from gymnasium.vector import AutoresetMode
 
-import dl2c
-from dl2c.native.errors import ResetFailed
-from dl2c.options import UnknownOption
-from dl2c.training.evaluation import evaluate
+from dl2c.ir.evaluate import evaluate
+from dl2c.ir.exact import ExactPlan, advance, plan
+from dl2c.ir.interp import Interpreter, runs
+from dl2c.ir.logic import atoms
+from dl2c.ir.lower import lower
+from dl2c.ir.model import Model
+from dl2c.native.binding import Batch, Library
+from dl2c.options import Options
+from dl2c.parse.parser import parse_archive
+from dl2c.paths.enumerate import enumerate_paths
+from dl2c.pipeline import compile_model
+from dl2c.resolve.problem import resolve
+from dl2c.source import Source
 
-WAYPOINT = "example:waypoint"
-REPOSITORY = Path(dl2c.__file__).parent.parent
-
-MIXED = """
-ArchiveEntry "Mixed"
-Definitions
-  Real W = 2;
-  /* @const: bound=[0.5:1] */
-  Real c;
-  /* @safety: penalty=-1, on_failure=terminate:status=failure */
-  Bool near(Real x) <-> x^2 <= 25;
-  /* @progress: reward=1, on_success=terminate:status=success */
-  Bool there(Real x) <-> x >= 4;
-End.
-ProgramVariables
-  /* @var: bound=[-6:6] */
-  Real x;
-  /* @var: bound=[-2:2] */
-  Real w;
-  Real t;
-End.
-Problem
-  -1 <= x & x <= 1 & c > 0 -> [{
-    w := *; ?-W <= w & w <= W;
-    { ?x <= 2; w := w + c; ++ ?x >= 0; }
-    { w := w + 0; ++ w := 0; ++ w := -w; }
-    t := 0; {x' = w, t' = 1 & t <= 0.5}
-  }*](near(x))
-End.
-End.
-"""
+WAYPOINT = Path(__file__).resolve().parent.parent / "examples" / "waypoint.kyx"
 
 
-def test_check_env_is_silent() -> None:
-    for options in ({}, {"action_map": "squash"}, {"obs_dtype": "float64"}):
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            check_env(gym.make("dl2c:dl2c/Waypoint-v0", **options).unwrapped)
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return compile_model(Source.read(WAYPOINT), Options()).library
 
 
-@pytest.mark.parametrize("options", [{}, {"action_format": "box"}])
-def test_check_env_is_silent_on_mixed_decisions(options: dict[str, Any]) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(gym.make("dl2c/Model-v0", model=MIXED, action_map="squash", **options).unwrapped)
+@pytest.fixture(scope="module")
+def model() -> Model:
+    archive, _ = parse_archive(Source.read(WAYPOINT))
+    return lower(resolve(archive.entries[0]), Options())
 
 
-def test_check_env_of_stable_baselines3_is_silent() -> None:
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        checker.check_env(gym.make("dl2c/Waypoint-v0"))
-        checker.check_env(dl2c.make(MIXED, action_map="squash", action_format="box"))
+def masked(batch: Batch, rng: np.random.Generator) -> None:
+    """Choose uniformly among the enabled alternatives of each environment."""
+    weights = rng.random(batch.mask.shape) * batch.mask
+    batch.choices[:, 0] = weights.argmax(axis=1)
 
 
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-@pytest.mark.parametrize("on_blocked", ["fallback", "terminate"])
-def test_a_batch_equals_single_environments(mode: AutoresetMode, on_blocked: str) -> None:
-    assert assert_batch_equals_singles(WAYPOINT, mode, on_blocked=on_blocked, steps=150) > 4
-
-
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-@pytest.mark.parametrize("options", [{"action_map": "squash"}, {"action_format": "box", "obs_dtype": "float64"}])
-def test_a_batch_equals_single_environments_on_mixed_decisions(
-    mode: AutoresetMode, options: dict[str, Any]
-) -> None:
-    assert assert_batch_equals_singles(MIXED, mode, steps=100, **options) > 4
-
-
-def test_the_mask_tells_what_blocks() -> None:
-    env = dl2c.make(WAYPOINT, on_blocked="terminate")
+def test_a_random_masked_policy_never_violates_the_invariant(library: Library) -> None:
+    batch = library.batch(250, autoreset="same_step")
+    batch.reset(seeds=np.arange(250, dtype=np.uint64))
     rng = np.random.default_rng(0)
-    for episode in range(60):
-        _, info = env.reset(seed=episode)
-        for _ in range(rng.integers(60)):
-            _, _, terminated, _, info = env.step(int(info["action_mask"].argmax()))
-            assert not info["blocked"]
-            if terminated:
-                break
-        else:
-            action = int(rng.integers(4))
-            _, _, terminated, _, after = env.step(action)
-            assert after["blocked"] == (info["action_mask"][action] == 0)
-            assert not after["blocked"] or (terminated and after["reason"] == "blocked")
+    episodes = successes = 0
+    for _ in range(400):
+        masked(batch, rng)
+        batch.step()
+        assert not batch.blocked.any()
+        assert not batch.cost.any()
+        ended = (batch.terminated | batch.truncated).astype(bool)
+        episodes += int(ended.sum())
+        successes += int((batch.status[ended] == 1).sum())
+        assert not (batch.status == 2).any()
+    assert episodes > 1000
+    assert successes >= 0.99 * episodes
 
 
-def test_masks_alone_solve_the_waypoint() -> None:
-    for policy in ("first", "random"):
-        found = evaluate(policy, WAYPOINT, 100, on_blocked="terminate")
-        assert (found.success.value, found.violations.value, found.blocked.value) == (1, 0, 0)
-    found = evaluate("random", WAYPOINT, 100, masked=False, on_blocked="terminate")
-    assert found.success.value < 0.1 and found.blocked.value > 0.9
+def test_exact_arithmetic_agrees_with_the_compiled_code(library: Library, model: Model) -> None:
+    """Every decision of a step: the mask, the run, how the flow ends, what ends the episode."""
+    plans = [p for f in model.flows if isinstance(p := plan(f), ExactPlan)]
+    batch = library.batch(1, autoreset="same_step")
+    rng = np.random.default_rng(1)
+    names = [c.name for c in model.constants]
+    knife_edges, steps = 0, 1500
+    batch.reset(seeds=np.array([7], dtype=np.uint64))
+    for _ in range(steps):
+        x, p = batch.get_state(0)
+        state = {v.name: Fraction(float(a)) for v, a in zip(model.variables, x, strict=True)}
+        constants = {n: Fraction(float(a)) for n, a in zip(names, p, strict=True)}
+        exact = Interpreter(model, constants, lambda k, env, e: advance(plans[k], env, e), exact=True)
+        mask = batch.mask[0].tolist()
+        masked(batch, rng)
+        choice = int(batch.choices[0, 0])
+        batch.step()
+        if not agrees(exact, batch, model, state, mask, choice):
+            assert near_a_branch(exact, model, state, choice), f"{state} {constants}"
+            knife_edges += 1
+    assert knife_edges <= 0.02 * steps
 
 
-def test_a_pickled_environment_behaves_the_same() -> None:
-    env = gym.make("dl2c/Waypoint-v0", on_blocked="terminate")
-    twin = pickle.loads(pickle.dumps(env))
-    for e in (env, twin):
-        e.reset(seed=2)
-    assert data_equivalence(env.step(2), twin.step(2), exact=True)
-    vector = dl2c.make_vec(WAYPOINT, 2)
-    twins = pickle.loads(pickle.dumps(vector))
-    assert data_equivalence(vector.reset(seed=1), twins.reset(seed=1), exact=True)
+def agrees(
+    exact: Interpreter, batch: Batch, model: Model, state: dict[str, Any], mask: list[int], choice: int
+) -> bool:
+    enabled = exact.enabled(state)
+    shown = [0] * len(mask)
+    for run, open_ in zip(runs(model.body), enabled, strict=True):
+        shown[run.decisions[0][1]] |= int(open_)
+    if shown != mask:
+        return False
+    step = exact.step(state, {"choice_0": choice}, {})
+    reason = int(batch.reason[0])
+    told = model.predicates[reason - 16].name if reason >= 16 else {0: "", 2: "deadlock"}.get(reason, "?")
+    same = step.decisions["choice_0"] == int(batch.executed_choices[0, 0])
+    same &= (step.reason, step.cost) == (told, int(batch.cost[0]))
+    return same and abs(float(step.duration) - float(batch.duration[0])) <= 1e-9
 
 
-def test_a_state_is_checked_against_the_precondition() -> None:
-    env = dl2c.make(WAYPOINT, constants={"ep": 0.25})
-    env.reset(seed=1)
-    state = env.state
-    assert state["ep"] == 0.25
-    env.step(2)
-    env.reset(options={"state": {k: v for k, v in state.items() if k != "ep"}})
-    assert env.state == state
-    with pytest.raises(ResetFailed):
-        env.reset(options={"state": state | {"vr": 1.0}})
+def near_a_branch(exact: Interpreter, model: Model, state: dict[str, Any], choice: int) -> bool:
+    """Whether some condition is within 1e-9 of its boundary, before or after the step."""
+    after = exact.step(state, {"choice_0": choice}, {}).state
+    formulas = [p.guard for p in enumerate_paths(model).paths] + [q.formula for q in model.predicates]
+    for values in (state, after):
+        env = exact.environment(values)
+        for formula in formulas:
+            for atom in atoms(formula):
+                left, right = evaluate(atom.left, env, True), evaluate(atom.right, env, True)
+                if abs(left - right) <= Fraction(1, 10**9) * (1 + abs(left) + abs(right)):
+                    return True
+    return False
 
 
-def test_an_observation_is_the_state_it_shows() -> None:
-    env = dl2c.make(WAYPOINT, obs_dtype="float64")
-    for seed in range(20):
-        observation, _ = env.reset(seed=seed)
-        names = [q.name for q in env.manifest.observations]
-        assert observation.tolist() == [env.state[name] for name in names]
-
-
-def test_options_that_do_not_exist_are_named() -> None:
-    with pytest.raises(UnknownOption, match="no option `on_block`"):
-        dl2c.make(WAYPOINT, on_block="terminate")
-    with pytest.raises(UnknownOption, match="'terminate'"):
-        dl2c.make(WAYPOINT, on_blocked="stop")
-    assert dl2c.make(WAYPOINT, max_steps=7).manifest.options["max_episode_steps"] == 7
-
-
-def test_a_wrong_model_raises_a_compile_error() -> None:
-    with pytest.raises(dl2c.CompileError, match="error: "):
-        dl2c.make(MIXED.replace("x' = w", "x' = y"))
-
-
-def command(*arguments: str, check: bool = True) -> subprocess.CompletedProcess[str]:
-    """Run `dl2c` as a process of its own."""
-    code = "from dl2c.cli import main; main()"
-    return subprocess.run(
-        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=REPOSITORY, check=check
-    )
-
-
-def test_built_files_can_be_loaded(tmp_path: Path) -> None:
-    out = command("build", WAYPOINT, "-o", str(tmp_path), "--json").stdout
-    directory = Path(json.loads(out)["directory"])
-    names = {path.name for path in directory.iterdir()}
-    assert {"manifest.json", "model.ir"} < names
-    assert any(name.endswith(".c") for name in names) and any(name.endswith(".so") for name in names)
-    library = dl2c.load(directory)
-    assert library.manifest.name == directory.name
-    library.batch(2).reset(seeds=np.arange(2, dtype=np.uint64))
-
-
-@pytest.mark.parametrize("stage", ["tree", "expanded", "ir", "paths", "c"])
-def test_every_stage_can_be_printed(stage: str) -> None:
-    first = command("emit", "--stage", stage, WAYPOINT)
-    assert len(first.stdout) > 200 and first.stderr == ""
-    assert command("emit", "--stage", stage, WAYPOINT).stdout == first.stdout
-
-
-def test_wrong_text_exits_1_without_a_traceback(tmp_path: Path) -> None:
-    for name, text in (("empty", ""), ("noise", "End. ( ::= x'"), ("unbound", MIXED.replace("x' = w", "x' = y"))):
-        path = tmp_path / f"{name}.kyx"
-        path.write_text(text)
-        for verb in ("check", "build", "info"):
-            result = command(verb, str(path), check=False)
-            assert (result.returncode, result.stdout) == (1, "")
-            assert result.stderr.startswith("error: ") and "Traceback" not in result.stderr
-    assert command("emit", "--stage", "soup", WAYPOINT, check=False).returncode == 1
-
-
-def test_importing_dl2c_is_cheap_and_registers_the_ids() -> None:
-    code = (
-        "import sys, gymnasium, dl2c; heavy = {'casadi', 'z3', 'torch', 'matplotlib', 'cffi', 'stable_baselines3'};"
-        "assert not heavy & set(sys.modules), heavy & set(sys.modules);"
-        "assert {'dl2c/Model-v0', 'dl2c/Waypoint-v0'} <= set(gymnasium.registry)"
-    )
-    subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=True)
+def test_braking_at_rest_and_coasting_at_rest(library: Library) -> None:
+    batch = library.batch(1)
+    constants = [0.25, 2.0, 2.0, 9.0, 5.0]
+    inside_area = [95.0, 0.0, 0.0, 100.0, 0.0, 500.0]
+    for choice, duration in ((0, 0.0), (1, 0.25)):
+        batch.set_state(0, inside_area, constants)
+        batch.choices[0, 0] = choice
+        batch.step()
+        x, _ = batch.get_state(0)
+        assert batch.duration[0] == duration
+        assert (x[0], x[1]) == (95.0, 0.0)
