@@ -17,6 +17,7 @@ from dl2c.ir.lower_terms import Scope, lower_formula, lower_term
 from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.annotations import ChoiceAnnotation, FallbackAnnotation, ProgramAnnotation
+from dl2c.resolve.shape import alternatives
 from dl2c.source import Span
 
 SPACE = " \t\r\n{"
@@ -79,31 +80,31 @@ class ProgramLowering:
         return ir.AssignAny(name, key, role, span=span)
 
     def _choice(self, program: tree.Choice) -> ir.Statement:
-        alternatives = _alternatives(program)
-        if len(alternatives) == 2 and (branch := self._branch(alternatives, program.span)) is not None:
+        found = alternatives(program)
+        if len(found) == 2 and (branch := self._branch(found, program.span)) is not None:
             return branch
         key = f"choice_{self.choices}"
         self.choices += 1
         annotation = self._annotation_at(program.span)
         if annotation is not None and annotation.role == "env":
             self.found.append(_environment_decides(annotation.span))
-        marks = [self._is_fallback(a.span) for a in alternatives]
+        marks = [self._is_fallback(a.span) for a in found]
         lowered = tuple(
             ir.Alternative(self.block(a), mark, span=a.span)
-            for a, mark in zip(alternatives, marks, strict=True)
+            for a, mark in zip(found, marks, strict=True)
         )
         role = annotation.role if annotation else "agent"
         return ir.Choice(key, lowered, role, annotation.name if annotation else "", span=program.span)
 
-    def _branch(self, alternatives: list[tree.Program], span: Span) -> ir.If | None:
+    def _branch(self, sides: tuple[tree.Program, ...], span: Span) -> ir.If | None:
         """A deterministic branch, if the first tests exclude each other and one always holds."""
-        tests = [_first_test(a) for a in alternatives]
+        tests = [_first_test(side) for side in sides]
         if tests[0] is None or tests[1] is None:
             return None
         condition, otherwise = (lower_formula(t.formula, self.scope) for t in tests if t is not None)
         if oriented(negation(condition)) != oriented(otherwise):
             return None
-        then, orelse = (self.block(a)[1:] for a in alternatives)
+        then, orelse = (self.block(side)[1:] for side in sides)
         return ir.If(condition, otherwise, then, orelse, span=span)
 
     def _annotation_at(self, span: Span) -> ChoiceAnnotation | None:
@@ -125,13 +126,6 @@ class ProgramLowering:
         if end > begin or self.code[end:begin].strip(f"{SPACE}+"):
             return False
         return self.placed.setdefault(annotation, node) == node
-
-
-def _alternatives(program: tree.Program) -> list[tree.Program]:
-    """The alternatives of a choice, nested choices flattened."""
-    if isinstance(program, tree.Choice):
-        return [*_alternatives(program.left), *_alternatives(program.right)]
-    return [program]
 
 
 def _first_test(program: tree.Program) -> tree.Test | None:

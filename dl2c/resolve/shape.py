@@ -4,7 +4,8 @@ Comes in: the problem as written and its expansion. Goes out: `Shape`, or a loca
 Formulas stay trees; nothing is evaluated.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import reduce
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.parse import tree
@@ -48,7 +49,7 @@ def take_apart(written: tree.Formula, expanded: tree.Formula) -> Shape:
     """Raises `CompileError` for a problem that is not of this shape."""
     assumptions, conclusion = _implications(expanded)
     box, diamond = _modalities(conclusion)
-    if box and diamond and box.statements != diamond.statements:
+    if box and diamond and _grouped(box.statements) != _grouped(diamond.statements):
         raise CompileError(_different_programs(box, diamond))
     prefix, loop, suffix = _around_loop((box or diamond).statements)  # pyright: ignore[reportOptionalMemberAccess]
     written_assumptions, written_conclusion = _implications(written)
@@ -72,6 +73,36 @@ def statements(program: tree.Program) -> tuple[tree.Program, ...]:
     if isinstance(program, tree.Compose):
         return (*statements(program.left), *statements(program.right))
     return (program,)
+
+
+def alternatives(program: tree.Program) -> tuple[tree.Program, ...]:
+    """The alternatives of a choice, nested choices flattened."""
+    if isinstance(program, tree.Choice):
+        return (*alternatives(program.left), *alternatives(program.right))
+    return (program,)
+
+
+def _grouped(program: tuple[tree.Program, ...]) -> tuple[tree.Program, ...]:
+    """The sequence with every sequence and choice inside nested to the right, whatever its braces."""
+    out: list[tree.Program] = []
+    for statement in program:
+        match statement:
+            case tree.Loop(child) | tree.Dual(child):
+                out.append(replace(statement, child=reduce(_compose, reversed(_grouped(statements(child))))))
+            case tree.Choice():
+                sides = [reduce(_compose, reversed(_grouped(statements(a)))) for a in alternatives(statement)]
+                out.append(reduce(_choose, reversed(sides)))
+            case _:
+                out.append(statement)
+    return tuple(out)
+
+
+def _compose(rest: tree.Program, first: tree.Program) -> tree.Program:
+    return tree.Compose(first, rest)
+
+
+def _choose(rest: tree.Program, first: tree.Program) -> tree.Program:
+    return tree.Choice(first, rest)
 
 
 def _implications(formula: tree.Formula) -> tuple[tuple[tree.Formula, ...], tree.Formula]:

@@ -32,10 +32,11 @@ LESSONS: dict[str, Any] = {"on_blocked": "fallback", "blocked_penalty": -1000.0}
 """How the unmasked policy learns: such a request costs 1000, and the episode goes on with an enabled run."""
 
 GUARDS = Settings(
-    steps=1_800_000,
-    n_steps=32,
-    batch_size=512,
-    n_epochs=4,
+    steps=2_000_000,
+    n_envs=256,
+    n_steps=8,
+    batch_size=256,
+    n_epochs=3,
     learning_rate=3e-3,
     gamma=0.01,
     gae_lambda=0.0,

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 CURVES = {
     "success": "success rate",
     "violations": "violation rate",
-    "blocked": "steps that block",
+    "blocked": "episodes with\na blocked request",
     "episode_return": "mean return",
 }
 """What of a learning curve is shown, by field of `Point`."""

@@ -148,32 +148,32 @@ class _Watch(BaseCallback):
 
     def __init__(self, env: Dl2cVecEnv, progress: Progress | None) -> None:
         super().__init__()
-        self._env = env
-        self._blocked: list[float] = []
         self.curve: list[Point] = []
+        self._env = env
         self._progress = progress
-        self._ended: list[tuple[bool, bool, float]] = []
+        self._blocked = np.zeros(env.num_envs, np.bool_)
+        self._ended: list[tuple[bool, bool, bool, float]] = []
         self._started = 0.0
 
     def _on_training_start(self) -> None:
         self._started = time.perf_counter()
 
     def _on_step(self) -> bool:
-        self._blocked.append(float(self._env.batch.blocked.mean()))
+        self._blocked |= self._env.batch.blocked
         dones: NDArray[np.bool_] = self.locals["dones"]
         for i in np.flatnonzero(dones).tolist():
             info = self.locals["infos"][i]
-            self._ended.append((info["is_success"], info["cost"] > 0, float(info["episode"]["r"])))
+            blocked, total = bool(self._blocked[i]), float(info["episode"]["r"])
+            self._ended.append((info["is_success"], info["cost"] > 0, blocked, total))
+        self._blocked &= ~dones
         return True
 
     def _on_rollout_end(self) -> None:
         n = len(self._ended)
-        rates = np.mean(self._ended, axis=0) if n else np.full(3, np.nan)
+        rates = np.mean(self._ended, axis=0) if n else np.full(4, np.nan)
+        success, violations, blocked, total = (float(r) for r in rates)
         speed = self.num_timesteps / (time.perf_counter() - self._started)
-        success, violations, total = (float(r) for r in rates)
-        blocked = float(np.mean(self._blocked))
-        self.curve.append(Point(self.num_timesteps, blocked, n, success, violations, total, speed))
+        self.curve.append(Point(self.num_timesteps, n, success, violations, blocked, total, speed))
         self._ended.clear()
-        self._blocked.clear()
         if self._progress is not None:
             self._progress(self.curve[-1])

@@ -26,15 +26,15 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One round of experience: the fraction of steps whose request blocked, and of the episodes that
-    ended the rates of success and of violation and the mean return.
+    """The episodes that ended during one round of experience: how many succeeded, violated a safety
+    predicate, met a request that blocked, as fractions, and their mean return.
     """
 
     steps: int
-    blocked: float
     episodes: int
     success: float
     violations: float
+    blocked: float
     episode_return: float
     steps_per_second: float
 
