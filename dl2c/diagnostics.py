@@ -79,7 +79,7 @@ def _excerpt(span: Span, label: str) -> list[str]:
     """The line before (for context), the line itself, and a caret line below it."""
     line, column = span.source.position(span.start)
     width = len(str(line))
-    shown = []
+    shown: list[str] = []
     if line > 1 and (before := span.source.line(line - 1)).strip():
         shown.append(f"{line - 1:>{width}} | {_printable(before)[:MAX_EXCERPT]}")
     text = span.source.line(line)

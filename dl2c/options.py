@@ -78,8 +78,8 @@ def under(options: Options, episode: Mapping[str, Any]) -> Options:
 def _converted(name: str, value: Any, kind: Any) -> Any:
     match name:
         case "constants":
-            pairs = value.items() if isinstance(value, Mapping) else value
-            return tuple(sorted((str(k), _exact(f"constants[{k}]", v)) for k, v in pairs))
+            given: dict[str, Any] = dict(value)
+            return tuple(sorted((name, _exact(f"constants[{name}]", v)) for name, v in given.items()))
         case "dt":
             return None if value is None else _positive(name, _exact(name, value))
         case "tolerance":

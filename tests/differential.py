@@ -9,12 +9,12 @@ import subprocess
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
-from fractions import Fraction
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import numpy as np
+from random_models import random_model, random_state
 
 from dl2c.diagnostics import CompileError
 from dl2c.emit.model_c import model_c
@@ -29,7 +29,6 @@ from dl2c.native.compile import declarations
 from dl2c.native.describe import manifest_of
 from dl2c.options import Options
 from dl2c.paths.enumerate import enumerate_paths
-from random_models import random_model, random_state
 
 OUTCOMES = ("none", "success", "failure")
 MAX_PATHS = 48
@@ -46,7 +45,9 @@ def environment_of(model: ir.Model) -> Environment | None:
     plans = [plan(f) for f in model.flows]
     if not 0 < len(paths.paths) <= MAX_PATHS or not all(isinstance(p, ExactPlan) for p in plans):
         return None
-    return Environment(model, paths, tuple(p for p in plans if isinstance(p, ExactPlan)), None, Options(), "test")
+    return Environment(
+        model, paths, tuple(p for p in plans if isinstance(p, ExactPlan)), None, Options(), "test"
+    )
 
 
 def compiled(environments: list[Environment], folder: Path, level: str = "-O1") -> list[Library]:
@@ -62,7 +63,9 @@ def _compiled(environment: Environment, folder: Path, level: str) -> Library:
     cgen = cgen_dir()
     command = ["cc", "-std=c11", level, "-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"]
     command += ["-fPIC", "-shared", "-DDL2C_SHARED", f"-I{cgen / 'include'}", f"-I{cgen / 'runtime'}"]
-    done = subprocess.run([*command, str(source), "-o", str(target), "-lm"], capture_output=True, text=True)
+    done = subprocess.run(
+        [*command, str(source), "-o", str(target), "-lm"], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, f"{name}: {done.stderr[:2000]}"
     ffi = declarations()
     lib: Any = ffi.dlopen(str(target))
@@ -138,7 +141,9 @@ class Pair:
             **{name: getattr(step, name) for name in list(got)[3:]},
         }
         for name, value in got.items():
-            assert same(value, want[name]), f"{model.name}: {name} is {value!r}, should be {want[name]!r}\n{context}"
+            assert same(value, want[name]), (
+                f"{model.name}: {name} is {value!r}, should be {want[name]!r}\n{context}"
+            )
         if model.postcondition is not None:
             holds = truth(model.postcondition, interpreter.environment(step.state))
             assert bool(b.postcondition[0]) == holds
@@ -149,8 +154,11 @@ class Pair:
         want: list[int] = []
         all_runs = list(runs(self.model.body))
         for decision in self.environment.paths.decisions:
-            taken = [dict(r.decisions)[decision.key] for r, e in zip(all_runs, enabled, strict=True)
-                     if e and not final and decision.key in dict(r.decisions)]
+            taken = [
+                dict(r.decisions)[decision.key]
+                for r, e in zip(all_runs, enabled, strict=True)
+                if e and not final and decision.key in dict(r.decisions)
+            ]
             n = len(decision.alternatives)
             want += [int(not taken or k in taken) for k in range(n)]
         assert got == want, f"{self.model.name}: mask {got}, should be {want}"
@@ -188,5 +196,3 @@ def run_models(seeds: range, pairs_each: int, folder: Path) -> tuple[list[Pair],
         total += pair.seen
         pairs.append(pair)
     return pairs, total
-
-

@@ -184,7 +184,9 @@ class Builder:
     def flow(self) -> Evolve:
         """x' = y, y' = z or a constant, with a clock and conditions of degree at most 2 in time."""
         rng = self.rng
-        rate_y: Term = rng.choice((variable("z"), Symbol("c", "constant"), Number(grid(rng)), Mul(variable("z"), variable("u"))))
+        rate_y: Term = rng.choice(
+            (variable("z"), Symbol("c", "constant"), Number(grid(rng)), Mul(variable("z"), variable("u")))
+        )
         equations: tuple[tuple[str, Term], ...] = (("x", variable("y")), ("y", rate_y))
         if rng.random() < 0.2:
             equations = (("y", Div(Symbol("d", "constant"), variable("z"))), ("x", Number(grid(rng))))
@@ -214,8 +216,12 @@ class Builder:
 
     def condition(self) -> Formula:
         rng = self.rng
-        left: Term = rng.choice((variable("x"), variable("y"), variable("y"), Add(variable("x"), variable("y"))))
-        right: Term = rng.choice((Number(Fraction(0)), Number(grid(rng, 6)), Symbol("c", "constant"), variable("u")))
+        left: Term = rng.choice(
+            (variable("x"), variable("y"), variable("y"), Add(variable("x"), variable("y")))
+        )
+        right: Term = rng.choice(
+            (Number(Fraction(0)), Number(grid(rng, 6)), Symbol("c", "constant"), variable("u"))
+        )
         op = rng.choice(("<=", ">=", ">=", "<", ">", "!=")) if rng.random() < 0.97 else "="
         return Compare(op, left, right) if rng.random() < 0.8 else Compare(op, right, left)
 
@@ -226,7 +232,10 @@ class Builder:
             formula = self.formula(1)
             category = rng.choice(("safety", "progress", "stability"))
             triggers = [
-                Trigger(rng.choice(("terminate", "truncate", "continue")), rng.choice(("success", "failure", "none")))
+                Trigger(
+                    rng.choice(("terminate", "truncate", "continue")),
+                    rng.choice(("success", "failure", "none")),
+                )
                 if rng.random() < 0.5
                 else None
                 for _ in range(2)
@@ -234,7 +243,9 @@ class Builder:
             due = self.formula(1) if category == "progress" and rng.random() < 0.6 else None
             values = [self.term() if rng.random() < 0.5 else None for _ in range(3)]
             made.append(
-                Predicate(f"p{k}q", category, formula, relaxed(formula, TOLERANCE), *values, *triggers, due=due)
+                Predicate(
+                    f"p{k}q", category, formula, relaxed(formula, TOLERANCE), *values, *triggers, due=due
+                )
             )
         return tuple(made)
 
@@ -284,5 +295,3 @@ def random_state(rng: Random) -> tuple[dict[str, float], dict[str, float]]:
 
     state = {v: value() for v in VARIABLES} | {CLOCK: rng.choice((0.0, 0.0, 0.25, 0.5, 1.0))}
     return state, {c: rng.choice((0.5, 1.0, 2.0, rng.uniform(0.5, 2.0))) for c in CONSTANTS}
-
-

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from dl2c.ir.evaluate import truth
 from dl2c.ir.exact import ExactPlan, NotExact, advance, exit_time, plan
-from dl2c.ir.model import Flow, Symbol
-from dl2c.parse.parser import parse_program
-from dl2c.options import Options
 from dl2c.ir.lower_flow import lower_flow
+from dl2c.ir.model import Flow, Symbol
+from dl2c.options import Options
+from dl2c.parse.parser import parse_program
 from dl2c.parse.tree import ODESystem
 
 NAMES = {n: Symbol(n, "variable") for n in ("x", "v", "a", "t", "T", "w")} | {
@@ -121,7 +121,15 @@ def test_without_a_clock_a_flow_lasts_dt() -> None:
     assert plan_of(CAR).flow.cap is None
 
 
-@pytest.mark.parametrize("text", ["{x' = x}", "{x' = v, v' = -x}", "{x' = v & x >= 0 | v >= 0}", "{x' = v^2 * t, v' = t, t' = 1 & x >= 0}"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{x' = x}",
+        "{x' = v, v' = -x}",
+        "{x' = v & x >= 0 | v >= 0}",
+        "{x' = v^2 * t, v' = t, t' = 1 & x >= 0}",
+    ],
+)
 def test_what_is_not_polynomial_of_degree_two_is_refused(text: str) -> None:
     assert isinstance(plan(flow_of(text)), NotExact)
 
@@ -129,7 +137,12 @@ def test_what_is_not_polynomial_of_degree_two_is_refused(text: str) -> None:
 numbers = st.integers(-40, 40).map(lambda k: Fraction(k, 8))
 
 
-@given(c0=st.integers(0, 40).map(lambda k: Fraction(k, 8)), c1=numbers, c2=numbers, kind=st.sampled_from(["closed", "open"]))
+@given(
+    c0=st.integers(0, 40).map(lambda k: Fraction(k, 8)),
+    c1=numbers,
+    c2=numbers,
+    kind=st.sampled_from(["closed", "open"]),
+)
 def test_exit_time_is_the_first_time_outside(c0: Fraction, c1: Fraction, c2: Fraction, kind: str) -> None:
     if kind == "open" and c0 == 0:
         return
@@ -148,9 +161,7 @@ def test_exit_time_is_the_first_time_outside(c0: Fraction, c1: Fraction, c2: Fra
         assert touched and (after < 0 or kind == "open")
 
 
-@given(
-    x=st.floats(-5, 5), v=st.floats(0, 5), a=st.floats(-5, 5), ep=st.floats(0.01, 2), m=st.floats(-6, 6)
-)
+@given(x=st.floats(-5, 5), v=st.floats(0, 5), a=st.floats(-5, 5), ep=st.floats(0.01, 2), m=st.floats(-6, 6))
 def test_no_state_after_a_flow_violates_its_domain(x: float, v: float, a: float, ep: float, m: float) -> None:
     flow = plan_of("{x' = v, v' = a, t' = 1 & v >= 0 & x + v <= m & x != 0 & t <= ep}")
     start = environment(x=x, v=v, a=a, t=0.0, ep=ep, m=m)

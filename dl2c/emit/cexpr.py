@@ -44,7 +44,7 @@ TRUTHS = frozenset({"lt", "le", "eq", "ne", "and", "or", "not"})
 
 @dataclass(frozen=True, slots=True)
 class Printed:
-    """Statements to be placed first, and the expression of the result. `trivial`: a name or a number alone."""
+    """Statements to place first, and the expression of the result. `trivial`: a name or number alone."""
 
     statements: tuple[str, ...]
     expression: str
@@ -159,7 +159,7 @@ def _expression(
 
 
 def _condition(args: tuple[int, ...], texts: list[tuple[str, int]], k: int, level: int) -> str:
-    """An operand of & or |, both sides of which are always evaluated; only the same operator needs no parentheses."""
+    """An operand of & or |; only a chain of one operator needs no parentheses."""
     text, binds = texts[args[k]]
     return text if binds in (level, ATOM) else f"({text})"
 

@@ -31,7 +31,8 @@ def _model_motion(environment: Environment) -> str:
     flows = range(len(environment.flows))
     body = [f"if (flow == {k}) return flow{k}_motion(x, p, y, duration);" for k in flows]
     return function(
-        "static inline dl2c_motion model_motion(int flow, const real *x, const real *p, real *y, real *duration)",
+        "static inline dl2c_motion model_motion(int flow, const real *x, const real *p, real *y, "
+        "real *duration)",
         [*body, "return DL2C_UNDEFINED;"],
         "Moves x along a flow into y as long as its domain allows.",
     )

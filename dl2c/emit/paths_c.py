@@ -42,7 +42,7 @@ def _guards(environment: Environment, leaves: Leaves) -> str:
     return function(
         f"DL2C_LANES static void model_guards(int point, {LANES}, uint8_t *restrict enabled)",
         body,
-        "Which paths of a point pass the tests that no input decides.   enabled: (paths of the point, stride)",
+        "Which paths of a point pass the tests that no input decides.   enabled: (paths, stride)",
     )
 
 

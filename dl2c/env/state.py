@@ -34,6 +34,9 @@ def reset_state(
             close = get_close_matches(str(name), names, 1)
             hint = f"did you mean `{close[0]}`?" if close else f"there are {', '.join(names)}"
             raise ValueError(f"no variable or constant `{name}` in {manifest.name}; {hint}")
+    for q in quantities:
+        if q.value is not None and state.get(q.name, q.value) != q.value:
+            raise ValueError(f"`{q.name}` is fixed at {q.value:g} in this build")
     if missing := [q.name for q in quantities if q.name not in state and q.value is None]:
         raise ValueError(f"the state lacks {', '.join(missing)}")
     batch.reset_to(i, seed, _values(manifest.variables, state), _values(manifest.constants, state))

@@ -185,7 +185,7 @@ def _tests(line: Line, env: State, key: str) -> list[tuple[Compare, Callable[[Fr
             depends[Symbol(statement.variable, "variable")] = frozenset({statement.key})
         elif isinstance(statement, Test):
             for part in conjuncts(statement.formula):
-                if _dependence(part, depends) == {key}:
+                if _dependence(part, depends) == frozenset({key}):
                     found.append((_atom(part), margin_of(_atom(part), k)))
     return found
 

@@ -90,8 +90,7 @@ class ProgramLowering:
             self.found.append(_environment_decides(annotation.span))
         marks = [self._is_fallback(a.span) for a in found]
         lowered = tuple(
-            ir.Alternative(self.block(a), mark, span=a.span)
-            for a, mark in zip(found, marks, strict=True)
+            ir.Alternative(self.block(a), mark, span=a.span) for a, mark in zip(found, marks, strict=True)
         )
         role = annotation.role if annotation else "agent"
         return ir.Choice(key, lowered, role, annotation.name if annotation else "", span=program.span)

@@ -98,14 +98,14 @@ def _options(options: Options) -> dict[str, Any]:
     """Effective options as JSON values; exact numbers as text."""
     values: dict[str, Any] = {}
     for option in fields(options):
-        value = getattr(options, option.name)
+        value: Any = getattr(options, option.name)
         match value:
             case frozenset():
                 continue
             case Fraction():
                 values[option.name] = str(value)
             case tuple():
-                values[option.name] = {name: str(number) for name, number in value}
+                values[option.name] = {name: str(number) for name, number in options.constants}
             case _:
                 values[option.name] = value
     return values

@@ -368,9 +368,7 @@ class Dual:
     span: Span = _span()
 
 
-Program: TypeAlias = (
-    Assign | AssignAny | Test | ProgramConst | ODESystem | Compose | Choice | Loop | Dual
-)
+Program: TypeAlias = Assign | AssignAny | Test | ProgramConst | ODESystem | Compose | Choice | Loop | Dual
 
 Expression: TypeAlias = Term | Formula | Program
 

@@ -8,10 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
-import casadi
-
 from dl2c.ir.model import Formula, Symbol, Term
-from dl2c.symbolic.terms import Builder
+from dl2c.symbolic.terms import Builder, Graph, casadi
 
 Operation: TypeAlias = Literal[
     "input", "constant", "add", "sub", "mul", "div", "neg", "abs", "min", "max", "sqrt", "exp", "sin", "cos",
@@ -83,7 +81,7 @@ def defined_tape(builder: Builder, terms: Sequence[Term]) -> Tape | None:
     return _tape(builder, builder.all_defined(list(terms)))
 
 
-def function(builder: Builder, graph: Any) -> tuple[tuple[Symbol, ...], Any]:
+def function(builder: Builder, graph: Graph) -> tuple[tuple[Symbol, ...], Any]:
     """A graph as a CasADi function of the symbols it uses, in the order they were first met."""
     used = {str(s) for s in casadi.symvar(graph)}
     order = tuple(s for s in builder.inputs if str(builder.inputs[s]) in used)
@@ -105,7 +103,8 @@ def _tape(builder: Builder, graph: Any) -> Tape:
             result = slots[inputs[0]]
             continue
         if code == casadi.OP_INPUT:
-            instruction = Instruction("input", name=order[inputs[0]].name)
+            place: int = inputs[0]
+            instruction = Instruction("input", name=order[place].name)
         elif code == casadi.OP_CONST:
             instruction = Instruction("constant", value=compiled.instruction_constant(k))
         elif code in (casadi.OP_SQ, casadi.OP_TWICE):

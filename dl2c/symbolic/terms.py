@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias, assert_never
 
-import casadi
+import casadi as untyped_casadi
 
 from dl2c.interval.arithmetic import Interval, enclosure
 from dl2c.interval.arithmetic import evaluate as enclose
@@ -40,8 +40,11 @@ from dl2c.ir.model import (
     Truth,
 )
 
+casadi: Any = untyped_casadi
+"""CasADi publishes no types."""
+
 Graph: TypeAlias = Any
-"""A casadi.SX scalar; CasADi ships no types."""
+"""A casadi.SX scalar."""
 
 LARGEST = 1.7976931348623157e308
 """The largest double."""
@@ -156,7 +159,7 @@ def _finite(graph: Graph) -> Graph:
 
 def _all(graphs: list[Graph]) -> Graph:
     """Their conjunction; constants are absorbed."""
-    result = None
+    result: Graph = None
     for graph in graphs:
         if graph.is_zero():
             return graph
@@ -167,7 +170,7 @@ def _all(graphs: list[Graph]) -> Graph:
 
 def _any(graphs: list[Graph]) -> Graph:
     """Their disjunction; constants are absorbed."""
-    result = None
+    result: Graph = None
     for graph in graphs:
         if graph.is_one():
             return graph
