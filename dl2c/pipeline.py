@@ -21,6 +21,7 @@ from dl2c.parse.annotations import EpisodeAnnotation
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_archive, print_formula
 from dl2c.parse.tree import Archive, Entry
+from dl2c.resolve.expand import expanded_formula
 from dl2c.resolve.problem import Problem, resolve
 from dl2c.source import Source, Span
 from dl2c.version import __version__
@@ -85,7 +86,8 @@ def emit(source: Source, stage: str, options: Options) -> str:
         return print_archive(archive)
     problem, options, _ = _front(source, options)
     if stage == "expanded":
-        return print_formula(problem.expanded) + "\n"
+        expanded = expanded_formula(problem.entry.problem, problem.symbols, hints=False)
+        return print_formula(expanded) + "\n"
     if stage == "ir":
         return print_model(lower(problem, options))
     environment, _ = _environment(problem, options, None)

@@ -5,6 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("dl2c", deadline=None)
+settings.load_profile("dl2c")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

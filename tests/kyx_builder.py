@@ -18,7 +18,9 @@ from dl2c.source import Source
 # Models -----------------------------------------------------------------------
 
 
-def model_text(problem: str, definitions: str = "", variables: str = "Real x; Real v;", above: str = "") -> str:
+def model_text(
+    problem: str, definitions: str = "", variables: str = "Real x; Real v;", above: str = ""
+) -> str:
     """An archive with one entry; `above` stands above its Problem."""
     return (
         f'ArchiveEntry "Model"\nDefinitions\n{definitions}\nEnd.\nProgramVariables\n{variables}\nEnd.\n'
@@ -68,7 +70,12 @@ def value(term: tree.Term, at: Point, definitions: Definitions) -> Fraction | No
         case tree.Neg(child):
             a = value(child, at, definitions)
             return None if a is None else -a
-        case tree.Plus(left, right) | tree.Minus(left, right) | tree.Times(left, right) | tree.Divide(left, right):
+        case (
+            tree.Plus(left, right)
+            | tree.Minus(left, right)
+            | tree.Times(left, right)
+            | tree.Divide(left, right)
+        ):
             a, b = value(left, at, definitions), value(right, at, definitions)
             if a is None or b is None or (isinstance(term, tree.Divide) and b == 0):
                 return None

@@ -154,9 +154,9 @@ class Builder:
             alternatives.append(Alternative(body, fallback == k))
         return Choice(key, tuple(alternatives))
 
-    def input(self) -> list[Statement]:
+    def input(self, variable_name: str = "") -> list[Statement]:
         """`v := *` with tests linear in v."""
-        name = self.rng.choice(VARIABLES)
+        name = variable_name or self.rng.choice(VARIABLES)
         count = self.assigned.get(name, 0)
         self.assigned[name] = count + 1
         key = f"assign_{name}" if count == 0 else f"assign_{name}_{count}"
@@ -176,6 +176,16 @@ class Builder:
                 tests.append(Compare(op, scaled, limit))
         return [AssignAny(name, key), Test(conjunction(tests))]
 
+    def with_inputs(self) -> Block:
+        """Alternatives that each take an input and flow, and perhaps a second input before them."""
+        first = self.input("u") if self.rng.random() < 0.4 else []
+        alternatives = tuple(
+            Alternative((Test(self.compare(0, ORDERS)), *self.input("z"), self.flow()), k == 1)
+            for k in range(2)
+        )
+        self.choices += 1
+        return (*first, Choice("choice_0", alternatives))
+
     def after_flow(self) -> list[Statement]:
         if self.rng.random() < 0.5:
             return [Assign(self.rng.choice(VARIABLES), self.term())]
@@ -192,7 +202,10 @@ class Builder:
             equations = (("y", Div(Symbol("d", "constant"), variable("z"))), ("x", Number(grid(rng))))
         clocked = rng.random() < 0.8
         bound: Term = rng.choice((Symbol("d", "constant"), Number(Fraction(4)), Number(Fraction(9))))
-        watched = [self.wide() if rng.random() < 0.7 else self.condition() for _ in range(rng.randint(1, 3))]
+        watched = [
+            self.wide() if rng.random() < 0.85 else self.condition()
+            for _ in range(rng.choice((0, 1, 2, 3, 3)))
+        ]
         horizon = Compare("<=", variable(CLOCK), bound)
         domain = conjunction([horizon, *watched] if clocked else watched)
         if clocked:
@@ -261,8 +274,10 @@ def random_model(seed: int) -> Model:
         body = (builder.choice(1, last=True),)
     elif shape < 0.8:
         body = builder.block(2, True)
-    elif shape < 0.9:
+    elif shape < 0.85:
         body = (builder.choice(2), builder.choice(1), builder.flow())
+    elif shape < 0.95:
+        body = builder.with_inputs()
     else:
         body = builder.block(1, False)
     if rng.random() < 0.85:

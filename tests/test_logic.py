@@ -165,7 +165,9 @@ def test_substitution_commutes_with_evaluation(term: Term, point: Point, symbol:
 
 
 @given(formulas, points, st.sampled_from(SYMBOLS), leaves)
-def test_mapping_a_substitution_keeps_the_truth(formula: Formula, point: Point, symbol: Symbol, by: Term) -> None:
+def test_mapping_a_substitution_keeps_the_truth(
+    formula: Formula, point: Point, symbol: Symbol, by: Term
+) -> None:
     moved = mapped(formula, lambda t: substituted(t, {symbol: by}))
     inner = exact(by, dict(point))
     assert inner is not None
@@ -239,7 +241,10 @@ def test_polynomial_solutions_satisfy_the_ode(
     given_rates: tuple[Term, Term, Term], order: list[int], point: Point, tau: Fraction
 ) -> None:
     """x(0) = x, and the derivative of x(tau) is the right-hand side at x(tau)."""
-    equations = [(s.name, restricted(r, SYMBOLS[k + 1 :])) for k, (s, r) in enumerate(zip(SYMBOLS, given_rates, strict=True))]
+    equations = [
+        (s.name, restricted(r, SYMBOLS[k + 1 :]))
+        for k, (s, r) in enumerate(zip(SYMBOLS, given_rates, strict=True))
+    ]
     flow = Flow(tuple(equations[k] for k in order), TRUE, TRUE, (), Fraction(1))
     solution = solve(flow)
     if isinstance(solution, NotPolynomial):

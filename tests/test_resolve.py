@@ -19,6 +19,7 @@ from dl2c.source import Source
 # Expansion --------------------------------------------------------------------
 
 DEFINITIONS = """
+  /* @const: bound=[0:9] */
   Real A;
   Real five = 5;
   Real double(Real y) = y + y;
@@ -61,7 +62,10 @@ formulas = st.recursive(
     lambda inner: st.one_of(
         inner.map(tree.Not),
         st.builds(
-            lambda make, a, b: make(a, b), st.sampled_from((tree.And, tree.Or, tree.Imply, tree.Equiv)), inner, inner
+            lambda make, a, b: make(a, b),
+            st.sampled_from((tree.And, tree.Or, tree.Imply, tree.Equiv)),
+            inner,
+            inner,
         ),
     ),
     max_leaves=4,
@@ -104,7 +108,9 @@ def test_expansion_twice_is_expansion_once() -> None:
 
 
 def test_parameters_shadow_variables_and_constants() -> None:
-    expanded = expansion(tree.Compare("=", tree.FuncOf("twist", (tree.Variable("x"), tree.Variable("A"))), tree.Variable("v")))
+    expanded = expansion(
+        tree.Compare("=", tree.FuncOf("twist", (tree.Variable("x"), tree.Variable("A"))), tree.Variable("v"))
+    )
     assert isinstance(expanded, tree.Compare)
     assert print_tree_term(expanded.left) == "A + A - x/5"
 
@@ -115,10 +121,14 @@ def test_programs_expand_where_they_are_called() -> None:
 
 
 def test_a_library_function_gives_way_to_a_definition() -> None:
-    assert lowered("true -> [x := abs(v);] x > 0", "Real abs(Real y) = y + 1;").body[0] == (
-        lowered("true -> [x := v + 1;] x > 0").body[0]
+    assert (
+        lowered("true -> [x := abs(v);] x > 0", "Real abs(Real y) = y + 1;").body[0]
+        == (lowered("true -> [x := v + 1;] x > 0").body[0])
     )
-    assert lowered("true -> [x := abs(v);] x > 0").body == lowered("true -> [x := abs(v);] x > 0", "Real abs(Real y);").body
+    assert (
+        lowered("true -> [x := abs(v);] x > 0").body
+        == lowered("true -> [x := abs(v);] x > 0", "Real abs(Real y);").body
+    )
 
 
 def test_e_and_pi_are_numbers_only_when_imported() -> None:
@@ -134,7 +144,10 @@ def test_e_and_pi_are_numbers_only_when_imported() -> None:
 
 def test_a_function_without_parameters_and_body_is_a_constant() -> None:
     with_parentheses = lowered("true -> [x := c() + c;] x > 0", "/* @const: bound=[1:2] */ Real c();")
-    assert with_parentheses.body == lowered("true -> [x := c + c();] x > 0", "/* @const: bound=[1:2] */ Real c;").body
+    assert (
+        with_parentheses.body
+        == lowered("true -> [x := c + c();] x > 0", "/* @const: bound=[1:2] */ Real c;").body
+    )
 
 
 # Arguments of annotated predicates --------------------------------------------
@@ -183,7 +196,11 @@ def test_equal_argument_lists_are_one() -> None:
         ("true -> [{x := v;}*] (p(x) & p(v))", "Bool p(Real y) <-> y >= 1;", "ambiguous-arguments"),
         ("true -> [{x := v;}*] x > 0", "Bool p(Real y) <-> y >= 1;", "unbound-parameter"),
         ("true -> [{x := v;}*@invariant(p(x, v))] x > 0", "Bool p(Real y) <-> y >= 1;", "wrong-arity"),
-        ("true -> [{x := v;}*@invariant(p(old(x)))] x > 0", "Bool p(Real y) <-> y >= 1;", "undeclared-function"),
+        (
+            "true -> [{x := v;}*@invariant(p(old(x)))] x > 0",
+            "Bool p(Real y) <-> y >= 1;",
+            "undeclared-function",
+        ),
         ("true -> [{x := v;}*] p(x)", "Bool p(Real y) <-> \\forall z z * y > 1;", "quantifier"),
     ],
 )
@@ -196,7 +213,8 @@ def test_predicates_that_stand_for_nothing_are_refused(problem: str, predicate: 
 def shaped(shape: str, more: str = "") -> str:
     model = lowered(
         "true -> [{x := v;}*] (p(x) & q(v, x))",
-        f"{more}\nBool q(Real a, Real x) <-> a < x;\n/* @safety: shape={{{shape}}} */\nBool p(Real y) <-> y >= 1 & y <= 9;",
+        f"{more}\nBool q(Real a, Real x) <-> a < x;\n"
+        f"/* @safety: shape={{{shape}}} */\nBool p(Real y) <-> y >= 1 & y <= 9;",
     )
     found = model.predicates[0].shape
     assert found is not None
@@ -290,12 +308,16 @@ def test_box_and_diamond_may_call_definitions() -> None:
 
 
 def test_a_definition_may_hold_the_whole_problem() -> None:
-    shape = resolved("all(x)", "Bool all(Real y) <-> (y > 0 -> [{y1 := 1;}*] y > 0);", "Real x; Real y1;").shape
+    shape = resolved(
+        "all(x)", "Bool all(Real y) <-> (y > 0 -> [{y1 := 1;}*] y > 0);", "Real x; Real y1;"
+    ).shape
     assert len(shape.assumptions) == 1 and shape.loop is not None
 
 
 def test_an_error_in_one_part_does_not_hide_another() -> None:
-    text = model_text("true -> [{x := y; v := *;}*] p(x)", "Real c; Real c;\n/* @var: bound=[0:1] */\nReal d;")
+    text = model_text(
+        "true -> [{x := y; v := *;}*] p(x)", "Real c; Real c;\n/* @var: bound=[0:1] */\nReal d;"
+    )
     archive, _ = parse_archive(Source("model.kyx", text))
     with pytest.raises(CompileError) as refused:
         from dl2c.resolve.problem import resolve

@@ -110,52 +110,50 @@ def _prefix(taken: set[str]) -> str:
 def _expression(
     instruction: Instruction, tape: Tape, texts: list[tuple[str, int]], name: Callable[[str], str]
 ) -> tuple[str, int]:
-    operation, args = instruction.operation, instruction.args
-
-    def operand(k: int, level: int, strictly: bool = False) -> str:
-        text, binds = texts[args[k]]
-        return f"({text})" if binds < level or (strictly and binds == level) else text
-
-    match operation:
+    """The text of an instruction and how tightly it binds; `texts` are those of earlier ones."""
+    match instruction.operation:
         case "input":
             return name(instruction.name), ATOM
         case "constant":
             text = number(instruction.value)
             return text, UNARY if text.startswith("-") else ATOM
         case "neg":
-            return f"-{operand(0, ATOM)}", UNARY
+            return f"-{_operand(texts, instruction.args[0], ATOM)}", UNARY
         case "not":
-            return f"!{operand(0, ATOM)}", UNARY
-        case "le" if _is_finiteness(tape, args):
-            inner = tape.instructions[args[0]].args[0]
+            return f"!{_operand(texts, instruction.args[0], ATOM)}", UNARY
+        case "le" if _is_finiteness(tape, instruction.args):
+            inner = tape.instructions[instruction.args[0]].args[0]
             return f"isfinite({texts[inner][0]})", ATOM
-        case "lt" | "le" if tape.instructions[args[0]].operation == "constant":
-            sign, level = INFIX[operation]
-            return f"{operand(1, level)} {MIRRORED[sign]} {operand(0, level, True)}", level
+        case "lt" | "le" if tape.instructions[instruction.args[0]].operation == "constant":
+            sign, level = INFIX[instruction.operation]
+            constant, other = instruction.args
+            left, right = _operand(texts, other, level), _operand(texts, constant, level, True)
+            return f"{left} {MIRRORED[sign]} {right}", level
         case "add" | "sub" | "mul" | "div" | "lt" | "le" | "eq" | "ne":
-            sign, level = INFIX[operation]
-            return f"{operand(0, level)} {sign} {operand(1, level, True)}", level
+            sign, level = INFIX[instruction.operation]
+            first, second = instruction.args
+            return f"{_operand(texts, first, level)} {sign} {_operand(texts, second, level, True)}", level
         case "and" | "or":
-            sign, level = INFIX[operation]
-            left, right = (_condition(args, texts, k, level) for k in (0, 1))
+            sign, level = INFIX[instruction.operation]
+            left, right = (_condition(instruction.args, texts, k, level) for k in (0, 1))
             return f"{left} {sign} {right}", level
-        case (
-            "abs"
-            | "min"
-            | "max"
-            | "sqrt"
-            | "exp"
-            | "sin"
-            | "cos"
-            | "tan"
-            | "arcsin"
-            | "arctan"
-            | "tanh"
-            | "pow"
-        ):
-            return f"{FUNCTIONS[operation]}({', '.join(texts[a][0] for a in args)})", ATOM
+        case "abs" | "min" | "max" | "sqrt" | "exp" | "sin" | "cos":
+            return _function_call(instruction, texts), ATOM
+        case "tan" | "arcsin" | "arctan" | "tanh" | "pow":
+            return _function_call(instruction, texts), ATOM
         case _:
-            assert_never(operation)
+            assert_never(instruction.operation)
+
+
+def _function_call(instruction: Instruction, texts: list[tuple[str, int]]) -> str:
+    arguments = ", ".join(texts[a][0] for a in instruction.args)
+    return f"{FUNCTIONS[instruction.operation]}({arguments})"
+
+
+def _operand(texts: list[tuple[str, int]], k: int, level: int, strictly: bool = False) -> str:
+    """Operand k, parenthesised where it binds less tightly than its operator."""
+    text, binds = texts[k]
+    return f"({text})" if binds < level or (strictly and binds == level) else text
 
 
 def _condition(args: tuple[int, ...], texts: list[tuple[str, int]], k: int, level: int) -> str:

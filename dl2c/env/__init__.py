@@ -1,0 +1,1 @@
+"""Environments: compiled models behind the interfaces of Gymnasium and Stable-Baselines3."""

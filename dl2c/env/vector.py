@@ -124,7 +124,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
 
     def _final(self, ended: Bools) -> Infos:
         """What same-step autoreset would otherwise hide: the last observation and infos of ended episodes."""
-        last = np.full(self.num_envs, None, object)
+        last = np.empty(self.num_envs, object)
         for i in np.flatnonzero(ended):
             last[i] = self.batch.final_obs[i].copy()
         infos = self._step_infos(ended, ended) | self._masks(ended)
@@ -139,9 +139,11 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
 
     def _reset_infos(self, mask: Bools) -> Infos:
         """What is known of the environments in `mask`, whose episodes have just begun."""
-        return _masked(
-            {"initial_state_certificate": np.full(self.num_envs, self.manifest.certificate, object)}, mask
-        )
+        if not mask.any():
+            return {}
+        certificates = np.empty(self.num_envs, object)
+        certificates[mask] = self.manifest.certificate
+        return {"initial_state_certificate": certificates, "_initial_state_certificate": mask.copy()}
 
     def _masks(self, mask: Bools) -> Infos:
         if not self.manifest.choices:
@@ -194,16 +196,16 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
 
 
 def _masked(values: Infos, mask: Bools) -> Infos:
-    """The values with their `_key` masks: other entries are 0 (None); nothing if no entry counts."""
+    """The values with their `_key` masks: other entries are 0; nothing if no entry counts."""
     if not mask.any():
         return {}
-    kept = mask.copy()
+    kept, dropped = mask.copy(), np.flatnonzero(~mask)
     infos: Infos = {}
     for key, value in values.items():
         if isinstance(value, dict):
             infos[key] = _masked(cast(Infos, value), mask)
         else:
-            value[~mask] = None if value.dtype == object else 0
+            value[dropped] = 0
             infos[key] = value
         infos[f"_{key}"] = kept
     return infos

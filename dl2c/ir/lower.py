@@ -136,7 +136,8 @@ def _unused_annotations(problem: Problem, lowering: ProgramLowering) -> Iterator
 
 def _runs(problem: Problem, place: Span) -> bool:
     """Whether a place is inside the body of a step, or of a definition that the problem uses."""
-    ranges = [(p.span.start, p.span.end) for p in problem.shape.body]
+    loop, first, last = problem.shape.loop, problem.entry.problem.span, problem.shape.body[-1].span
+    ranges = [(loop.span.start, loop.span.end) if loop else (first.start, last.end)]
     used = set(mentioned(problem.entry.problem))
     waiting = list(used)
     while waiting:

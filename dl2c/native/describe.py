@@ -13,21 +13,19 @@ from dl2c.ir.model import Bound, Constant, Variable
 from dl2c.ir.printer import print_flow
 from dl2c.native.manifest import ChoiceSpec, FlowSpec, InputSpec, Manifest, PredicateSpec, Quantity
 from dl2c.options import Options
+from dl2c.sampling.plan import SamplingPlan
 
 ABI_VERSION = 1
 STREAM_VERSION = 1
 """Of cgen/include/dl2c.h; a test holds them together."""
 
+EXACT = ("exact", "every variable is a polynomial in time")
+"""The kernel of a flow, and why."""
+
 
 def manifest_of(environment: Environment, key: str, platform: dict[str, str]) -> Manifest:
     """The manifest of an environment; `key` names the build, `platform` where it was made."""
-    model, paths, plan, options = (
-        environment.model,
-        environment.paths,
-        environment.sampling,
-        environment.options,
-    )
-    items: dict[str, Variable | Constant] = {v.name: v for v in (*model.variables, *model.constants)}
+    model, paths, plan = environment.model, environment.paths, environment.sampling
     return Manifest(
         name=model.name,
         source=model.source.replace("\\", "/").rsplit("/", 1)[-1],
@@ -37,10 +35,7 @@ def manifest_of(environment: Environment, key: str, platform: dict[str, str]) ->
         key=key,
         variables=tuple(_quantity(v, _declared(v.bound)) for v in model.variables),
         constants=tuple(_quantity(c, _declared(c.bound)) for c in model.constants),
-        observations=tuple(
-            _quantity(items[name], observation_limits(bound, options))
-            for name, _, bound in observed(model, options)
-        ),
+        observations=_observations(environment),
         choices=tuple(ChoiceSpec(d.key, d.alternatives, d.name) for d in paths.decisions),
         inputs=tuple(
             InputSpec(i.key, i.variable, rounded_up(i.low), rounded_down(i.high)) for i in paths.inputs
@@ -49,25 +44,31 @@ def manifest_of(environment: Environment, key: str, platform: dict[str, str]) ->
         run_texts=tuple(_run_text(environment, run) for run in paths.runs),
         predicates=tuple(PredicateSpec(p.name, p.category) for p in model.predicates),
         flows=tuple(
-            FlowSpec(
-                f"{place(f.flow.span)}  {print_flow(f.flow)}",
-                "exact",
-                "every variable is a polynomial in time",
-            )
-            for f in environment.flows
+            FlowSpec(f"{place(f.flow.span)}  {print_flow(f.flow)}", *EXACT) for f in environment.flows
         ),
         certificate="none" if plan is None else plan.certificate,
-        sampler={}
-        if plan is None
-        else {
-            "boxes": len(plan.boxes),
-            "acceptance": plan.estimated_acceptance,
-            "error_bound": plan.error_bound,
-        },
-        options=_options(options),
+        sampler={} if plan is None else _sampler(plan),
+        options=_options(environment.options),
         notes=_notes(environment),
         platform=platform,
     )
+
+
+def _observations(environment: Environment) -> tuple[Quantity, ...]:
+    model, options = environment.model, environment.options
+    items: dict[str, Variable | Constant] = {v.name: v for v in (*model.variables, *model.constants)}
+    return tuple(
+        _quantity(items[name], observation_limits(bound, options))
+        for name, _, bound in observed(model, options)
+    )
+
+
+def _sampler(plan: SamplingPlan) -> dict[str, Any]:
+    return {
+        "boxes": len(plan.boxes),
+        "acceptance": plan.estimated_acceptance,
+        "error_bound": plan.error_bound,
+    }
 
 
 def _declared(bound: Bound) -> tuple[float, float]:

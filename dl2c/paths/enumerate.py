@@ -1,7 +1,7 @@
 """From a lowered model to its guarded paths.
 
 Assumes a model as `lower` makes it. Every combination of alternatives becomes a path;
-tests that are false whatever the state drop theirs.
+tests that are false whatever the state, or contradict each other word for word, drop theirs.
 """
 
 from collections.abc import Iterator
@@ -9,7 +9,17 @@ from dataclasses import dataclass, replace
 from typing import assert_never
 
 from dl2c.diagnostics import CompileError, Diagnostic
-from dl2c.ir.logic import atoms, conjunction, conjuncts, mapped, operands, substituted, symbols
+from dl2c.ir.logic import (
+    atoms,
+    conjunction,
+    conjuncts,
+    mapped,
+    negation,
+    operands,
+    oriented,
+    substituted,
+    symbols,
+)
 from dl2c.ir.model import (
     FALSE,
     ONE,
@@ -185,7 +195,18 @@ def _draft(model: Model, points: list[Block], point: int, line: _Line) -> _Draft
             case _:
                 assert_never(statement)
     updates = tuple((s.name, t) for s, t in values.items() if s != t)
-    return _Draft(point, line, tuple(inputs), conjunction(tests), updates, flow, _target(points, line.rest))
+    return _Draft(point, line, tuple(inputs), _together(tests), updates, flow, _target(points, line.rest))
+
+
+def _together(tests: list[Formula]) -> Formula:
+    """The conjunction, each part once; false where a part contradicts others word for word."""
+    parts: dict[Formula, Formula] = {}
+    for part in conjuncts(conjunction(tests)):
+        parts.setdefault(oriented(part), part)
+    for part in parts:
+        if all(opposite in parts for opposite in conjuncts(oriented(negation(part)))):
+            return FALSE
+    return conjunction(parts.values())
 
 
 def _size(term: Term, sizes: dict[Term, int]) -> int:
@@ -253,15 +274,15 @@ def _unresolved(inputs: tuple[Input, ...], part: Formula, used: list[int]) -> Di
     """Why a test of inputs cannot be resolved, if it cannot."""
     variable = inputs[used[0]].variable
     if not isinstance(part, Compare):
-        return errors.unresolved_test(variable, "it is a disjunction", next(a.span for a in atoms(part)))
+        first, *_, last = (a.span for a in (*atoms(part), *atoms(part)))
+        return errors.disjunctive_test(variable, first.to(last) if first.source is last.source else first)
     if len(used) > 1:
-        names = " and ".join(inputs[k].variable for k in used)
-        return errors.unresolved_test(variable, f"it depends on {names} together", part.span)
+        return errors.joint_test(tuple(inputs[k].variable for k in used), part.span)
     if part.op in ("=", "!="):
-        return errors.unresolved_test(variable, f"`{part.op}` does not leave an interval", part.span)
+        return errors.single_value_test(variable, part.op, part.span)
     margin = polynomial(_margin(part), {inputs[used[0]].symbol: (ZERO, ONE)})
     if margin is None or len(margin) > 2:
-        return errors.unresolved_test(variable, f"it is not linear in {variable}", part.span)
+        return errors.nonlinear_test(variable, part.span)
     return None
 
 

@@ -24,14 +24,31 @@ def too_large(variable: str, limit: int, span: Span) -> Diagnostic:
     )
 
 
-def unresolved_test(variable: str, reason: str, span: Span) -> Diagnostic:
-    return error(
-        "unresolved-test",
-        f"the values of `{variable} := *` that pass this test cannot be computed",
-        span,
-        reason,
-        f"bound {variable} by comparisons linear in {variable}, e.g. `-b <= {variable} & {variable} <= A`",
-    )
+def disjunctive_test(variable: str, span: Span) -> Diagnostic:
+    advice = f"make a choice of it: `{{{variable} := *; ?...; ++ {variable} := *; ?...;}}`"
+    return _unresolved(variable, "a disjunction leaves no interval", span, advice)
+
+
+def joint_test(variables: tuple[str, ...], span: Span) -> Diagnostic:
+    names = " and ".join(variables)
+    advice = f"test {names} separately, or assign one of them a term"
+    return _unresolved(variables[-1], f"it depends on {names} together", span, advice)
+
+
+def single_value_test(variable: str, op: str, span: Span) -> Diagnostic:
+    equal = f"assign the value instead: `{variable} := e;`"
+    advice = equal if op == "=" else f"exclude the value on one side: `{variable} > e` or `{variable} < e`"
+    return _unresolved(variable, f"`{op}` leaves no interval", span, advice)
+
+
+def nonlinear_test(variable: str, span: Span) -> Diagnostic:
+    advice = f"use comparisons that are linear in {variable}, e.g. `-b <= {variable} & {variable} <= A`"
+    return _unresolved(variable, f"it is not linear in {variable}", span, advice)
+
+
+def _unresolved(variable: str, reason: str, span: Span, advice: str) -> Diagnostic:
+    title = f"the values of `{variable} := *` that pass this test cannot be computed"
+    return error("unresolved-test", title, span, reason, advice)
 
 
 def unbounded_input(variable: str, span: Span) -> Diagnostic:

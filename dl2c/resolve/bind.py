@@ -152,11 +152,6 @@ def _equations(equations: tuple[tree.AtomicODE | tree.DifferentialProgramConst, 
 
 def _equation_call(name: str, node: tree.DifferentialProgramConst, symbols: Symbols) -> Iterator[Diagnostic]:
     if symbols.roles.get(name) == "program":
-        yield errors.not_executable(
-            "program-as-equation",
-            f"`{{{name}}}` is a differential equation named {name}, which",
-            node.span,
-            f"to run the program `{name}` write `{name};`",
-        )
+        yield errors.program_as_equation(name, node.span)
     else:
         yield errors.undefined_equation(name, node.span, symbols.named("program"))

@@ -80,6 +80,16 @@ def undefined_program(name: str, span: Span, known: Iterable[str]) -> Diagnostic
     )
 
 
+def program_as_equation(name: str, span: Span) -> Diagnostic:
+    return error(
+        "program-as-equation",
+        "a program is used as a differential equation",
+        span,
+        f"`{name}` is a program",
+        f"to run it write `{name};`",
+    )
+
+
 def undefined_equation(name: str, span: Span, programs: Iterable[str]) -> Diagnostic:
     """A name among differential equations, `{c}` or `{x' = 1, c}`."""
     close = get_close_matches(name, sorted(programs), n=1)
@@ -109,7 +119,7 @@ def too_deep(span: Span, limit: int) -> Diagnostic:
         "too-deep",
         f"with its definitions expanded, the problem is nested deeper than {limit} levels",
         span,
-        help="use fewer definitions inside definitions",
+        help="nest definitions less deeply",
     )
 
 
@@ -118,7 +128,7 @@ def too_large(span: Span, limit: int) -> Diagnostic:
         "too-large",
         f"with its definitions expanded, the problem has more than {limit} symbols",
         span,
-        help="use definitions that mention their arguments several times less often inside each other",
+        help="nest fewer definitions that use an argument more than once",
     )
 
 

@@ -26,9 +26,13 @@ MAX_SIZE = 100_000
 
 @dataclass(slots=True)
 class Expander:
-    """One expansion: the symbols it reads and the errors it found so far."""
+    """One expansion: the symbols it reads and the errors it found so far.
+
+    Invariants are hints that no run depends on: they stay as written, or are left out.
+    """
 
     symbols: Symbols
+    hints: bool = True
     found: list[Diagnostic] = field(default_factory=list[Diagnostic])
     expanded: int = 0
 
@@ -125,7 +129,7 @@ class Expander:
             case tree.Loop(child) | tree.Dual(child):
                 _, written = Expander(self.symbols).program(child, values, bound)
                 body, written = self.program(child, values, bound | written)
-                return replace(program, child=body), written
+                return self._without_hints(replace(program, child=body)), written
             case _:
                 assert_never(program)
 
@@ -138,7 +142,13 @@ class Expander:
             replace(e, term=self.term(e.term, values, inner)) if isinstance(e, tree.AtomicODE) else e
             for e in ode.equations
         )
-        return replace(ode, equations=equations, domain=self.formula(ode.domain, values, inner)), written
+        domain = self.formula(ode.domain, values, inner)
+        return self._without_hints(replace(ode, equations=equations, domain=domain)), written
+
+    def _without_hints(self, program: tree.Loop | tree.Dual | tree.ODESystem) -> tree.Program:
+        if self.hints or isinstance(program, tree.Dual):
+            return program
+        return replace(program, invariants=())
 
     def _check_use(self, declaration: tree.Declaration, use: tree.Term | tree.Formula, bound: Names) -> None:
         self.expanded += 1
@@ -156,12 +166,12 @@ class Expander:
         return frozenset(n for n in names - parameters if self.symbols.roles.get(n) == "variable")
 
 
-def expanded_formula(formula: tree.Formula, symbols: Symbols) -> tree.Formula:
-    """The formula without definitions.
+def expanded_formula(formula: tree.Formula, symbols: Symbols, hints: bool = True) -> tree.Formula:
+    """The formula without definitions, with its invariants as written or without `hints`.
 
     Raises `CompileError` for captures, missing bodies, and a result beyond the limits.
     """
-    expander = Expander(symbols)
+    expander = Expander(symbols, hints)
     try:
         result = expander.formula(formula, {}, NONE)
     except RecursionError:

@@ -20,11 +20,9 @@ def check_executable(problem: tree.Formula) -> None:
         raise CompileError(found)
 
 
-def check_state(parts: Iterable[tree.Formula | tree.Term]) -> None:
-    """The same for formulas and terms about one state, such as predicates and rewards."""
-    found = list(dict.fromkeys(d for part in parts for d in _state(part)))
-    if found:
-        raise CompileError(found)
+def not_executable(parts: Iterable[tree.Formula | tree.Term]) -> list[Diagnostic]:
+    """The errors of formulas and terms about one state, such as predicates and rewards."""
+    return list(dict.fromkeys(d for part in parts for d in _state(part)))
 
 
 def _top(formula: tree.Formula) -> Iterator[Diagnostic]:

@@ -17,7 +17,7 @@ from dl2c.parse.annotations import PredicateAnnotation
 from dl2c.parse.printer import print_term
 from dl2c.resolve.bind import check
 from dl2c.resolve.expand import NONE, Expander
-from dl2c.resolve.fragment import check_state
+from dl2c.resolve.fragment import not_executable
 from dl2c.resolve.obligations import Obligations
 from dl2c.resolve.shape import Shape
 from dl2c.resolve.symbols import Node, Symbols, children
@@ -82,15 +82,17 @@ def _bound(
     binding = _Binding(declaration, values, shape, symbols)
     expander = Expander(symbols)
     body = declaration.body if isinstance(declaration.body, tree.Formula) else tree.Truth(True)
+    found: list[Diagnostic] = []
     formula = expander.formula(body, values, NONE)
     parts = (annotation.reward, annotation.penalty, annotation.shape)
-    reward, penalty, potential = (_value(p, binding) for p in parts)
+    reward, penalty, potential = (_value(p, binding, found) for p in parts)
     due: list[tuple[tree.Formula, ...]] = []
     if shape.written_postcondition is not None:
         due += Obligations(declaration.name, arguments, expander).of(shape.written_postcondition)
-    if expander.found:
-        raise CompileError(expander.found)
-    check_state((formula, *(f for premises in due for f in premises)))
+    found += expander.found
+    found += not_executable((formula, *(f for premises in due for f in premises)))
+    if found:
+        raise CompileError(found)
     return AnnotatedPredicate(declaration, annotation, formula, reward, penalty, potential, tuple(due))
 
 
@@ -211,8 +213,10 @@ class _Use:
     values: Values
 
 
-def _value(expression: tree.Term | tree.Formula | None, binding: _Binding) -> ValueTerm | None:
-    """A reward expression with predicates taken out and definitions expanded."""
+def _value(
+    expression: tree.Term | tree.Formula | None, binding: _Binding, errors: list[Diagnostic]
+) -> ValueTerm | None:
+    """A reward expression with predicates taken out and definitions expanded; None where it has `errors`."""
     if expression is None:
         return None
     symbols = binding.symbols
@@ -221,14 +225,14 @@ def _value(expression: tree.Term | tree.Formula | None, binding: _Binding) -> Va
     found = [*check(term, symbols, frozenset({*binding.values, *uses}))]
     found += [d for u in uses.values() for d in check(u.formula, symbols, frozenset(u.values))]
     if found:
-        raise CompileError(found)
+        errors += found
+        return None
     expander = Expander(symbols)
     own: Values = {name: tree.Variable(name) for name in uses}
     expanded = expander.term(term, {**binding.values, **own}, NONE)
     formulas = {name: expander.formula(u.formula, u.values, NONE) for name, u in uses.items()}
-    if expander.found:
-        raise CompileError(expander.found)
-    check_state((expanded, *formulas.values()))
+    errors += expander.found
+    errors += not_executable((expanded, *formulas.values()))
     return ValueTerm(expanded, formulas)
 
 

@@ -18,13 +18,14 @@ def unbounded(items: Sequence[Variable | Constant]) -> Diagnostic:
     """Names to draw that neither a bound nor the precondition limits; at least one."""
     names = ", ".join(f"`{i.name}`" for i in items)
     places = tuple(f"`{i.name}` is declared at {i.span.place}" for i in items[1:] if i.span != NOWHERE)
-    annotation = "@var" if isinstance(items[0], Variable) else "@const"
+    annotations = dict.fromkeys("@var" if isinstance(i, Variable) else "@const" for i in items)
+    several = len(items) > 1
     return error(
         "unbounded-variable",
-        f"the initial value of {names} has no finite limits",
+        f"the initial value{'s' * several} of {names} {'have' if several else 'has'} no finite limits",
         items[0].span,
-        label="neither its bound nor the precondition limits it",
-        help=f"add bound=[lo:hi] to its {annotation} annotation",
+        label="neither a bound nor the precondition limits it",
+        help=f"annotate {'each' if several else 'it'} with `{'` or `'.join(annotations)}: bound=[lo:hi]`",
         notes=places,
     )
 

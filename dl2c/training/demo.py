@@ -6,13 +6,14 @@ Prints a table and writes pictures to `build/demo`.
 import os
 import time
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.progress import Progress
 from rich.table import Table
 
 from dl2c.training.evaluation import Estimate, Evaluation, evaluate
@@ -95,19 +96,20 @@ def main() -> None:
 
 def _train_all() -> list[Trained]:
     """Every algorithm with every seed, the longest first, in parallel; results in a fixed order."""
-    algorithms, seeds = zip(
-        *((algo, seed) for algo in ("ppo", "maskable-ppo") for seed in SEEDS), strict=True
-    )
-    with ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn")) as pool:
-        return sorted(pool.map(_train, algorithms, seeds), key=lambda run: run.algo)
+    console = Console(stderr=True)
+    with (
+        ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn")) as pool,
+        Progress(console=console, disable=not console.is_terminal) as bar,
+    ):
+        running = [pool.submit(_train, "ppo", seed) for seed in SEEDS]
+        running += [pool.submit(_train, "maskable-ppo", seed) for seed in SEEDS]
+        done = bar.track(as_completed(running), total=len(running), description="training")
+        return sorted((run.result() for run in done), key=lambda run: (run.algo, run.seed))
 
 
 def _train(algo: Algorithm, seed: int) -> Trained:
-    import torch
-
     from dl2c.training.ppo import train
 
-    torch.set_num_threads(1)
     masked = algo == "maskable-ppo"
     settings = Settings(steps=65_536) if masked else GUARDS
     options = STRICT if masked else LESSONS

@@ -67,6 +67,7 @@ def train(
     MaskablePPO on continuous actions.
     """
     chosen = settings or Settings()
+    torch.set_num_threads(chosen.threads)
     source = source_of(model)
     env = Dl2cVecEnv(source, chosen.n_envs, **options)
     if algo == "maskable-ppo" and env.manifest.inputs:

@@ -1,0 +1,123 @@
+/* state.h -- what a batch keeps of its environments, and how their episodes begin. */
+#ifndef DL2C_STATE_H
+#define DL2C_STATE_H
+
+#include "lanes.h"
+#include "sampler.h"
+
+struct dl2c_batch {
+  int64_t n;
+  dl2c_options options;
+  dl2c_buffers out;
+  int64_t stride;    /* from one variable to the next in the arrays below */
+  real *x;           /* (NX, stride) */
+  real *p;           /* (NP, stride) */
+  uint8_t *enabled;  /* (paths of point 0, stride) open paths in the present state */
+  uint8_t *ended;    /* (n) the episode is over and waits for a reset */
+  uint64_t *seed;    /* (n) */
+  uint64_t *episode; /* (n) episodes begun since the seed was given */
+  int64_t *steps;    /* (n) in this episode */
+  real *elapsed;     /* (n) time in this episode */
+  int64_t *stalled;  /* (n) zero-duration steps in a row */
+};
+
+#define DL2C_NSTART (POINT_START[1])
+
+/*
+ * An odd number of cache lines from row to row: with a power of two the values of one
+ * environment would compete for the same few places in the cache.
+ */
+static int64_t dl2c_stride(int64_t n)
+{
+  enum { LINE = 8 };
+  const int64_t lines = (n + LINE - 1) / LINE;
+  return n == 1 ? 1 : (lines | 1) * LINE;
+}
+
+static void dl2c_load(const dl2c_batch *b, int64_t i, real *x, real *p)
+{
+  for (int k = 0; k < NX; k++) x[k] = b->x[k * b->stride + i];
+  for (int k = 0; k < NP; k++) p[k] = b->p[k * b->stride + i];
+}
+
+static void dl2c_store(dl2c_batch *b, int64_t i, const real *x)
+{
+  for (int k = 0; k < NX; k++) b->x[k * b->stride + i] = x[k];
+}
+
+/* Tests the states of environments `first` to `first + count`: open paths, and facts of (NFACT, row). */
+static inline void dl2c_test(dl2c_batch *b, int64_t first, int64_t count, int64_t row, uint8_t *facts)
+{
+  dl2c_enabled(0, b->x + first, b->p + first, b->stride, count, b->enabled + first);
+  model_facts(b->x + first, b->p + first, b->stride, count, row, facts);
+}
+
+/* Whether some path is open in each environment.   open: (count) */
+static inline void dl2c_any_enabled(const dl2c_batch *b, int64_t first, int64_t count, uint8_t *open)
+{
+  for (int64_t i = 0; i < count; i++) open[i] = 0;
+  for (int k = 0; k < DL2C_NSTART; k++)
+    for (int64_t i = 0; i < count; i++) open[i] |= b->enabled[k * b->stride + first + i];
+}
+
+/* Writes the mask of environment i. A final state shows every alternative as open. */
+static inline void dl2c_mask(dl2c_batch *b, int64_t i, bool final)
+{
+  int8_t *mask = b->out.mask + i * NMASK;
+  for (int c = 0; c < NCHOICE; c++) {
+    const int32_t from = MASK_START[c];
+    int8_t met = 0;
+    for (int32_t a = from; a < MASK_START[c + 1]; a++) mask[a] = 0;
+    for (int k = 0; k < DL2C_NSTART; k++) {
+      if (DECISIONS[k][c] < 0) continue;
+      const int8_t open = (int8_t)(b->enabled[k * b->stride + i] & !final);
+      mask[from + DECISIONS[k][c]] |= open;
+      met |= open;
+    }
+    if (!met)
+      for (int32_t a = from; a < MASK_START[c + 1]; a++) mask[a] = 1;
+  }
+}
+
+/* Tests and shows the state that environment i is in; whether a run is possible from it. */
+static bool dl2c_show(dl2c_batch *b, int64_t i)
+{
+  uint8_t facts[NFACT];
+  uint8_t open;
+  dl2c_test(b, i, 1, 1, facts);
+  dl2c_any_enabled(b, i, 1, &open);
+  b->out.postcondition[i] = facts[F_postcondition];
+  model_observe(b->x + i, b->p + i, b->stride, 1, 1, (dl2c_obs *)b->out.obs + i * NOBS,
+                b->out.saturated + i);
+  dl2c_mask(b, i, false);
+  return open;
+}
+
+/* Begins an episode in the state given, if a run is possible from it. */
+static bool dl2c_begin(dl2c_batch *b, int64_t i, const real *x, const real *p)
+{
+  for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
+  dl2c_store(b, i, x);
+  b->ended[i] = 0;
+  b->steps[i] = 0;
+  b->stalled[i] = 0;
+  b->elapsed[i] = 0.0;
+  b->out.reset[i] = 1;
+  b->out.time[i] = 0.0;
+  return dl2c_show(b, i);
+}
+
+/* Draws initial states until one has a run. */
+static dl2c_status dl2c_reset_one(dl2c_batch *b, int64_t i)
+{
+  real x[NX];
+  real p[NP + 1];
+  dl2c_rng rng = dl2c_rng_make(b->seed[i], b->episode[i]++);
+  for (int tries = 0; tries < DL2C_MAX_DEADLOCKS; tries++) {
+    if (!dl2c_sample(&rng, x, p)) return DL2C_ERR_RESET;
+    if (dl2c_begin(b, i, x, p)) return DL2C_OK;
+  }
+  return DL2C_ERR_RESET;
+}
+
+#endif
