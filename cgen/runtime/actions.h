@@ -75,7 +75,7 @@ static dl2c_range dl2c_admissible(int path, int input, const real *x, const real
  * Which paths of a point pass all their tests up to their flow, in `count` environments.
  *   enabled: (paths of the point, stride)
  */
-static inline void dl2c_enabled(int point, const real *x, const real *p, int64_t stride, int64_t count,
+DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t stride, int64_t count,
                                 uint8_t *enabled)
 {
   model_guards(point, x, p, stride, count, enabled);

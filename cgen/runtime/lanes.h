@@ -20,7 +20,7 @@ typedef struct dl2c_moves {
 } dl2c_moves;
 
 /* The path that each lane prefers (see dl2c_preferred).   enabled: (paths, stride)   choices: (count, NCHOICE) */
-DL2C_LANES static void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stride, int64_t count,
+DL2C_INLINE void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stride, int64_t count,
                                          const int32_t *restrict choices, int64_t *restrict path,
                                          uint8_t *restrict requested)
 {
@@ -35,7 +35,7 @@ DL2C_LANES static void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_
       DL2C_UNROLL
       for (int j = 0; j < PATHS[k].nmet; j++) {
         const bool same = DECISIONS[k][PATHS[k].met[j]] == choices[i * NCHOICE + PATHS[k].met[j]];
-        rank = whole & !same ? 2 * agreed + PATHS[k].marked[j] : rank;
+        rank = (whole & !same) ? 2 * agreed + PATHS[k].marked[j] : rank;
         whole &= same;
         agreed += whole;
       }
@@ -50,7 +50,7 @@ DL2C_LANES static void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_
 }
 
 /* Assignments and flow of every lane.   x: (NX, stride)   p: (NP, stride)   state: (NX, DL2C_BLOCK) */
-DL2C_LANES static void dl2c_move_lanes(const real *restrict x, const real *restrict p, int64_t stride,
+DL2C_INLINE void dl2c_move_lanes(const real *restrict x, const real *restrict p, int64_t stride,
                                        int64_t count, const int64_t *restrict path,
                                        real *restrict state, real *restrict duration,
                                        uint8_t *restrict settled)
@@ -81,14 +81,20 @@ DL2C_LANES static void dl2c_move_lanes(const real *restrict x, const real *restr
 }
 
 /* The alternatives that the lanes took, the request where a decision was not met. */
-static inline void dl2c_decided_lanes(const int64_t *path, int64_t count, const int32_t *choices,
-                                      int32_t *decided)
+DL2C_INLINE void dl2c_decided_lanes(const int64_t *restrict path, int64_t count,
+                                      const int32_t *restrict choices, int32_t *restrict decided)
 {
-  for (int64_t i = 0; i < count; i++)
+  for (int64_t i = 0; i < count; i++) {
+    const int32_t taken = (int32_t)path[i];
+    DL2C_UNROLL
     for (int c = 0; c < NCHOICE; c++) {
-      const int32_t taken = DECISIONS[path[i]][c];
-      decided[i * NCHOICE + c] = taken >= 0 ? taken : choices[i * NCHOICE + c];
+      int32_t chosen = choices[i * NCHOICE + c];
+      DL2C_UNROLL
+      for (int k = 0; k < NPATH; k++)
+        if (DECISIONS[k][c] >= 0) chosen = dl2c_pick(taken == k, DECISIONS[k][c], chosen);
+      decided[i * NCHOICE + c] = chosen;
     }
+  }
 }
 
 #endif

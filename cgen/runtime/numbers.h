@@ -20,14 +20,22 @@ typedef double real;
 #endif
 
 /*
- * Functions over lanes exist twice, for AVX2 and for every x86-64; both compute the same
- * bits. DL2C_NO_TARGET_CLONES leaves one, for linkers without indirect functions.
+ * Functions over full blocks exist several times, for AVX-512, AVX2 and every x86-64; all
+ * compute the same bits. DL2C_NO_TARGET_CLONES leaves one, for linkers without indirect functions.
  */
+#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 12
+#define DL2C_CLONES "arch=x86-64-v4", "avx2", "default"
+#else
+#define DL2C_CLONES "avx2", "default"
+#endif
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(DL2C_NO_TARGET_CLONES)
-#define DL2C_LANES __attribute__((target_clones("avx2", "default")))
+#define DL2C_LANES __attribute__((target_clones(DL2C_CLONES)))
 #else
 #define DL2C_LANES
 #endif
+
+/* Inlined into each clone of its caller, so that it is compiled for the same instructions. */
+#define DL2C_INLINE static inline __attribute__((always_inline))
 
 /* a where the condition holds, else b, without a branch: loops over lanes vectorise. */
 static inline real dl2c_select(bool condition, real a, real b)
@@ -41,6 +49,12 @@ static inline real dl2c_select(bool condition, real a, real b)
   real result;
   memcpy(&result, &chosen, sizeof result);
   return result;
+}
+
+/* The same for whole numbers; the condition is 0 or 1. */
+static inline int32_t dl2c_pick(int32_t condition, int32_t a, int32_t b)
+{
+  return b ^ ((a ^ b) & -condition);
 }
 
 /* dL's min and max: the second where neither is smaller (greater). */
@@ -87,17 +101,17 @@ static inline real dl2c_from_ordinal(int64_t number)
 }
 
 /* An observation entry, saturated to its bounds; notes in *saturated that it was. */
-static inline float dl2c_observe_float(real a, float low, float high, uint8_t *saturated)
+static inline float dl2c_observe_float(real a, float low, float high, int32_t *saturated)
 {
   const float narrow = (float)a;
-  *saturated |= (uint8_t)((narrow < low) | (narrow > high));
+  *saturated |= (narrow < low) | (narrow > high);
   const float raised = narrow < low ? low : narrow;
   return raised > high ? high : raised;
 }
 
-static inline double dl2c_observe_double(real a, double low, double high, uint8_t *saturated)
+static inline double dl2c_observe_double(real a, double low, double high, int32_t *saturated)
 {
-  *saturated |= (uint8_t)((a < low) | (a > high));
+  *saturated |= (a < low) | (a > high);
   const double raised = a < low ? low : a;
   return raised > high ? high : raised;
 }

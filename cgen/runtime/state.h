@@ -46,18 +46,22 @@ static void dl2c_store(dl2c_batch *b, int64_t i, const real *x)
 }
 
 /* Tests the states of environments `first` to `first + count`: open paths, and facts of (NFACT, row). */
-static inline void dl2c_test(dl2c_batch *b, int64_t first, int64_t count, int64_t row, uint8_t *facts)
+DL2C_INLINE void dl2c_test(dl2c_batch *b, int64_t first, int64_t count, int64_t row, uint8_t *facts)
 {
   dl2c_enabled(0, b->x + first, b->p + first, b->stride, count, b->enabled + first);
   model_facts(b->x + first, b->p + first, b->stride, count, row, facts);
 }
 
 /* Whether some path is open in each environment.   open: (count) */
-static inline void dl2c_any_enabled(const dl2c_batch *b, int64_t first, int64_t count, uint8_t *open)
+DL2C_INLINE void dl2c_any_enabled(const dl2c_batch *b, int64_t first, int64_t count, uint8_t *open)
 {
-  for (int64_t i = 0; i < count; i++) open[i] = 0;
+  const int64_t stride = b->stride;
+  const uint8_t *restrict enabled = b->enabled + first;
+  uint8_t *restrict some = open;
+  for (int64_t i = 0; i < count; i++) some[i] = 0;
+  DL2C_UNROLL
   for (int k = 0; k < DL2C_NSTART; k++)
-    for (int64_t i = 0; i < count; i++) open[i] |= b->enabled[k * b->stride + first + i];
+    for (int64_t i = 0; i < count; i++) some[i] |= enabled[k * stride + i];
 }
 
 /* Writes the mask of environment i. A final state shows every alternative as open. */

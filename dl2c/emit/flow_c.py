@@ -104,13 +104,18 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
         *_settled(k, plan, leaves),
         f"const bool defined = {defined}{finite} & (!moves | dl2c_all_finite(y, NX));",
         f"const bool inside = !moves | {_inside(k, plan)};",
-        "DL2C_UNROLL",
-        "for (int k = 0; k < NX; k++) y[k] = dl2c_select(moves, y[k], x[k]);",
+        *(f"y[{v}] = dl2c_select(moves, y[{v}], x[{v}]);" for v in _moving(plan)),
         "*duration = dl2c_select(moves, end, 0.0);",
         "return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;",
     ]
     head = f"static inline dl2c_motion flow{k}_motion(const real *x, const real *p, real *y, real *duration)"
     return stays + function(head, body, f"{place(plan.flow.span)}  {print_flow(plan.flow)}")
+
+
+def _moving(plan: ExactPlan) -> list[str]:
+    """Indices of the variables that the flow changes."""
+    solution = plan.solution.variables
+    return [index(Symbol(v, "variable")) for v, cs in solution.items() if len(cs) > 1]
 
 
 def _stays(k: int, plan: ExactPlan, leaves: Leaves) -> str:

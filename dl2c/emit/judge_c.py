@@ -65,7 +65,7 @@ def _facts(model: Model, leaves: Leaves) -> str:
     post = TRUE if model.postcondition is None else model.postcondition
     add("F_postcondition", "postcondition_holds", post, f"the problem's Q: {print_formula(post)}")
     return function(
-        f"DL2C_LANES static void model_facts({LANES}, int64_t row, uint8_t *restrict facts)",
+        f"DL2C_INLINE void model_facts({LANES}, int64_t row, uint8_t *restrict facts)",
         body,
         "What a post-state is tested for.   facts: (NFACT, row)",
     )
@@ -87,7 +87,7 @@ def _judge(model: Model, leaves: Leaves) -> str:
             body += each_lane("judged->cost[i]", f"judged->cost[i] + !{good}")
     body += ["for (int64_t i = 0; i < count; i++) {", *(f"  {line}" for line in _endings(model)), "}"]
     return function(
-        f"DL2C_LANES static void model_judge({LANES}, const uint8_t *restrict facts, int64_t row, "
+        f"DL2C_INLINE void model_judge({LANES}, const uint8_t *restrict facts, int64_t row, "
         "dl2c_judgement *restrict judged)",
         body,
         "Sums the rewards of all predicates; of those that end the episode the most important wins.",
@@ -137,7 +137,7 @@ def _endings(model: Model) -> list[str]:
                 continue
             status = STATUS[trigger.status]
             if trigger.action == "continue":
-                going_on.append(f"status = {when} ? {status} : status;")
+                going_on.append(f"status = dl2c_pick({when}, {status}, status);")
             else:
                 reason = f"DL2C_REASON_PREDICATE + {k}"
                 ending.append((_rank(k, predicate, trigger), when, ENDS[trigger.action], status, reason))
@@ -149,10 +149,10 @@ def _endings(model: Model) -> list[str]:
     lines += going_on
     for j, (_, when, action, status, reason) in enumerate(sorted(ending, reverse=True)):
         lines += [
-            f"const bool fires{j} = {when};",
-            f"end = fires{j} ? {action} : end;",
-            f"status = fires{j} ? {status} : status;",
-            f"reason = fires{j} ? {reason} : reason;",
+            f"const int32_t fires{j} = {when};",
+            f"end = dl2c_pick(fires{j}, {action}, end);",
+            f"status = dl2c_pick(fires{j}, {status}, status);",
+            f"reason = dl2c_pick(fires{j}, {reason}, reason);",
         ]
     return [*lines, "judged->end[i] = end;", "judged->status[i] = status;", "judged->reason[i] = reason;"]
 
@@ -196,14 +196,15 @@ def _outward(value: Fraction, direction: int, options: Options) -> float:
 def _observe(environment: Environment, leaves: Leaves) -> str:
     kind = "float" if environment.options.obs_dtype == "float32" else "double"
     suffix = "f" if kind == "float" else ""
-    body = ["for (int64_t i = 0; i < count; i++)", "  saturated[i] = 0;"]
+    body = ["int32_t clipped[DL2C_BLOCK];", *each_lane("clipped[i]", "0")]
     for k, (_, symbol, bound) in enumerate(observed(environment.model, environment.options)):
         low, high = observation_limits(bound, environment.options)
         limits = f"{_limit(low, suffix)}, {_limit(high, suffix)}"
-        value = f"dl2c_observe_{kind}({lane(symbol)}, {limits}, &saturated[i])"
+        value = f"dl2c_observe_{kind}({lane(symbol)}, {limits}, &clipped[i])"
         body += each_lane(f"obs[{k} * row + i]", value)
+    body += each_lane("saturated[i]", "(uint8_t)clipped[i]")
     return function(
-        f"DL2C_LANES static void model_observe({LANES}, int64_t row, dl2c_obs *restrict obs, "
+        f"DL2C_INLINE void model_observe({LANES}, int64_t row, dl2c_obs *restrict obs, "
         "uint8_t *restrict saturated)",
         body,
         "Observed variables and constants, inside their declared bounds.   obs: (NOBS, row)",

@@ -40,7 +40,7 @@ def _guards(environment: Environment, leaves: Leaves) -> str:
             lines += each_lane(f"enabled[{k} * stride + i]", leaves.condition(name, path.guard, about, lane))
         body += lines if paths.points == 1 else [f"if (point == {point}) {{", *(f"  {x}" for x in lines), "}"]
     return function(
-        f"DL2C_LANES static void model_guards(int point, {LANES}, uint8_t *restrict enabled)",
+        f"DL2C_INLINE void model_guards(int point, {LANES}, uint8_t *restrict enabled)",
         body,
         "Which paths of a point pass the tests that no input decides.   enabled: (paths, stride)",
     )
@@ -112,6 +112,16 @@ def _assignments(k: int, path: Path, leaves: Leaves) -> list[str]:
     return [*lines, f"return {defined or 'true'};"]
 
 
+def _selected(target: str, by_value: dict[str, list[int]], paths: int) -> list[str]:
+    """An assignment of the value that belongs to the path taken; unchanged where a path sets none."""
+    cases = sorted(by_value.items(), key=lambda case: len(case[1]))
+    chosen = cases.pop()[0] if sum(map(len, by_value.values())) == paths else target
+    for value, taken in cases:
+        condition = " | ".join(f"(path == {k})" for k in taken)
+        chosen = f"dl2c_select({condition}, {value}, {chosen})"
+    return wrapped(f"{target} = {chosen};")
+
+
 LANE_PATHS = 16
 """With more paths, computing the assignments of all of them costs more than branching."""
 
@@ -128,14 +138,18 @@ def _assign(environment: Environment, leaves: Leaves) -> str:
     body: list[str] = []
     if steps_in_lanes(environment):
         defined: list[str] = []
+        values: dict[str, dict[str, list[int]]] = {}
         for k, path in enumerate(environment.paths.paths):
             for variable, term in path.updates:
-                target = f"y[{index(Symbol(variable, 'variable'))}]"
                 value = leaves.term(f"path{k}_set_{variable}", term, "")
-                body += wrapped(f"{target} = dl2c_select(path == {k}, {value}, {target});")
+                values.setdefault(variable, {}).setdefault(value, []).append(k)
             condition = leaves.defined(f"path{k}_defined", [t for _, t in path.updates], "")
             if condition is not None:
                 defined.append(f"((path != {k}) | {condition})")
+        for variable, by_value in values.items():
+            body += _selected(
+                f"y[{index(Symbol(variable, 'variable'))}]", by_value, len(environment.paths.paths)
+            )
         body += wrapped(f"return {' & '.join(defined) or 'true'};")
     else:
         body.append("return true;")

@@ -22,6 +22,10 @@ HOLES = {
 """The symbols that the holes of exercises are read as, and what each stands for."""
 
 
+IN_HINTS = frozenset({"old()"})
+"""What invariants may use, and definitions that only they call."""
+
+
 def check_entry(entry: tree.Entry, symbols: Symbols) -> list[Diagnostic]:
     """Errors in all definitions and in the problem."""
     found: list[Diagnostic] = []
@@ -29,7 +33,7 @@ def check_entry(entry: tree.Entry, symbols: Symbols) -> list[Diagnostic]:
         if declaration.body is not None:
             local = frozenset(p.name for p in declaration.parameters or ())
             found += _parameters(declaration)
-            found += check(declaration.body, symbols, local)
+            found += check(declaration.body, symbols, local | IN_HINTS)
     return found + list(check(entry.problem, symbols, frozenset()))
 
 
@@ -65,7 +69,7 @@ def check(node: Node, symbols: Symbols, local: frozenset[str]) -> Iterator[Diagn
             yield from check(child, symbols, local | {name})
             return
         case tree.Assign(name, _) | tree.AssignAny(name) | tree.AtomicODE(name, _):
-            yield from _written(name, node, symbols)
+            yield from _written(name, node, symbols, local)
         case tree.ProgramConst(name):
             if symbols.roles.get(name) != "program":
                 yield _not_a_program(name, node, symbols)
@@ -123,9 +127,11 @@ def _call(
 
 
 def _written(
-    name: str, node: tree.Assign | tree.AssignAny | tree.AtomicODE, symbols: Symbols
+    name: str, node: tree.Assign | tree.AssignAny | tree.AtomicODE, symbols: Symbols, local: frozenset[str]
 ) -> Iterator[Diagnostic]:
     role = symbols.roles.get(name)
+    if role is None and name in local:
+        return
     if role is None:
         yield errors.undeclared("variable", name, node.span, symbols.named("variable"), "ProgramVariables")
     elif role == "constant":

@@ -2,7 +2,7 @@
 
 Comes in: an expanded problem. Goes out: nothing, or `CompileError` with one error for
 every construct found: games, uniform-substitution symbols, modalities and quantifiers
-inside state formulas, differential symbols.
+inside state formulas, differential symbols, `old(...)`.
 """
 
 from collections.abc import Iterable, Iterator
@@ -68,6 +68,9 @@ def _refused(node: Node) -> Diagnostic | None:
         case tree.Forall(name, span=span) | tree.Exists(name, span=span):
             advice = f"replace it by the equivalent condition without {name}"
             return errors.not_executable("quantifier", "a quantifier", span, advice)
+        case tree.FuncOf("old", (_, *_), span=span):
+            advice = "keep the earlier value in a variable of the program"
+            return errors.not_executable("old-value", "`old(...)` outside @invariant", span, advice)
         case (
             tree.DifferentialSymbol(span=span)
             | tree.Differential(span=span)

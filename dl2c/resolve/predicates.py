@@ -15,7 +15,7 @@ from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.parse import tree
 from dl2c.parse.annotations import PredicateAnnotation
 from dl2c.parse.printer import print_term
-from dl2c.resolve.bind import check
+from dl2c.resolve.bind import IN_HINTS, check
 from dl2c.resolve.expand import NONE, Expander
 from dl2c.resolve.fragment import not_executable
 from dl2c.resolve.obligations import Obligations
@@ -148,8 +148,7 @@ def _arguments(declaration: tree.Declaration, shape: Shape, symbols: Symbols) ->
 
 def _check_invariants(formulas: tuple[tree.Formula, ...], symbols: Symbols) -> None:
     """Invariants are not executed; they are looked at only where they bind parameters."""
-    old = frozenset({"old()"})
-    found = [d for f in formulas for d in check(f, symbols, old)]
+    found = [d for f in formulas for d in check(f, symbols, IN_HINTS)]
     if found:
         raise CompileError(found)
 

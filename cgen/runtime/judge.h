@@ -1,0 +1,130 @@
+/* judge.h -- rewards, endings, observations and masks of a block. */
+#ifndef DL2C_JUDGE_H
+#define DL2C_JUDGE_H
+
+#include "move.h"
+
+/* How the step ends each episode, if it does; a predicate's ending goes before all others. */
+DL2C_INLINE void dl2c_endings(int64_t count, const dl2c_options *options, const int64_t *restrict steps,
+                                    const int64_t *restrict stalled, const uint8_t *restrict open,
+                                    const uint8_t *restrict attempt, dl2c_judgement *restrict judged)
+{
+  const int64_t stall = options->stall_limit > 0 ? options->stall_limit : INT64_MAX;
+  const int64_t longest = options->max_steps > 0 ? options->max_steps : INT64_MAX;
+  const int32_t refused = options->on_blocked == DL2C_BLOCKED_TERMINATE ? DL2C_TERMINATE : DL2C_TRUNCATE;
+  const int32_t stuck =
+      options->on_blocked == DL2C_BLOCKED_FALLBACK ? DL2C_REASON_DEADLOCK : DL2C_REASON_BLOCKED;
+  int32_t *restrict ends = judged->end;
+  int32_t *restrict statuses = judged->status;
+  int32_t *restrict reasons = judged->reason;
+  int32_t others[DL2C_BLOCK];
+  for (int64_t i = 0; i < count; i++) {
+    const int64_t late = steps[i] >= longest ? DL2C_REASON_TIME_LIMIT : DL2C_REASON_NONE;
+    others[i] = (int32_t)(stalled[i] >= stall ? (int64_t)DL2C_REASON_STALLED : late);
+  }
+  const uint8_t *restrict undefined = judged->undefined;
+  for (int64_t i = 0; i < count; i++) {
+    const int32_t no_run = attempt[i] == DL2C_NO_RUN;
+    const int32_t numerical = attempt[i] == DL2C_NUMERICAL;
+    const int32_t closed = !open[i];
+    const int32_t lost = undefined[i];
+    int32_t other = others[i];
+    other = dl2c_pick(closed, DL2C_REASON_DEADLOCK, other);
+    other = DL2C_LOOPS ? other : DL2C_REASON_END;
+    other = dl2c_pick(lost, DL2C_REASON_NUMERICAL, other);
+    const int32_t kind = dl2c_pick(other == DL2C_REASON_END, DL2C_TERMINATE, DL2C_TRUNCATE);
+    const int32_t so = (ends[i] == DL2C_GOES_ON) & (other != DL2C_REASON_NONE);
+    const int32_t end = dl2c_pick(so, kind, ends[i]);
+    const int32_t status = dl2c_pick(so, DL2C_NONE, statuses[i]);
+    const int32_t reason = dl2c_pick(so, other, reasons[i]);
+    ends[i] = dl2c_pick(numerical, DL2C_TRUNCATE, dl2c_pick(no_run, refused, end));
+    statuses[i] = dl2c_pick(numerical | no_run, DL2C_NONE, status);
+    reasons[i] = dl2c_pick(numerical, DL2C_REASON_NUMERICAL, dl2c_pick(no_run, stuck, reason));
+  }
+}
+
+/* Flags of how the episodes stand. */
+DL2C_INLINE void dl2c_flags(int64_t count, const int32_t *restrict end, uint8_t *restrict terminated,
+                                  uint8_t *restrict truncated, uint8_t *restrict ended)
+{
+  for (int64_t i = 0; i < count; i++) terminated[i] = end[i] == DL2C_TERMINATE;
+  for (int64_t i = 0; i < count; i++) truncated[i] = end[i] == DL2C_TRUNCATE;
+  for (int64_t i = 0; i < count; i++) ended[i] = end[i] != DL2C_GOES_ON;
+}
+
+/* Rewards, with the penalty of requests that blocked. */
+DL2C_INLINE void dl2c_rewards(int64_t count, const real *restrict reward, const uint8_t *restrict blocked,
+                                    real penalty, real *restrict rewards)
+{
+  for (int64_t i = 0; i < count; i++) {
+    const real extra = blocked[i] ? penalty : 0.0;
+    rewards[i] = reward[i] + extra;
+  }
+}
+
+/* Writes results and endings of a block. */
+DL2C_INLINE void dl2c_conclude(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+{
+  const size_t n = (size_t)count;
+  dl2c_endings(count, &b->options, b->steps + first, b->stalled + first, s->open, s->attempt, &s->judged);
+  memcpy(b->out.status + first, s->judged.status, n * sizeof(int32_t));
+  memcpy(b->out.reason + first, s->judged.reason, n * sizeof(int32_t));
+  memcpy(b->out.cost + first, s->judged.cost, n * sizeof(int32_t));
+  memcpy(b->out.postcondition + first, s->facts + F_postcondition * DL2C_BLOCK, n);
+  dl2c_flags(count, s->judged.end, b->out.terminated + first, b->out.truncated + first, b->ended + first);
+  dl2c_rewards(count, s->judged.reward, b->out.blocked + first, b->options.blocked_penalty, b->out.rewards + first);
+}
+
+/* Masks, first a row for each alternative, then a row for each environment (see dl2c_mask). */
+DL2C_INLINE void dl2c_masks(int64_t count, const uint8_t *restrict enabled, int64_t stride,
+                                  const uint8_t *restrict final, int8_t *restrict mask)
+{
+  int8_t rows[NMASK + 1][DL2C_BLOCK];
+  int8_t met[DL2C_BLOCK];
+  DL2C_UNROLL
+  for (int c = 0; c < NCHOICE; c++) {
+    for (int64_t i = 0; i < count; i++) met[i] = 0;
+    DL2C_UNROLL
+    for (int32_t a = MASK_START[c]; a < MASK_START[c + 1]; a++)
+      for (int64_t i = 0; i < count; i++) rows[a][i] = 0;
+    DL2C_UNROLL
+    for (int k = 0; k < DL2C_NSTART; k++) {
+      if (DECISIONS[k][c] < 0) continue;
+      int8_t *row = rows[MASK_START[c] + DECISIONS[k][c]];
+      for (int64_t i = 0; i < count; i++) row[i] |= (int8_t)(enabled[k * stride + i] & !final[i]);
+      for (int64_t i = 0; i < count; i++) met[i] |= row[i];
+    }
+    DL2C_UNROLL
+    for (int32_t a = MASK_START[c]; a < MASK_START[c + 1]; a++)
+      for (int64_t i = 0; i < count; i++) rows[a][i] |= !met[i];
+  }
+  for (int64_t i = 0; i < count; i++) {
+    DL2C_UNROLL
+    for (int a = 0; a < NMASK; a++) mask[i * NMASK + a] = rows[a][i];
+  }
+}
+
+/* Observations, from a row for each entry to a row for each environment. */
+DL2C_INLINE void dl2c_rows(int64_t count, const dl2c_obs *restrict columns, dl2c_obs *restrict obs)
+{
+  for (int64_t i = 0; i < count; i++) {
+    DL2C_UNROLL
+    for (int k = 0; k < NOBS; k++) obs[i * NOBS + k] = columns[k * DL2C_BLOCK + i];
+  }
+}
+
+/* Judges the states of a block and shows them. */
+DL2C_INLINE void dl2c_judge_block(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+{
+  const real *x = b->x + first;
+  const real *p = b->p + first;
+  dl2c_test(b, first, count, DL2C_BLOCK, s->facts);
+  dl2c_any_enabled(b, first, count, s->open);
+  model_judge(x, p, b->stride, count, s->facts, DL2C_BLOCK, &s->judged);
+  dl2c_conclude(b, first, count, s);
+  model_observe(x, p, b->stride, count, DL2C_BLOCK, s->obs, b->out.saturated + first);
+  dl2c_rows(count, s->obs, (dl2c_obs *)b->out.obs + first * NOBS);
+  dl2c_masks(count, b->enabled + first, b->stride, b->ended + first, b->out.mask + first * NMASK);
+}
+
+#endif

@@ -1,0 +1,142 @@
+/* move.h -- moving the environments of a block as requested. */
+#ifndef DL2C_MOVE_H
+#define DL2C_MOVE_H
+
+#include "state.h"
+
+/* Results of a call that only began an episode. */
+static void dl2c_clear_results(dl2c_batch *b, int64_t i)
+{
+  for (int c = 0; c < NCHOICE; c++)
+    b->out.executed_choices[i * NCHOICE + c] = b->out.choices[i * NCHOICE + c];
+  for (int j = 0; j < NU; j++) b->out.executed_inputs[i * NU + j] = b->out.inputs[i * NU + j];
+  b->out.rewards[i] = 0.0;
+  b->out.terminated[i] = 0;
+  b->out.truncated[i] = 0;
+  b->out.status[i] = DL2C_NONE;
+  b->out.reason[i] = DL2C_REASON_NONE;
+  b->out.cost[i] = 0;
+  b->out.blocked[i] = 0;
+  b->out.duration[i] = 0.0;
+}
+
+/* What became of a requested step. */
+typedef enum dl2c_attempt {
+  DL2C_RAN = 0,
+  DL2C_NO_RUN = 1,    /* neither the request nor, where allowed, another alternative has a run */
+  DL2C_NUMERICAL = 2, /* the run led to an undefined or infinite value */
+} dl2c_attempt;
+
+/* Everything that a step of one block computes on its way. */
+typedef struct dl2c_scratch {
+  dl2c_moves moves;
+  dl2c_judgement judged;
+  uint8_t attempt[DL2C_BLOCK]; /* dl2c_attempt */
+  uint8_t waited[DL2C_BLOCK];  /* the episode had ended before: this call begins the next */
+  uint8_t open[DL2C_BLOCK];    /* some path is open after the step */
+  uint8_t facts[NFACT * DL2C_BLOCK];
+  dl2c_obs obs[NOBS * DL2C_BLOCK + 1];
+} dl2c_scratch;
+
+/* Counters after a move that took so long. */
+DL2C_INLINE void dl2c_count_lanes(int64_t count, const real *restrict duration, real *restrict shown,
+                                        real *restrict elapsed, real *restrict time, int64_t *restrict steps,
+                                        int64_t *restrict stalled)
+{
+  for (int64_t i = 0; i < count; i++) {
+    const real took = duration[i];
+    const real so_far = elapsed[i] + took;
+    shown[i] = took;
+    elapsed[i] = so_far;
+    time[i] = so_far;
+    steps[i] += 1;
+    stalled[i] = took > 0.0 ? 0 : stalled[i] + 1;
+  }
+}
+
+DL2C_INLINE void dl2c_count(dl2c_batch *b, int64_t first, int64_t count, const real *duration)
+{
+  dl2c_count_lanes(count, duration, b->out.duration + first, b->elapsed + first, b->out.time + first,
+                   b->steps + first, b->stalled + first);
+}
+
+/* Takes over what lanes `lane` to `lane + count` did for environments from `at` on. */
+DL2C_INLINE void dl2c_commit(dl2c_batch *b, int64_t at, int64_t count, const dl2c_moves *moves,
+                               int64_t lane, uint8_t *attempt)
+{
+  const size_t n = (size_t)count;
+  for (int k = 0; k < NX; k++)
+    memcpy(b->x + k * b->stride + at, moves->state + k * DL2C_BLOCK + lane, n * sizeof(real));
+  dl2c_decided_lanes(moves->path + lane, count, b->out.choices + at * NCHOICE,
+                     b->out.executed_choices + at * NCHOICE);
+  uint8_t *restrict blocked = b->out.blocked + at;
+  const uint8_t *restrict requested = moves->requested + lane;
+  for (int64_t i = 0; i < count; i++) blocked[i] = !requested[i];
+  uint8_t *restrict reset = b->out.reset + at;
+  for (int64_t i = 0; i < count; i++) reset[i] = 0;
+  for (int64_t i = 0; i < count; i++) attempt[i] = DL2C_RAN;
+  dl2c_count(b, at, count, moves->duration + lane);
+}
+
+/* Moves environment i as requested, in scalar code. */
+static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i)
+{
+  real x[NX];
+  real p[NP + 1];
+  uint8_t enabled[NPATH];
+  dl2c_load(b, i, x, p);
+  for (int k = 0; k < DL2C_NSTART; k++) enabled[k] = b->enabled[k * b->stride + i];
+
+  dl2c_clear_results(b, i);
+  b->out.reset[i] = 0;
+  dl2c_run run = {
+    .choices = b->out.choices + i * NCHOICE,
+    .inputs = b->out.inputs + i * NU,
+    .p = p,
+    .map = b->options.action_map,
+    .request_only = b->options.on_blocked != DL2C_BLOCKED_FALLBACK,
+    .decided = b->out.executed_choices + i * NCHOICE,
+    .executed = b->out.executed_inputs + i * NU,
+  };
+  const bool moved = dl2c_complete(&run, 0, enabled, false, x);
+  const real duration = moved && !run.numerical ? run.duration : 0.0;
+  if (moved && !run.numerical) dl2c_store(b, i, x);
+  dl2c_count(b, i, 1, &duration);
+  b->out.blocked[i] = run.blocked || !moved;
+  return !moved ? DL2C_NO_RUN : run.numerical ? DL2C_NUMERICAL : DL2C_RAN;
+}
+
+/* Moves a block: in lanes where the model and every state in it allow, else one by one. */
+DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+{
+  const bool waits = b->options.autoreset == DL2C_AUTORESET_NEXT_STEP;
+  const bool falls_back = b->options.on_blocked == DL2C_BLOCKED_FALLBACK;
+  bool all = DL2C_STEPS_IN_LANES;
+  if (DL2C_STEPS_IN_LANES) {
+    dl2c_choose_lanes(b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE,
+                      s->moves.path, s->moves.requested);
+    dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, s->moves.path, s->moves.state,
+                    s->moves.duration, s->moves.settled);
+    for (int64_t i = 0; i < count; i++) s->moves.settled[i] &= s->moves.requested[i] | falls_back;
+  }
+  const uint8_t *restrict ended = b->ended + first;
+  uint8_t *restrict waited = s->waited;
+  uint8_t odd = !DL2C_STEPS_IN_LANES;
+  for (int64_t i = 0; i < count; i++) waited[i] = waits & ended[i];
+  for (int64_t i = 0; i < count; i++) odd |= (uint8_t)((s->moves.settled[i] == 0) | waited[i]);
+  all = !odd;
+  if (all) {
+    dl2c_commit(b, first, count, &s->moves, 0, s->attempt);
+    return;
+  }
+  for (int64_t i = 0; i < count; i++) {
+    s->attempt[i] = DL2C_RAN;
+    if (s->waited[i]) continue;
+    if (DL2C_STEPS_IN_LANES && s->moves.settled[i])
+      dl2c_commit(b, first + i, 1, &s->moves, i, s->attempt + i);
+    else
+      s->attempt[i] = (uint8_t)dl2c_advance(b, first + i);
+  }
+}
+
+#endif
