@@ -1,11 +1,15 @@
 """Names and definitions: expansion keeps the meaning, annotated predicates find their arguments."""
 
+from collections import Counter
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from conftest import shared
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from kyx_builder import codes, holds, lowered, model_text, resolved, value
+from test_parse import golden_entries, meaning, reading_of_keymaera
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.printer import print_formula, print_term
@@ -13,7 +17,10 @@ from dl2c.parse import tree
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_formula as print_tree
 from dl2c.parse.printer import print_term as print_tree_term
-from dl2c.resolve.symbols import nodes
+from dl2c.resolve.bind import check_entry
+from dl2c.resolve.expand import expanded_formula
+from dl2c.resolve.problem import resolve
+from dl2c.resolve.symbols import collect, nodes
 from dl2c.source import Source
 
 # Expansion --------------------------------------------------------------------
@@ -105,6 +112,43 @@ def test_expansion_twice_is_expansion_once() -> None:
     problem = "apart(x, v) -> [{{x := twist(v, x);} {?positive(v); ++ v := five;}}*] apart(v, x)"
     once = resolved(problem, DEFINITIONS).expanded
     assert resolved(print_tree(once), "Real A;").expanded == once
+
+
+def test_public_models_expand_as_keymaera_expands_them() -> None:
+    """Entries that KeYmaera X reads: the same problem, or a refusal that says why nothing can run."""
+    agreeing = 0
+    refused: Counter[str] = Counter()
+    differing: list[str] = []
+    for file, rows in golden_entries().items():
+        for row in rows:
+            try:
+                archive, _ = parse_archive(Source.read(shared(f"corpus/{file}")))
+                expected = reading_of_keymaera(row["expanded"])
+                found = [keymaera_expansion(e) for e in archive.entries if e.name == row["name"]]
+            except CompileError as error:
+                refused.update(set(codes(error)))
+                continue
+            agreeing += expected in found
+            if expected not in found:
+                differing.append(f"{file}: {row['name']}")
+    assert differing == []
+    assert agreeing >= 430
+    assert set(refused) <= {
+        "exercise-hole",
+        "undeclared-variable",
+        "undefined-function",
+        "syntax",
+        "implicit-definition",
+    }
+
+
+def keymaera_expansion(entry: tree.Entry) -> tree.Formula:
+    """The problem as KeYmaera X shows it, all definitions expanded."""
+    symbols, found = collect(entry)
+    found += check_entry(entry, symbols)
+    if found:
+        raise CompileError(found)
+    return meaning(replace(entry, problem=expanded_formula(entry.problem, symbols, hints=False)))
 
 
 def test_parameters_shadow_variables_and_constants() -> None:
@@ -274,6 +318,19 @@ def test_obligations_are_found_in_the_postcondition(postcondition: str, due: str
     assert (None if found is None else print_formula(found)) == due
 
 
+def test_old_values_belong_to_invariants() -> None:
+    """As in KeYmaera X, also in definitions that only invariants call."""
+    definitions = "Bool grows(Real y) <-> y >= old(y);"
+    assert lowered("true -> [{x := v;}*@invariant(grows(x), x >= old(x))] x > 0", definitions)
+    for problem, code in (
+        ("true -> [{x := v;}*] grows(x)", "old-value"),
+        ("true -> [{x := old(v);}*] x > 0", "undeclared-function"),
+    ):
+        with pytest.raises(CompileError) as refused:
+            resolved(problem, definitions)
+        assert codes(refused.value) == [code]
+
+
 def test_only_progress_falls_due() -> None:
     definitions = "/* @safety: on_failure=terminate:failure */\nBool p(Real y) <-> y > 8;"
     assert lowered("true -> [{x := v;}*] (v <= 0 -> p(x))", definitions).predicates[0].due is None
@@ -320,8 +377,6 @@ def test_an_error_in_one_part_does_not_hide_another() -> None:
     )
     archive, _ = parse_archive(Source("model.kyx", text))
     with pytest.raises(CompileError) as refused:
-        from dl2c.resolve.problem import resolve
-
         resolve(archive.entries[0])
     assert sorted(codes(refused.value)) == [
         "duplicate-declaration",

@@ -9,7 +9,8 @@ VECTOR_ENTRY_POINT = "dl2c.env.vector:Dl2cVectorEnv"
 def register() -> None:
     """`dl2c/Model-v0` takes `model=`; the others are examples that come with dl2c.
 
-    No `max_episode_steps`: the environments truncate by themselves (option of the same name).
+    No wrappers: the environments truncate by themselves (option `max_episode_steps`), refuse a
+    step before the first reset by themselves, and pass the checker, which would slow every step.
     """
     for name, model in (("Model", None), ("Waypoint", "example:waypoint")):
         identifier = f"dl2c/{name}-v0"
@@ -18,5 +19,7 @@ def register() -> None:
                 identifier,
                 entry_point=ENTRY_POINT,
                 vector_entry_point=VECTOR_ENTRY_POINT,
+                order_enforce=False,
+                disable_env_checker=True,
                 kwargs={} if model is None else {"model": model},
             )

@@ -4,7 +4,8 @@ Everything that happens in a step happens in C; this module reads buffers and ha
 objects. Numbers that depend on the model are worked out once, in the constructor.
 """
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import gymnasium as gym
 import numpy as np
@@ -13,11 +14,15 @@ from numpy.typing import NDArray
 from dl2c.env.actions import action_space, encoding, masks, reader, writer
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import SEEDS, draw_seed
-from dl2c.env.spaces import STATUS, SUCCESS, cells_of, observation_space, reason_names
+from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
 from dl2c.env.state import check_reset_options, read_state, reset_state, state_line
+from dl2c.native.binding import OUTCOME
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Batch
+
+Step: TypeAlias = tuple[NDArray[Any], float, bool, bool, dict[str, Any]]
+"""Observation, reward, terminated, truncated, info."""
 
 
 class Dl2cEnv(gym.Env[NDArray[Any], Any]):
@@ -56,26 +61,50 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
 
     def _bind(self, batch: "Batch") -> None:
         """Views that turn an entry of a buffer into a Python number without an array in between."""
-        self._write = writer(self._encoding, batch)
-        self._executed = reader(self._encoding, batch)
-        self._native_step = batch.step
         self._obs = batch.obs[0]
-        self._mask = batch.mask[0]
-        self._plain_mask = (
-            bool(self.manifest.choices) and batch.mask.shape == masks(self._encoding, batch.mask).shape
+        self._transition = self._stepper(batch)
+
+    def _stepper(self, batch: "Batch") -> Callable[[Any], Step]:
+        """One step as a closure: what it needs is looked up once, not at every step."""
+        write, executed, native_step = (
+            writer(self._encoding, batch),
+            reader(self._encoding, batch),
+            batch.step,
         )
-        self._reward = cells_of(batch.rewards)
-        self._terminated = cells_of(batch.terminated)
-        self._truncated = cells_of(batch.truncated)
-        self._status = cells_of(batch.status)
-        self._reason = cells_of(batch.reason)
-        self._reasons = reason_names(self.manifest)
-        self._cost = cells_of(batch.cost)
-        self._blocked = cells_of(batch.blocked)
-        self._duration = cells_of(batch.duration)
-        self._time = cells_of(batch.time)
-        self._postcondition = cells_of(batch.postcondition)
-        self._saturated = cells_of(batch.saturated)
+        outcome, read = batch.outcome.data, OUTCOME.unpack_from
+        copy, reasons, fresh_mask = self._obs.copy, reason_names(self.manifest), self._mask_copier(batch)
+
+        def transition(action: Any) -> Step:
+            write(action)
+            native_step()
+            row: tuple[Any, ...] = read(outcome)
+            reward, duration, time, status, reason, cost, terminated, truncated, *flags = row
+            info: dict[str, Any] = {
+                "status": STATUS[status],
+                "reason": reasons[reason],
+                "cost": cost,
+                "blocked": flags[0],
+                "executed_action": executed(),
+                "duration": duration,
+                "time": time,
+                "postcondition": flags[1],
+                "saturated": flags[2],
+            }
+            if fresh_mask is not None:
+                info["action_mask"] = fresh_mask()
+            if terminated or truncated:
+                self._running = False
+                info["is_success"] = status == SUCCESS
+            return copy(), reward, terminated, truncated, info
+
+        return transition
+
+    def _mask_copier(self, batch: "Batch") -> Callable[[], NDArray[np.int8]] | None:
+        """What makes a fresh mask; None where there is nothing to mask."""
+        if not self.manifest.choices:
+            return None
+        plain = batch.mask.shape == masks(self._encoding, batch.mask).shape
+        return batch.mask[0].copy if plain else self._fresh_mask
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -101,33 +130,11 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
             info["action_mask"] = self._fresh_mask()
         return self._obs.copy(), info
 
-    def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> Step:
         """One run of the loop's body. Raises `ValueError` for an action outside the action space."""
         if not self._running:
             raise gym.error.ResetNeeded("the episode has ended, or none has begun: call reset() first")
-        self._write(action)
-        self._native_step()
-        terminated, truncated = self._terminated[0], self._truncated[0]
-        status = self._status[0]
-        info: dict[str, Any] = {
-            "status": STATUS[status],
-            "reason": self._reasons[self._reason[0]],
-            "cost": self._cost[0],
-            "blocked": self._blocked[0],
-            "executed_action": self._executed(),
-            "duration": self._duration[0],
-            "time": self._time[0],
-            "postcondition": self._postcondition[0],
-            "saturated": self._saturated[0],
-        }
-        if self._plain_mask:
-            info["action_mask"] = self._mask.copy()
-        elif self.manifest.choices:
-            info["action_mask"] = self._fresh_mask()
-        if terminated or truncated:
-            self._running = False
-            info["is_success"] = status == SUCCESS
-        return self._obs.copy(), self._reward[0], terminated, truncated, info
+        return self._transition(action)
 
     def _fresh_mask(self) -> NDArray[np.int8]:
         return masks(self._encoding, self._batch.mask)[0]

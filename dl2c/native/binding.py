@@ -7,6 +7,7 @@ who wants an environment elsewhere sends the model's text and options.
 
 import hashlib
 import importlib.util
+import struct
 import sys
 import sysconfig
 import tempfile
@@ -43,6 +44,12 @@ class Sizes:
     nmask: int
     npred: int
     obs_size: int
+
+
+OUTCOME = struct.Struct("=3d3i6?")
+"""rewards, duration, time; status, reason, cost; the flags from terminated to began."""
+
+OUTCOME_BYTES = OUTCOME.size
 
 
 @final
@@ -97,7 +104,7 @@ class Batch:
         *("_bound", "_handle", "_lib", "_native_step", "library", "n"),
         *("choices", "inputs", "obs", "final_obs", "rewards", "terminated", "truncated", "mask"),
         *("executed_choices", "executed_inputs", "status", "reason", "cost", "blocked", "postcondition"),
-        *("saturated", "began", "duration", "time"),
+        *("saturated", "began", "duration", "time", "outcome"),
     )
 
     def __init__(self, library: Library, n: int, options: dict[str, Any]) -> None:
@@ -111,16 +118,10 @@ class Batch:
         self.inputs = np.zeros((n, s.ninput), np.float64)
         self.obs: NDArray[Any] = np.zeros((n, s.nobs), obs)
         self.final_obs: NDArray[Any] = np.zeros((n, s.nobs), obs)
-        self.rewards = np.zeros(n, np.float64)
-        self.terminated, self.truncated = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         self.mask = np.zeros((n, s.nmask), np.int8)
         self.executed_choices = np.zeros((n, s.nchoice), np.int32)
         self.executed_inputs = np.zeros((n, s.ninput), np.float64)
-        self.status, self.reason, self.cost = (np.zeros(n, np.int32) for _ in range(3))
-        self.blocked, self.postcondition = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-        self.saturated, self.began = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-        self.duration, self.time = np.zeros(n, np.float64), np.zeros(n, np.float64)
-
+        self._outcome(n)
         self._lib = lib
         self._native_step = lib.dl2c_batch_step
         self._handle = ffi.NULL
@@ -131,6 +132,21 @@ class Batch:
         out = ffi.new("dl2c_batch **")
         self._check(lib.dl2c_batch_create(n, ffi.new("dl2c_options *", options), buffers, out))
         self._handle = ffi.gc(out[0], lib.dl2c_batch_free)
+
+    def _outcome(self, n: int) -> None:
+        """The results that are one number for each environment, side by side in one memory.
+
+        For a batch of one, `OUTCOME` reads all of them at once from `outcome`.
+        """
+        self.outcome: NDArray[np.uint8] = np.zeros(OUTCOME_BYTES * n, np.uint8)
+        floats = self.outcome[: 24 * n].view(np.float64)
+        whole = self.outcome[24 * n : 36 * n].view(np.int32)
+        flags = self.outcome[36 * n :].view(np.bool_)
+        self.rewards, self.duration, self.time = floats[:n], floats[n : 2 * n], floats[2 * n :]
+        self.status, self.reason, self.cost = whole[:n], whole[n : 2 * n], whole[2 * n :]
+        self.terminated, self.truncated, self.blocked = flags[:n], flags[n : 2 * n], flags[2 * n : 3 * n]
+        self.postcondition, self.saturated = flags[3 * n : 4 * n], flags[4 * n : 5 * n]
+        self.began = flags[5 * n :]
 
     def step(self) -> None:
         """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""
