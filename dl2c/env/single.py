@@ -66,36 +66,35 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
 
     def _stepper(self, batch: "Batch") -> Callable[[Any], Step]:
         """One step as a closure: what it needs is looked up once, not at every step."""
-        write, executed, native_step = (
-            writer(self._encoding, batch),
-            reader(self._encoding, batch),
-            batch.step,
-        )
+        write, executed = writer(self._encoding, batch), reader(self._encoding, batch)
+        native_step, check = batch.native_step(), batch.check
         outcome, read = batch.outcome.data, OUTCOME.unpack_from
         copy, reasons, fresh_mask = self._obs.copy, reason_names(self.manifest), self._mask_copier(batch)
 
         def transition(action: Any) -> Step:
             write(action)
-            native_step()
-            row: tuple[Any, ...] = read(outcome)
-            reward, duration, time, status, reason, cost, terminated, truncated, *flags = row
+            if failed := native_step():
+                check(failed)
+            (reward, duration, time, status, reason, cost, end, cut, blocked, post, saturated, _) = read(
+                outcome
+            )
             info: dict[str, Any] = {
                 "status": STATUS[status],
                 "reason": reasons[reason],
                 "cost": cost,
-                "blocked": flags[0],
+                "blocked": blocked,
                 "executed_action": executed(),
                 "duration": duration,
                 "time": time,
-                "postcondition": flags[1],
-                "saturated": flags[2],
+                "postcondition": post,
+                "saturated": saturated,
             }
             if fresh_mask is not None:
                 info["action_mask"] = fresh_mask()
-            if terminated or truncated:
+            if end or cut:
                 self._running = False
                 info["is_success"] = status == SUCCESS
-            return copy(), reward, terminated, truncated, info
+            return copy(), reward, end, cut, info
 
         return transition
 

@@ -11,8 +11,9 @@ import struct
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
 from types import ModuleType
@@ -130,7 +131,7 @@ class Batch:
         for name, memory in self._bound:
             setattr(buffers, name, ffi.cast("void *", memory))
         out = ffi.new("dl2c_batch **")
-        self._check(lib.dl2c_batch_create(n, ffi.new("dl2c_options *", options), buffers, out))
+        self.check(lib.dl2c_batch_create(n, ffi.new("dl2c_options *", options), buffers, out))
         self._handle = ffi.gc(out[0], lib.dl2c_batch_free)
 
     def _outcome(self, n: int) -> None:
@@ -148,10 +149,14 @@ class Batch:
         self.postcondition, self.saturated = flags[3 * n : 4 * n], flags[4 * n : 5 * n]
         self.began = flags[5 * n :]
 
+    def native_step(self) -> Callable[[], int]:
+        """The C call behind `step` alone; what it returns, unless 0, is for `check`."""
+        return partial(self._native_step, self._handle)
+
     def step(self) -> None:
         """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""
         if status := self._native_step(self._handle):
-            self._check(status)
+            self.check(status)
 
     def reset(self, mask: NDArray[np.bool_] | None = None, seeds: NDArray[np.uint64] | None = None) -> None:
         """Begin an episode where `mask` (n) is set, everywhere without one.
@@ -162,7 +167,7 @@ class Batch:
         ffi = self.library.ffi
         masks = ffi.NULL if mask is None else self._row(mask, np.bool_, self.n, "uint8_t[]")
         streams = ffi.NULL if seeds is None else self._row(seeds, np.uint64, self.n, "uint64_t[]")
-        self._check(self._lib.dl2c_batch_reset(self._handle, masks, streams))
+        self.check(self._lib.dl2c_batch_reset(self._handle, masks, streams))
 
     def reset_to(
         self, i: int, seed: int | None, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]
@@ -173,17 +178,17 @@ class Batch:
         state or no run is possible from it.
         """
         stream = self.library.ffi.NULL if seed is None else self._row([seed], np.uint64, 1, "uint64_t[]")
-        self._check(self._lib.dl2c_batch_reset_to(self._handle, self._index(i), stream, *self._state(x, p)))
+        self.check(self._lib.dl2c_batch_reset_to(self._handle, self._index(i), stream, *self._state(x, p)))
 
     def get_state(self, i: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """State (nx) and constants (np) of environment i, in fresh memory."""
         x, p = np.empty(self.library.sizes.nx), np.empty(self.library.sizes.np)
-        self._check(self._lib.dl2c_batch_get_state(self._handle, self._index(i), *self._state(x, p)))
+        self.check(self._lib.dl2c_batch_get_state(self._handle, self._index(i), *self._state(x, p)))
         return x, p
 
     def set_state(self, i: int, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]) -> None:
         """Overwrite them as they are, mid-episode; the mask follows. For planners and tests."""
-        self._check(self._lib.dl2c_batch_set_state(self._handle, self._index(i), *self._state(x, p)))
+        self.check(self._lib.dl2c_batch_set_state(self._handle, self._index(i), *self._state(x, p)))
 
     def close(self) -> None:
         """Free the environments; the arrays stay. Any later call raises `NativeError`."""
@@ -215,7 +220,7 @@ class Batch:
             raise IndexError(f"environment {i} of a batch of {self.n}")
         return i
 
-    def _check(self, status: int) -> None:
+    def check(self, status: int) -> None:
         """Raise what a status stands for, unless it is DL2C_OK."""
         if status == 0:
             return
