@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LAYERS = (
     *("version", "source", "diagnostics", "options"),
     *("parse", "resolve", "ir", "interval", "paths", "smt", "sampling", "symbolic", "monitor", "emit"),
-    *("native", "pipeline", "env", "training", "lint", "bench", "report", "commands", "cli"),
+    *("native", "pipeline", "env", "training", "lint", "bench", "report", "commands", "cli", "__main__"),
 )
 """Everything in dl2c, in the order of the way through. A layer imports only what stands before it."""
 

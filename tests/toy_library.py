@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dl2c.native.binding import outcome_memory
 from dl2c.native.errors import ResetFailed
 from dl2c.native.manifest import ChoiceSpec, InputSpec, Manifest, PredicateSpec, Quantity
 
@@ -81,10 +82,10 @@ class ToyBatch:
         self.inputs, self.executed_inputs = np.zeros((2, n, len(manifest.inputs)))
         self.obs, self.final_obs = np.zeros((2, n, 2), manifest.options["obs_dtype"])
         self.mask = np.zeros((n, sum(counts)), np.int8)
-        self.rewards, self.duration, self.time = np.zeros((3, n))
-        self.status, self.reason, self.cost = np.zeros((3, n), np.int32)
-        self.terminated, self.truncated, self.blocked = np.zeros((3, n), np.bool_)
-        self.postcondition, self.saturated, self.began = np.zeros((3, n), np.bool_)
+        self.outcome, floats, whole, flags = outcome_memory(n)
+        self.rewards, self.duration, self.time = floats
+        self.status, self.reason, self.cost = whole
+        self.terminated, self.truncated, self.blocked, self.postcondition, self.saturated, self.began = flags
 
     def reset(self, mask: Any = None, seeds: Any = None) -> None:
         for i in range(self._n):
@@ -115,6 +116,12 @@ class ToyBatch:
         for count in self._counts:
             self.mask[i, column : column + count] = [j != 1 or self._x[i] <= 5 for j in range(count)]
             column += count
+
+    def native_step(self) -> Any:
+        return self.step
+
+    def check(self, status: int) -> None:
+        raise AssertionError(status)
 
     def step(self) -> None:
         self.began[:] = False

@@ -50,7 +50,23 @@ class Sizes:
 OUTCOME = struct.Struct("=3d3i6?")
 """rewards, duration, time; status, reason, cost; the flags from terminated to began."""
 
-OUTCOME_BYTES = OUTCOME.size
+
+def outcome_memory(
+    n: int,
+) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.int32], NDArray[np.bool_]]:
+    """The results that are one number for each environment, side by side in one memory.
+
+    Views of it follow: floats (3, n), whole numbers (3, n), flags (6, n). For a batch of one,
+    `OUTCOME` reads all of them at once.
+    """
+    memory = np.zeros(OUTCOME.size * n, np.uint8)
+    floats, whole, flags = memory[: 24 * n], memory[24 * n : 36 * n], memory[36 * n :]
+    return (
+        memory,
+        floats.view(np.float64).reshape(3, n),
+        whole.view(np.int32).reshape(3, n),
+        flags.view(np.bool_).reshape(6, n),
+    )
 
 
 @final
@@ -122,7 +138,10 @@ class Batch:
         self.mask = np.zeros((n, s.nmask), np.int8)
         self.executed_choices = np.zeros((n, s.nchoice), np.int32)
         self.executed_inputs = np.zeros((n, s.ninput), np.float64)
-        self._outcome(n)
+        self.outcome, floats, whole, flags = outcome_memory(n)
+        self.rewards, self.duration, self.time = floats
+        self.status, self.reason, self.cost = whole
+        self.terminated, self.truncated, self.blocked, self.postcondition, self.saturated, self.began = flags
         self._lib = lib
         self._native_step = lib.dl2c_batch_step
         self._handle = ffi.NULL
@@ -133,21 +152,6 @@ class Batch:
         out = ffi.new("dl2c_batch **")
         self.check(lib.dl2c_batch_create(n, ffi.new("dl2c_options *", options), buffers, out))
         self._handle = ffi.gc(out[0], lib.dl2c_batch_free)
-
-    def _outcome(self, n: int) -> None:
-        """The results that are one number for each environment, side by side in one memory.
-
-        For a batch of one, `OUTCOME` reads all of them at once from `outcome`.
-        """
-        self.outcome: NDArray[np.uint8] = np.zeros(OUTCOME_BYTES * n, np.uint8)
-        floats = self.outcome[: 24 * n].view(np.float64)
-        whole = self.outcome[24 * n : 36 * n].view(np.int32)
-        flags = self.outcome[36 * n :].view(np.bool_)
-        self.rewards, self.duration, self.time = floats[:n], floats[n : 2 * n], floats[2 * n :]
-        self.status, self.reason, self.cost = whole[:n], whole[n : 2 * n], whole[2 * n :]
-        self.terminated, self.truncated, self.blocked = flags[:n], flags[n : 2 * n], flags[2 * n : 3 * n]
-        self.postcondition, self.saturated = flags[3 * n : 4 * n], flags[4 * n : 5 * n]
-        self.began = flags[5 * n :]
 
     def native_step(self) -> Callable[[], int]:
         """The C call behind `step` alone; what it returns, unless 0, is for `check`."""
