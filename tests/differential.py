@@ -62,7 +62,14 @@ def _compiled(environment: Environment, folder: Path, level: str) -> Library:
     source.write_text(model_c(environment), encoding="utf-8")
     cgen = cgen_dir()
     command = ["cc", "-std=c11", level, "-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"]
-    command += ["-fPIC", "-shared", "-DDL2C_SHARED", "-DDL2C_NO_TARGET_CLONES", f"-I{cgen / 'include'}", f"-I{cgen / 'runtime'}"]
+    command += [
+        "-fPIC",
+        "-shared",
+        "-DDL2C_SHARED",
+        "-DDL2C_NO_TARGET_CLONES",
+        f"-I{cgen / 'include'}",
+        f"-I{cgen / 'runtime'}",
+    ]
     done = subprocess.run(
         [*command, str(source), "-o", str(target), "-lm"], capture_output=True, text=True, check=False
     )

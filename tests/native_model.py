@@ -26,6 +26,18 @@ void dl2c_model_sizes(dl2c_sizes *out)
   *out = (dl2c_sizes){.nx = 1, .np = 1, .nobs = 2, .nchoice = 1, .nmask = 2, .npred = 2, .obs_size = 4};
 }
 
+dl2c_status dl2c_flow_rates(int32_t flow, const double *x, const double *p, double *dx)
+{
+  (void)flow, (void)x, (void)p, (void)dx;
+  return DL2C_ERR_ARG;
+}
+
+dl2c_status dl2c_flow_roots(int32_t flow, const double *x, const double *p, double *g, double *dg)
+{
+  (void)flow, (void)x, (void)p, (void)g, (void)dg;
+  return DL2C_ERR_ARG;
+}
+
 static void show(dl2c_batch *b, int64_t i)
 {
   float *obs = b->to.obs;

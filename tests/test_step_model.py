@@ -151,6 +151,12 @@ def test_with_annotations_postconditions_add_nothing() -> None:
     assert model.postcondition is not None
 
 
+def test_observe_false_hides_a_constant() -> None:
+    definitions = "/* @const: bound=[1:2], observe=false */\nReal a;\n/* @const: bound=[1:2] */\nReal b;"
+    constants = lowered("true -> [x := a + b;] x > 0", definitions).constants
+    assert [c.observed for c in constants] == [False, True]
+
+
 def test_observe_false_hides_a_variable() -> None:
     (x,) = lowered(
         "true -> [{x := 1;}*] x > 0", "", "/* @var: bound=[0:1], observe=false */\nReal x;"

@@ -11,7 +11,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define DL2C_ABI_VERSION 1
+#define DL2C_ABI_VERSION 2
 #define DL2C_STREAM_VERSION 1
 
 #ifdef DL2C_SHARED
@@ -23,7 +23,7 @@
 /* Every call returns DL2C_OK or a negative code. */
 typedef enum dl2c_status {
   DL2C_OK = 0,
-  DL2C_ERR_ARG = -1,   /* a null pointer or a size that is not positive */
+  DL2C_ERR_ARG = -1,   /* a null pointer, a size that is not positive, an index out of range */
   DL2C_ERR_NOMEM = -2, /* out of memory */
   DL2C_ERR_RESET = -3, /* no admissible initial state found in the allowed number of draws */
   DL2C_ERR_STATE = -4, /* a given state violates the precondition, or no run is possible from it */
@@ -86,6 +86,8 @@ typedef struct dl2c_sizes {
   int32_t ninput;   /* continuous decisions of a step */
   int32_t nmask;    /* alternatives of all discrete decisions together */
   int32_t npred;    /* annotated predicates */
+  int32_t nflow;    /* flows */
+  int32_t nroot;    /* margins of the flow that has most */
   int32_t obs_size; /* bytes of one observation entry: 4 or 8 */
 } dl2c_sizes;
 
@@ -145,6 +147,20 @@ DL2C_API dl2c_status dl2c_batch_get_state(const dl2c_batch *batch, int64_t i, do
 
 /* Overwrites them as they are, mid-episode; the mask follows. For planners and tests. */
 DL2C_API dl2c_status dl2c_batch_set_state(dl2c_batch *batch, int64_t i, const double *x, const double *p);
+
+/*
+ * The right-hand sides of a flow's ODE in state x with constants p; 0 for variables that it
+ * does not name. Nothing is checked: a term without a value gives whatever arithmetic gives.
+ *   x, dx: (nx)   p: (np)
+ */
+DL2C_API dl2c_status dl2c_flow_rates(int32_t flow, const double *x, const double *p, double *dx);
+
+/*
+ * Margins of a flow's domain, in the order of its comparisons without the bounds of clocks:
+ * positive inside, for = and != left minus right; and their derivatives along the flow. A flow
+ * with fewer than nroot has 1 and 0 in the other places.   x: (nx)   p: (np)   g, dg: (nroot)
+ */
+DL2C_API dl2c_status dl2c_flow_roots(int32_t flow, const double *x, const double *p, double *g, double *dg);
 
 /* A short description of a status, never NULL. */
 DL2C_API const char *dl2c_status_text(dl2c_status status);

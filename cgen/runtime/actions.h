@@ -67,7 +67,7 @@ static dl2c_range dl2c_admissible(int path, int input, const real *x, const real
   dl2c_range range = {true, INPUT_LOW[input], INPUT_HIGH[input]};
   model_limits(path, input, x, p, &range.low, &range.high);
   range.empty = !dl2c_outermost(path, input, x, p, range.low, -1, &range.low)
-      || !dl2c_outermost(path, input, x, p, range.high, 1, &range.high);
+                || !dl2c_outermost(path, input, x, p, range.high, 1, &range.high);
   return range;
 }
 
@@ -75,8 +75,8 @@ static dl2c_range dl2c_admissible(int path, int input, const real *x, const real
  * Which paths of a point pass all their tests up to their flow, in `count` environments.
  *   enabled: (paths of the point, stride)
  */
-DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t stride, int64_t count,
-                                uint8_t *enabled)
+DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t stride,
+                              int64_t count, uint8_t *enabled)
 {
   model_guards(point, x, p, stride, count, enabled);
   if (NU == 0) return;
@@ -88,7 +88,8 @@ DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t s
     for (int k = 0; k < NP; k++) own_p[k] = p[k * stride + i];
     for (int k = first; k < POINT_START[point + 1]; k++)
       for (int j = 0; j < PATHS[k].ninput && enabled[(k - first) * stride + i]; j++)
-        if (dl2c_admissible(k, PATHS[k].inputs[j], own_x, own_p).empty) enabled[(k - first) * stride + i] = 0;
+        if (dl2c_admissible(k, PATHS[k].inputs[j], own_x, own_p).empty)
+          enabled[(k - first) * stride + i] = 0;
   }
 }
 
@@ -98,8 +99,8 @@ DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t s
  * first in program order. Once a run has left the request only that order counts.
  * Returns -1 if none is open. No branch depends on what is open.
  */
-static inline int dl2c_preferred(int point, const uint8_t *enabled, const int32_t *choices, bool left,
-                                 bool *as_requested)
+static inline int dl2c_preferred(int point, const uint8_t *enabled, const int32_t *choices,
+                                 bool left, bool *as_requested)
 {
   const int first = POINT_START[point];
   int best = -1;
@@ -135,7 +136,8 @@ static inline real dl2c_resolve(int32_t map, dl2c_range range, real requested, r
   if (!(value >= range.low)) value = range.low;
   if (value > range.high) value = range.high;
   *executed = value;
-  if (map == DL2C_MAP_SQUASH) *executed = span > 0.0 ? 2.0 * ((value - range.low) / span) - 1.0 : 0.0;
+  if (map == DL2C_MAP_SQUASH)
+    *executed = span > 0.0 ? 2.0 * ((value - range.low) / span) - 1.0 : 0.0;
   return value;
 }
 

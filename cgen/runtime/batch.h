@@ -12,14 +12,16 @@ int32_t dl2c_stream_version(void) { return DL2C_STREAM_VERSION; }
 void dl2c_model_sizes(dl2c_sizes *out)
 {
   *out = (dl2c_sizes){
-    .nx = NX,
-    .np = NP,
-    .nobs = NOBS,
-    .nchoice = NCHOICE,
-    .ninput = NU,
-    .nmask = NMASK,
-    .npred = NPRED,
-    .obs_size = (int32_t)sizeof(dl2c_obs),
+      .nx = NX,
+      .np = NP,
+      .nobs = NOBS,
+      .nchoice = NCHOICE,
+      .ninput = NU,
+      .nmask = NMASK,
+      .npred = NPRED,
+      .nflow = NFLOW,
+      .nroot = NROOT,
+      .obs_size = (int32_t)sizeof(dl2c_obs),
   };
 }
 
@@ -93,10 +95,16 @@ dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, 
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
   if (!dl2c_all_finite(x, NX) || !model_precondition(x, p)) return DL2C_ERR_STATE;
+  uint8_t enabled[NPATH];
+  uint8_t open = 0;
+  dl2c_enabled(0, x, p, 1, 1, enabled);
+  for (int k = 0; k < DL2C_NSTART; k++) open |= enabled[k];
+  if (!open) return DL2C_ERR_STATE;
   dl2c_reseed(b, i, seed);
   b->episode[i]++;
   dl2c_clear_results(b, i);
-  return dl2c_begin(b, i, x, p) ? DL2C_OK : DL2C_ERR_STATE;
+  dl2c_begin(b, i, x, p);
+  return DL2C_OK;
 }
 
 dl2c_status dl2c_batch_step(dl2c_batch *b)
@@ -128,14 +136,29 @@ dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, cons
   return DL2C_OK;
 }
 
+dl2c_status dl2c_flow_rates(int32_t flow, const double *x, const double *p, double *dx)
+{
+  if (flow < 0 || flow >= NFLOW || x == NULL || p == NULL || dx == NULL) return DL2C_ERR_ARG;
+  model_rates(flow, x, p, dx);
+  return DL2C_OK;
+}
+
+dl2c_status dl2c_flow_roots(int32_t flow, const double *x, const double *p, double *g, double *dg)
+{
+  if (flow < 0 || flow >= NFLOW || x == NULL || p == NULL || g == NULL || dg == NULL)
+    return DL2C_ERR_ARG;
+  model_roots(flow, x, p, g, dg);
+  return DL2C_OK;
+}
+
 const char *dl2c_status_text(dl2c_status status)
 {
   switch (status) {
-    case DL2C_OK: return "ok";
-    case DL2C_ERR_ARG: return "a null pointer or a size that is not positive";
-    case DL2C_ERR_NOMEM: return "out of memory";
-    case DL2C_ERR_RESET: return "no admissible initial state was found";
-    case DL2C_ERR_STATE: return "the state violates the precondition, or no run is possible from it";
+  case DL2C_OK: return "ok";
+  case DL2C_ERR_ARG: return "a null pointer, a size that is not positive or an index out of range";
+  case DL2C_ERR_NOMEM: return "out of memory";
+  case DL2C_ERR_RESET: return "no admissible initial state was found";
+  case DL2C_ERR_STATE: return "the state violates the precondition, or no run is possible from it";
   }
   return "unknown status";
 }

@@ -5,13 +5,15 @@
 #include "move.h"
 
 /* How the step ends each episode, if it does; a predicate's ending goes before all others. */
-DL2C_INLINE void dl2c_endings(int64_t count, const dl2c_options *options, const int64_t *restrict steps,
-                                    const int64_t *restrict stalled, const uint8_t *restrict open,
-                                    const uint8_t *restrict attempt, dl2c_judgement *restrict judged)
+DL2C_INLINE void dl2c_endings(int64_t count, const dl2c_options *options,
+                              const int64_t *restrict steps, const int64_t *restrict stalled,
+                              const uint8_t *restrict open, const uint8_t *restrict attempt,
+                              dl2c_judgement *restrict judged)
 {
   const int64_t stall = options->stall_limit > 0 ? options->stall_limit : INT64_MAX;
   const int64_t longest = options->max_steps > 0 ? options->max_steps : INT64_MAX;
-  const int32_t refused = options->on_blocked == DL2C_BLOCKED_TERMINATE ? DL2C_TERMINATE : DL2C_TRUNCATE;
+  const int32_t refused =
+      options->on_blocked == DL2C_BLOCKED_TERMINATE ? DL2C_TERMINATE : DL2C_TRUNCATE;
   const int32_t stuck =
       options->on_blocked == DL2C_BLOCKED_FALLBACK ? DL2C_REASON_DEADLOCK : DL2C_REASON_BLOCKED;
   int32_t *restrict ends = judged->end;
@@ -44,8 +46,9 @@ DL2C_INLINE void dl2c_endings(int64_t count, const dl2c_options *options, const 
 }
 
 /* Flags of how the episodes stand. */
-DL2C_INLINE void dl2c_flags(int64_t count, const int32_t *restrict end, uint8_t *restrict terminated,
-                                  uint8_t *restrict truncated, uint8_t *restrict ended)
+DL2C_INLINE void dl2c_flags(int64_t count, const int32_t *restrict end,
+                            uint8_t *restrict terminated, uint8_t *restrict truncated,
+                            uint8_t *restrict ended)
 {
   for (int64_t i = 0; i < count; i++) terminated[i] = end[i] == DL2C_TERMINATE;
   for (int64_t i = 0; i < count; i++) truncated[i] = end[i] == DL2C_TRUNCATE;
@@ -53,8 +56,8 @@ DL2C_INLINE void dl2c_flags(int64_t count, const int32_t *restrict end, uint8_t 
 }
 
 /* Rewards, with the penalty of requests that blocked. */
-DL2C_INLINE void dl2c_rewards(int64_t count, const real *restrict reward, const uint8_t *restrict blocked,
-                                    real penalty, real *restrict rewards)
+DL2C_INLINE void dl2c_rewards(int64_t count, const real *restrict reward,
+                              const uint8_t *restrict blocked, real penalty, real *restrict rewards)
 {
   for (int64_t i = 0; i < count; i++) {
     const real extra = blocked[i] ? penalty : 0.0;
@@ -66,42 +69,16 @@ DL2C_INLINE void dl2c_rewards(int64_t count, const real *restrict reward, const 
 DL2C_INLINE void dl2c_conclude(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
 {
   const size_t n = (size_t)count;
-  dl2c_endings(count, &b->options, b->steps + first, b->stalled + first, s->open, s->attempt, &s->judged);
+  dl2c_endings(count, &b->options, b->steps + first, b->stalled + first, s->open, s->attempt,
+               &s->judged);
   memcpy(b->out.status + first, s->judged.status, n * sizeof(int32_t));
   memcpy(b->out.reason + first, s->judged.reason, n * sizeof(int32_t));
   memcpy(b->out.cost + first, s->judged.cost, n * sizeof(int32_t));
   memcpy(b->out.postcondition + first, s->facts + F_postcondition * DL2C_BLOCK, n);
-  dl2c_flags(count, s->judged.end, b->out.terminated + first, b->out.truncated + first, b->ended + first);
-  dl2c_rewards(count, s->judged.reward, b->out.blocked + first, b->options.blocked_penalty, b->out.rewards + first);
-}
-
-/* Masks, first a row for each alternative, then a row for each environment (see dl2c_mask). */
-DL2C_INLINE void dl2c_masks(int64_t count, const uint8_t *restrict enabled, int64_t stride,
-                                  const uint8_t *restrict final, int8_t *restrict mask)
-{
-  int8_t rows[NMASK + 1][DL2C_BLOCK];
-  int8_t met[DL2C_BLOCK];
-  DL2C_UNROLL
-  for (int c = 0; c < NCHOICE; c++) {
-    for (int64_t i = 0; i < count; i++) met[i] = 0;
-    DL2C_UNROLL
-    for (int32_t a = MASK_START[c]; a < MASK_START[c + 1]; a++)
-      for (int64_t i = 0; i < count; i++) rows[a][i] = 0;
-    DL2C_UNROLL
-    for (int k = 0; k < DL2C_NSTART; k++) {
-      if (DECISIONS[k][c] < 0) continue;
-      int8_t *row = rows[MASK_START[c] + DECISIONS[k][c]];
-      for (int64_t i = 0; i < count; i++) row[i] |= (int8_t)(enabled[k * stride + i] & !final[i]);
-      for (int64_t i = 0; i < count; i++) met[i] |= row[i];
-    }
-    DL2C_UNROLL
-    for (int32_t a = MASK_START[c]; a < MASK_START[c + 1]; a++)
-      for (int64_t i = 0; i < count; i++) rows[a][i] |= !met[i];
-  }
-  for (int64_t i = 0; i < count; i++) {
-    DL2C_UNROLL
-    for (int a = 0; a < NMASK; a++) mask[i * NMASK + a] = rows[a][i];
-  }
+  dl2c_flags(count, s->judged.end, b->out.terminated + first, b->out.truncated + first,
+             b->ended + first);
+  dl2c_rewards(count, s->judged.reward, b->out.blocked + first, b->options.blocked_penalty,
+               b->out.rewards + first);
 }
 
 /* Observations, from a row for each entry to a row for each environment. */

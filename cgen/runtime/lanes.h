@@ -21,8 +21,8 @@ typedef struct dl2c_moves {
 
 /* The path that each lane prefers (see dl2c_preferred).   enabled: (paths, stride)   choices: (count, NCHOICE) */
 DL2C_INLINE void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stride, int64_t count,
-                                         const int32_t *restrict choices, int64_t *restrict path,
-                                         uint8_t *restrict requested)
+                                   const int32_t *restrict choices, int64_t *restrict path,
+                                   uint8_t *restrict requested)
 {
   for (int64_t i = 0; i < count; i++) {
     int64_t best = -1;
@@ -51,9 +51,8 @@ DL2C_INLINE void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stri
 
 /* Assignments and flow of every lane.   x: (NX, stride)   p: (NP, stride)   state: (NX, DL2C_BLOCK) */
 DL2C_INLINE void dl2c_move_lanes(const real *restrict x, const real *restrict p, int64_t stride,
-                                       int64_t count, const int64_t *restrict path,
-                                       real *restrict state, real *restrict duration,
-                                       uint8_t *restrict settled)
+                                 int64_t count, const int64_t *restrict path, real *restrict state,
+                                 real *restrict duration, uint8_t *restrict settled)
 {
   for (int64_t i = 0; i < count; i++) {
     real own[NX];
@@ -82,7 +81,7 @@ DL2C_INLINE void dl2c_move_lanes(const real *restrict x, const real *restrict p,
 
 /* The alternatives that the lanes took, the request where a decision was not met. */
 DL2C_INLINE void dl2c_decided_lanes(const int64_t *restrict path, int64_t count,
-                                      const int32_t *restrict choices, int32_t *restrict decided)
+                                    const int32_t *restrict choices, int32_t *restrict decided)
 {
   for (int64_t i = 0; i < count; i++) {
     const int32_t taken = (int32_t)path[i];

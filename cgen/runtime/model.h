@@ -6,8 +6,8 @@
  * size zero do not exist in C: tables have at least one entry. Functions with stride and
  * count work on lanes: value k of environment i is x[k*stride + i], i < count.
  *
- *   enum { NX, NP, NU, NCHOICE, NMASK, NPRED, NOBS, NPOINT, NPATH, NFACT, NFREE, NBOX,
- *          DL2C_LOOPS, DL2C_STEPS_IN_LANES };
+ *   enum { NX, NP, NU, NCHOICE, NMASK, NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE,
+ *          NBOX, DL2C_LOOPS, DL2C_STEPS_IN_LANES };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
  *   typedef float dl2c_obs;                      one observation entry, or double
  *   static const dl2c_path PATHS[];              all paths, grouped by point
@@ -24,6 +24,8 @@
  *   bool model_assign(int64_t path, x, p, real *y)               the same by selection, for lanes
  *   dl2c_motion model_motion(int flow, x, p, real *y, real *duration)
  *   bool model_at(int flow, x, p, real tau, real *y)             whether the domain holds after tau
+ *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE
+ *   void model_roots(int flow, x, p, real *g, real *dg)          margins of its domain, their Lie derivatives
  *   void model_facts(x, p, stride, count, row, uint8_t *facts)   conditions of predicates, F_postcondition
  *   void model_judge(x, p, stride, count, facts, row, dl2c_judgement *judged)   rewards and endings
  *   bool model_precondition(x, p)

@@ -39,9 +39,9 @@ typedef struct dl2c_scratch {
 } dl2c_scratch;
 
 /* Counters after a move that took so long. */
-DL2C_INLINE void dl2c_count_lanes(int64_t count, const real *restrict duration, real *restrict shown,
-                                        real *restrict elapsed, real *restrict time, int64_t *restrict steps,
-                                        int64_t *restrict stalled)
+DL2C_INLINE void dl2c_count_lanes(int64_t count, const real *restrict duration,
+                                  real *restrict shown, real *restrict elapsed, real *restrict time,
+                                  int64_t *restrict steps, int64_t *restrict stalled)
 {
   for (int64_t i = 0; i < count; i++) {
     const real took = duration[i];
@@ -56,13 +56,13 @@ DL2C_INLINE void dl2c_count_lanes(int64_t count, const real *restrict duration, 
 
 DL2C_INLINE void dl2c_count(dl2c_batch *b, int64_t first, int64_t count, const real *duration)
 {
-  dl2c_count_lanes(count, duration, b->out.duration + first, b->elapsed + first, b->out.time + first,
-                   b->steps + first, b->stalled + first);
+  dl2c_count_lanes(count, duration, b->out.duration + first, b->elapsed + first,
+                   b->out.time + first, b->steps + first, b->stalled + first);
 }
 
 /* Takes over what lanes `lane` to `lane + count` did for environments from `at` on. */
 DL2C_INLINE void dl2c_commit(dl2c_batch *b, int64_t at, int64_t count, const dl2c_moves *moves,
-                               int64_t lane, uint8_t *attempt)
+                             int64_t lane, uint8_t *attempt)
 {
   const size_t n = (size_t)count;
   for (int k = 0; k < NX; k++)
@@ -90,13 +90,13 @@ static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i)
   dl2c_clear_results(b, i);
   b->out.reset[i] = 0;
   dl2c_run run = {
-    .choices = b->out.choices + i * NCHOICE,
-    .inputs = b->out.inputs + i * NU,
-    .p = p,
-    .map = b->options.action_map,
-    .request_only = b->options.on_blocked != DL2C_BLOCKED_FALLBACK,
-    .decided = b->out.executed_choices + i * NCHOICE,
-    .executed = b->out.executed_inputs + i * NU,
+      .choices = b->out.choices + i * NCHOICE,
+      .inputs = b->out.inputs + i * NU,
+      .p = p,
+      .map = b->options.action_map,
+      .request_only = b->options.on_blocked != DL2C_BLOCKED_FALLBACK,
+      .decided = b->out.executed_choices + i * NCHOICE,
+      .executed = b->out.executed_inputs + i * NU,
   };
   const bool moved = dl2c_complete(&run, 0, enabled, false, x);
   const real duration = moved && !run.numerical ? run.duration : 0.0;
@@ -111,23 +111,21 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl
 {
   const bool waits = b->options.autoreset == DL2C_AUTORESET_NEXT_STEP;
   const bool falls_back = b->options.on_blocked == DL2C_BLOCKED_FALLBACK;
-  bool all = DL2C_STEPS_IN_LANES;
+  const uint8_t *restrict ended = b->ended + first;
+  uint8_t *restrict waited = s->waited;
+  for (int64_t i = 0; i < count; i++) waited[i] = waits & ended[i];
   if (DL2C_STEPS_IN_LANES) {
     dl2c_choose_lanes(b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE,
                       s->moves.path, s->moves.requested);
     dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, s->moves.path, s->moves.state,
                     s->moves.duration, s->moves.settled);
+    uint8_t odd = 0;
     for (int64_t i = 0; i < count; i++) s->moves.settled[i] &= s->moves.requested[i] | falls_back;
-  }
-  const uint8_t *restrict ended = b->ended + first;
-  uint8_t *restrict waited = s->waited;
-  uint8_t odd = !DL2C_STEPS_IN_LANES;
-  for (int64_t i = 0; i < count; i++) waited[i] = waits & ended[i];
-  for (int64_t i = 0; i < count; i++) odd |= (uint8_t)((s->moves.settled[i] == 0) | waited[i]);
-  all = !odd;
-  if (all) {
-    dl2c_commit(b, first, count, &s->moves, 0, s->attempt);
-    return;
+    for (int64_t i = 0; i < count; i++) odd |= (uint8_t)((s->moves.settled[i] == 0) | waited[i]);
+    if (!odd) {
+      dl2c_commit(b, first, count, &s->moves, 0, s->attempt);
+      return;
+    }
   }
   for (int64_t i = 0; i < count; i++) {
     s->attempt[i] = DL2C_RAN;

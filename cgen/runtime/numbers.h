@@ -10,6 +10,13 @@
 
 typedef double real;
 
+/* Conditions use & and | on purpose, also between calls: no branch, so that loops over lanes vectorise. */
+#if defined(__clang__)
+#if __has_warning("-Wbitwise-instead-of-logical")
+#pragma clang diagnostic ignored "-Wbitwise-instead-of-logical"
+#endif
+#endif
+
 /* For short loops with constant bounds inside loops over lanes. */
 #if defined(__clang__)
 #define DL2C_UNROLL _Pragma("unroll")
@@ -72,6 +79,9 @@ static inline bool dl2c_all_finite(const real *x, int n)
   for (int k = 0; k < n; k++) finite &= fabs(x[k]) <= DL2C_LARGEST_STATE;
   return finite;
 }
+
+/* -1, 0 or 1. */
+static inline real dl2c_sign(real a) { return (real)((a > 0.0) - (a < 0.0)); }
 
 /* The next double towards zero from a positive one. */
 static inline real dl2c_before(real a)

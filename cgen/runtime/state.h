@@ -64,22 +64,36 @@ DL2C_INLINE void dl2c_any_enabled(const dl2c_batch *b, int64_t first, int64_t co
     for (int64_t i = 0; i < count; i++) some[i] |= enabled[k * stride + i];
 }
 
-/* Writes the mask of environment i. A final state shows every alternative as open. */
-static inline void dl2c_mask(dl2c_batch *b, int64_t i, bool final)
+/*
+ * Masks: an alternative is open if an open path takes it; all are where no open path meets
+ * their decision, and in a final state. First a row for each alternative, then one for each
+ * environment.   enabled: (paths, stride)   mask: (count, NMASK)
+ */
+DL2C_INLINE void dl2c_masks(int64_t count, const uint8_t *restrict enabled, int64_t stride,
+                            const uint8_t *restrict final, int8_t *restrict mask)
 {
-  int8_t *mask = b->out.mask + i * NMASK;
+  int8_t rows[NMASK + 1][DL2C_BLOCK];
+  int8_t met[DL2C_BLOCK];
+  DL2C_UNROLL
   for (int c = 0; c < NCHOICE; c++) {
-    const int32_t from = MASK_START[c];
-    int8_t met = 0;
-    for (int32_t a = from; a < MASK_START[c + 1]; a++) mask[a] = 0;
+    for (int64_t i = 0; i < count; i++) met[i] = 0;
+    DL2C_UNROLL
+    for (int32_t a = MASK_START[c]; a < MASK_START[c + 1]; a++)
+      for (int64_t i = 0; i < count; i++) rows[a][i] = 0;
+    DL2C_UNROLL
     for (int k = 0; k < DL2C_NSTART; k++) {
       if (DECISIONS[k][c] < 0) continue;
-      const int8_t open = (int8_t)(b->enabled[k * b->stride + i] & !final);
-      mask[from + DECISIONS[k][c]] |= open;
-      met |= open;
+      int8_t *row = rows[MASK_START[c] + DECISIONS[k][c]];
+      for (int64_t i = 0; i < count; i++) row[i] |= (int8_t)(enabled[k * stride + i] & !final[i]);
+      for (int64_t i = 0; i < count; i++) met[i] |= row[i];
     }
-    if (!met)
-      for (int32_t a = from; a < MASK_START[c + 1]; a++) mask[a] = 1;
+    DL2C_UNROLL
+    for (int32_t a = MASK_START[c]; a < MASK_START[c + 1]; a++)
+      for (int64_t i = 0; i < count; i++) rows[a][i] |= !met[i];
+  }
+  for (int64_t i = 0; i < count; i++) {
+    DL2C_UNROLL
+    for (int a = 0; a < NMASK; a++) mask[i * NMASK + a] = rows[a][i];
   }
 }
 
@@ -93,7 +107,8 @@ static bool dl2c_show(dl2c_batch *b, int64_t i)
   b->out.postcondition[i] = facts[F_postcondition];
   model_observe(b->x + i, b->p + i, b->stride, 1, 1, (dl2c_obs *)b->out.obs + i * NOBS,
                 b->out.saturated + i);
-  dl2c_mask(b, i, false);
+  const uint8_t final = 0;
+  dl2c_masks(1, b->enabled + i, b->stride, &final, b->out.mask + i * NMASK);
   return open;
 }
 

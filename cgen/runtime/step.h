@@ -9,13 +9,13 @@ typedef struct dl2c_run {
   const int32_t *choices; /* (NCHOICE) requested */
   const real *inputs;     /* (NU) requested */
   const real *p;
-  int32_t map;          /* dl2c_action_map */
-  bool request_only;    /* do not fall back to other alternatives */
-  bool blocked;         /* the run taken is not the one requested */
-  bool numerical;       /* it led to an undefined or infinite value */
-  real duration;        /* time its flows took */
-  int32_t *decided;     /* (NCHOICE) alternatives taken, the request where none was met */
-  real *executed;       /* (NU) inputs as the action space writes them */
+  int32_t map;       /* dl2c_action_map */
+  bool request_only; /* do not fall back to other alternatives */
+  bool blocked;      /* the run taken is not the one requested */
+  bool numerical;    /* it led to an undefined or infinite value */
+  real duration;     /* time its flows took */
+  int32_t *decided;  /* (NCHOICE) alternatives taken, the request where none was met */
+  real *executed;    /* (NU) inputs as the action space writes them */
 } dl2c_run;
 
 /* Moves y along a flow. Where rounding left the domain, steps back until it holds. False: undefined. */

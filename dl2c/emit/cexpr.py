@@ -38,7 +38,8 @@ FUNCTIONS = {
     "max": "dl2c_max",
     "arcsin": "asin",
     "arctan": "atan",
-} | {f: f for f in ("sqrt", "exp", "sin", "cos", "tan", "tanh", "pow")}
+    "sign": "dl2c_sign",
+} | {f: f for f in ("sqrt", "exp", "sin", "cos", "tan", "tanh", "pow", "log")}
 TRUTHS = frozenset({"lt", "le", "eq", "ne", "and", "or", "not"})
 
 
@@ -129,7 +130,11 @@ def _expression(
             constant, other = instruction.args
             left, right = _operand(texts, other, level), _operand(texts, constant, level, True)
             return f"{left} {MIRRORED[sign]} {right}", level
-        case "add" | "sub" | "mul" | "div" | "lt" | "le" | "eq" | "ne":
+        case "add" | "sub" | "mul" | "div":
+            sign, level = INFIX[instruction.operation]
+            values = [_value(tape, texts, arg) for arg in instruction.args]
+            return f"{_operand(values, 0, level)} {sign} {_operand(values, 1, level, True)}", level
+        case "lt" | "le" | "eq" | "ne":
             sign, level = INFIX[instruction.operation]
             first, second = instruction.args
             return f"{_operand(texts, first, level)} {sign} {_operand(texts, second, level, True)}", level
@@ -139,7 +144,7 @@ def _expression(
             return f"{left} {sign} {right}", level
         case "abs" | "min" | "max" | "sqrt" | "exp" | "sin" | "cos":
             return _function_call(instruction, texts), ATOM
-        case "tan" | "arcsin" | "arctan" | "tanh" | "pow":
+        case "tan" | "arcsin" | "arctan" | "tanh" | "pow" | "log" | "sign":
             return _function_call(instruction, texts), ATOM
         case _:
             assert_never(instruction.operation)
@@ -148,6 +153,13 @@ def _expression(
 def _function_call(instruction: Instruction, texts: list[tuple[str, int]]) -> str:
     arguments = ", ".join(texts[a][0] for a in instruction.args)
     return f"{FUNCTIONS[instruction.operation]}({arguments})"
+
+
+def _value(tape: Tape, texts: list[tuple[str, int]], k: int) -> tuple[str, int]:
+    """Operand k of arithmetic: a truth, as derivatives of `min` and `max` have it, counts as 0 or 1."""
+    if tape.instructions[k].operation not in TRUTHS:
+        return texts[k]
+    return f"(real){_operand(texts, k, ATOM)}", UNARY
 
 
 def _operand(texts: list[tuple[str, int]], k: int, level: int, strictly: bool = False) -> str:

@@ -90,9 +90,11 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     exits = [f"exit{j}" for j in range(len(plan.watches))]
     body.append(f"real end = {limits[0]};")
     body += [f"end = dl2c_select({name} < end, {name}, end);" for name in (*limits[1:], *exits)]
-    body += [f"const bool hit{j} = {name} <= end;" for j, name in enumerate(exits)]
-    body.append("const bool moves = end > 0.0;")
     shy = [f"hit{j}" for j, w in enumerate(plan.watches) if w.kind in ("open", "apart")]
+    used = {*shy, *(f"hit{j}" for j, w in enumerate(plan.watches) if w.snap is not None)}
+    hits = {f"hit{j}": name for j, name in enumerate(exits)}
+    body += [f"const bool {hit} = {name} <= end;" for hit, name in hits.items() if hit in used]
+    body.append("const bool moves = end > 0.0;")
     if shy:
         body.append(f"end = dl2c_select({' | '.join(shy)}, dl2c_before(end), end);")
     finite = "".join(f" & isfinite({limit})" for limit in limits if limit.startswith("left"))

@@ -173,7 +173,8 @@ def observed(model: Model, options: Options) -> list[tuple[str, Symbol, Bound]]:
     """The entries of an observation: observed variables, then sampled constants (semantics 7)."""
     entries = [(v.name, Symbol(v.name, "variable"), v.bound) for v in model.variables if v.observed]
     if options.observe_constants:
-        entries += [(c.name, Symbol(c.name, "constant"), c.bound) for c in model.constants if c.value is None]
+        sampled = [c for c in model.constants if c.value is None and c.observed]
+        entries += [(c.name, Symbol(c.name, "constant"), c.bound) for c in sampled]
     return entries
 
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from dl2c.emit import names
 from dl2c.emit.cexpr import Printed, print_tape
 from dl2c.emit.cfile import function, wrapped
-from dl2c.ir.model import Formula, Symbol, Term
+from dl2c.ir.model import Flow, Formula, Symbol, Term
+from dl2c.symbolic.lie import lie_tape
 from dl2c.symbolic.tape import Tape, defined_tape, formula_tape, term_tape
 from dl2c.symbolic.terms import Builder
 
@@ -39,6 +40,10 @@ class Leaves:
         """An expression for whether all terms are defined and finite; None if they always are."""
         tape = defined_tape(self.builder, terms)
         return None if tape is None else self._leaf(name, tape, "bool", about, place)
+
+    def lie(self, name: str, term: Term, flow: Flow, about: str, place: Place = names.slot) -> str:
+        """An expression for how fast a term changes along a flow."""
+        return self._leaf(name, lie_tape(self.builder, term, flow.equations), "real", about, place)
 
     def call(self, name: str, inputs: tuple[Symbol, ...], place: Place = names.slot) -> str:
         """A call of a leaf with its arguments read from the arrays."""

@@ -12,6 +12,7 @@ from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import index
 from dl2c.emit.paths_c import path_functions, path_tables, steps_in_lanes
 from dl2c.emit.plan import Environment
+from dl2c.emit.rates_c import rate_functions, root_count
 from dl2c.emit.sampler_c import sampler_functions, sampler_tables
 from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
 from dl2c.ir.model import Constant, Symbol
@@ -28,6 +29,7 @@ def model_c(environment: Environment) -> str:
     leaves = Leaves(Builder(bounds), lambda symbol: ranks[symbol])
     functions = [
         *flow_functions(environment, leaves),
+        *rate_functions(environment, leaves),
         *path_functions(environment, leaves),
         *judge_functions(environment, leaves),
         *sampler_functions(environment, leaves),
@@ -66,6 +68,8 @@ def _sizes(environment: Environment) -> str:
         "NOBS": len(observed(model, environment.options)),
         "NPOINT": paths.points,
         "NPATH": max(1, len(paths.paths)),
+        "NFLOW": len(model.flows),
+        "NROOT": root_count(environment),
         "NFREE": 0 if sampling is None else len(sampling.free),
         "NBOX": 0 if sampling is None else len(sampling.boxes),
         "DL2C_LOOPS": int(model.loops),

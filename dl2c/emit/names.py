@@ -149,6 +149,8 @@ C_WORDS = frozenset(
         "NMASK",
         "NPRED",
         "NPATH",
+        "NFLOW",
+        "NROOT",
         "NPOINT",
         "NFREE",
         "NBOX",

@@ -79,7 +79,7 @@ def plan(flow: Flow) -> ExactPlan | NotExact:
     for atom in conjuncts(flow.watched):
         if not isinstance(atom, Compare):
             return NotExact("its domain is not a conjunction of comparisons", flow.span)
-        margin = solution.compose(_margin(atom))
+        margin = solution.compose(margin_of(atom))
         if margin is None:
             return NotExact("a condition of its domain is not a polynomial along it", atom.span)
         if len(margin) > MAX_ROOT_DEGREE + 1:
@@ -89,7 +89,8 @@ def plan(flow: Flow) -> ExactPlan | NotExact:
     return ExactPlan(flow, solution, tuple(watches))
 
 
-def _margin(atom: Compare) -> Term:
+def margin_of(atom: Compare) -> Term:
+    """A term that is positive inside the atom and 0 on its boundary; for `=` and `!=` left minus right."""
     left, right = (atom.right, atom.left) if atom.op in ("<", "<=") else (atom.left, atom.right)
     return left if right == ZERO else Sub(left, right)
 

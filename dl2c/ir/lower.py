@@ -187,6 +187,7 @@ def _constant(
         declaration.name,
         bound=_bound(annotation.bound),
         value=value,
+        observed=annotation.observe,
         description=annotation.description,
         unit=annotation.unit,
         plot=annotation.plot,

@@ -296,11 +296,15 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A parameter of the episode: sampled inside `bound` at reset, or fixed to `value`."""
+    """A parameter of the episode: sampled inside `bound` at reset, or fixed to `value`.
+
+    `observed` where an observation shows a sampled value.
+    """
 
     name: str
     bound: Bound = UNBOUNDED
     value: Fraction | None = None
+    observed: bool = True
     description: str = ""
     unit: str = ""
     plot: str = "none"

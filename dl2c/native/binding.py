@@ -44,6 +44,8 @@ class Sizes:
     ninput: int
     nmask: int
     npred: int
+    nflow: int
+    nroot: int
     obs_size: int
 
 
@@ -103,6 +105,58 @@ class Library:
             "action_map": _code("action_map", action_map, ACTION_MAP),
         }
         return Batch(self, n, options)
+
+    def rates(
+        self, flow: int, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]
+    ) -> NDArray[np.float64]:
+        """The right-hand sides of a flow's ODE in state x (nx) with constants p (np).
+
+        Returns (nx), per unit of the model's time; 0 for variables that the ODE does not name. A
+        term without a value gives whatever arithmetic gives. Raises `IndexError` for no such flow.
+        """
+        dx = np.empty(self.sizes.nx)
+        memory = self.row(dx, np.float64, self.sizes.nx, "double[]")
+        self.check(self.lib.dl2c_flow_rates(self._flow(flow), *self.state(x, p), memory))
+        return dx
+
+    def roots(
+        self, flow: int, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Margins of a flow's domain and their Lie derivatives: `(g, dg)`, both (nroot).
+
+        One for each comparison of the domain but the bounds of clocks, in the units of its sides
+        (`dg`: per unit of the model's time). A margin is positive inside; for `=` and `!=` it is left
+        minus right. A flow with fewer than nroot has 1 and 0 in the other places. Raises
+        `IndexError` for no such flow.
+        """
+        g, dg = np.empty((2, self.sizes.nroot))
+        memory = [self.row(a, np.float64, self.sizes.nroot, "double[]") for a in (g, dg)]
+        self.check(self.lib.dl2c_flow_roots(self._flow(flow), *self.state(x, p), *memory))
+        return g, dg
+
+    def _flow(self, flow: int) -> int:
+        if not 0 <= flow < self.sizes.nflow:
+            raise IndexError(f"flow {flow} of a model that has {self.sizes.nflow}")
+        return flow
+
+    def state(self, x: Any, p: Any) -> tuple[Any, Any]:
+        """The memory of a state (nx) and of constants (np), for a C call."""
+        nx, np_ = self.sizes.nx, self.sizes.np
+        return self.row(x, np.float64, nx, "double[]"), self.row(p, np.float64, np_, "double[]")
+
+    def row(self, values: Any, dtype: type[np.generic], length: int, kind: str) -> Any:
+        """The memory of a row of that length: that of `values` itself where it fits."""
+        array = np.ascontiguousarray(values, dtype)
+        if array.shape != (length,):
+            raise ValueError(f"expected {length} values, not an array of shape {array.shape}")
+        return self.ffi.from_buffer(kind, array)
+
+    def check(self, status: int) -> None:
+        """Raise what a status stands for, unless it is DL2C_OK."""
+        if status == 0:
+            return
+        text = self.ffi.string(self.lib.dl2c_status_text(status)).decode()
+        raise (ResetFailed if status in (ERR_RESET, ERR_STATE) else NativeError)(text)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a loaded library cannot be pickled; send the model's text and options")
@@ -169,8 +223,8 @@ class Batch:
         their next episode. Raises `ResetFailed` if no initial state is found.
         """
         ffi = self.library.ffi
-        masks = ffi.NULL if mask is None else self._row(mask, np.bool_, self.n, "uint8_t[]")
-        streams = ffi.NULL if seeds is None else self._row(seeds, np.uint64, self.n, "uint64_t[]")
+        masks = ffi.NULL if mask is None else self.library.row(mask, np.bool_, self.n, "uint8_t[]")
+        streams = ffi.NULL if seeds is None else self.library.row(seeds, np.uint64, self.n, "uint64_t[]")
         self.check(self._lib.dl2c_batch_reset(self._handle, masks, streams))
 
     def reset_to(
@@ -181,18 +235,19 @@ class Batch:
         `seed` restarts its random stream. Raises `ResetFailed` if the precondition refuses the
         state or no run is possible from it.
         """
-        stream = self.library.ffi.NULL if seed is None else self._row([seed], np.uint64, 1, "uint64_t[]")
-        self.check(self._lib.dl2c_batch_reset_to(self._handle, self._index(i), stream, *self._state(x, p)))
+        library, i = self.library, self._index(i)
+        stream = library.ffi.NULL if seed is None else library.row([seed], np.uint64, 1, "uint64_t[]")
+        self.check(self._lib.dl2c_batch_reset_to(self._handle, i, stream, *library.state(x, p)))
 
     def get_state(self, i: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """State (nx) and constants (np) of environment i, in fresh memory."""
         x, p = np.empty(self.library.sizes.nx), np.empty(self.library.sizes.np)
-        self.check(self._lib.dl2c_batch_get_state(self._handle, self._index(i), *self._state(x, p)))
+        self.check(self._lib.dl2c_batch_get_state(self._handle, self._index(i), *self.library.state(x, p)))
         return x, p
 
     def set_state(self, i: int, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]) -> None:
         """Overwrite them as they are, mid-episode; the mask follows. For planners and tests."""
-        self.check(self._lib.dl2c_batch_set_state(self._handle, self._index(i), *self._state(x, p)))
+        self.check(self._lib.dl2c_batch_set_state(self._handle, self._index(i), *self.library.state(x, p)))
 
     def close(self) -> None:
         """Free the environments; the arrays stay. Any later call raises `NativeError`."""
@@ -208,28 +263,14 @@ class Batch:
         names = [name for name, _ in self.library.ffi.typeof("dl2c_buffers").fields]
         return [(name, getattr(self, "began" if name == "reset" else name)) for name in names]
 
-    def _state(self, x: Any, p: Any) -> tuple[Any, Any]:
-        sizes = self.library.sizes
-        return self._row(x, np.float64, sizes.nx, "double[]"), self._row(p, np.float64, sizes.np, "double[]")
-
-    def _row(self, values: Any, dtype: type[np.generic], length: int, kind: str) -> Any:
-        """The memory of a row of that length: that of `values` itself where it fits."""
-        array = np.ascontiguousarray(values, dtype)
-        if array.shape != (length,):
-            raise ValueError(f"expected {length} values, not an array of shape {array.shape}")
-        return self.library.ffi.from_buffer(kind, array)
-
     def _index(self, i: int) -> int:
         if not 0 <= i < self.n:
             raise IndexError(f"environment {i} of a batch of {self.n}")
         return i
 
     def check(self, status: int) -> None:
-        """Raise what a status stands for, unless it is DL2C_OK."""
-        if status == 0:
-            return
-        text = self.library.ffi.string(self._lib.dl2c_status_text(status)).decode()
-        raise (ResetFailed if status in (ERR_RESET, ERR_STATE) else NativeError)(text)
+        """As `Library.check`."""
+        self.library.check(status)
 
 
 def load_library(directory: Path) -> Library:
@@ -250,8 +291,8 @@ def load_library(directory: Path) -> Library:
     lib.dl2c_model_sizes(raw)
     sizes = Sizes(**{f.name: int(getattr(raw, f.name)) for f in fields(Sizes)})
     m, s = manifest, sizes
-    described = tuple(map(len, (m.variables, m.observations, m.choices, m.inputs, m.predicates)))
-    if described != (s.nx, s.nobs, s.nchoice, s.ninput, s.npred):
+    described = tuple(map(len, (m.variables, m.observations, m.choices, m.inputs, m.predicates, m.flows)))
+    if described != (s.nx, s.nobs, s.nchoice, s.ninput, s.npred, s.nflow):
         raise NativeError(f"the manifest of {manifest.name} describes another library; build the model again")
     return Library(manifest, sizes, ffi, lib)
 

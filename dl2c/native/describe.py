@@ -15,7 +15,7 @@ from dl2c.native.manifest import ChoiceSpec, FlowSpec, InputSpec, Manifest, Pred
 from dl2c.options import Options
 from dl2c.sampling.plan import SamplingPlan
 
-ABI_VERSION = 1
+ABI_VERSION = 2
 STREAM_VERSION = 1
 """Of cgen/include/dl2c.h; a test holds them together."""
 

@@ -5,6 +5,7 @@ path, date or machine name but the build's own key.
 """
 
 import json
+import math
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, cast
@@ -97,9 +98,9 @@ class Manifest:
     platform: dict[str, str]
 
     def to_json(self) -> str:
-        """Stable text: the same manifest gives the same bytes."""
-        data = {"manifest_version": MANIFEST_VERSION, **asdict(self)}
-        return json.dumps(data, indent=1, sort_keys=True) + "\n"
+        """Stable text: the same manifest gives the same bytes. Infinite limits are "inf" and "-inf"."""
+        data = _plain({"manifest_version": MANIFEST_VERSION, **asdict(self)})
+        return json.dumps(data, indent=1, sort_keys=True, allow_nan=False) + "\n"
 
     @staticmethod
     def read(path: Path) -> "Manifest":
@@ -132,5 +133,21 @@ def _manifest(data: dict[str, Any]) -> Manifest:
     return Manifest(**given)
 
 
+def _plain(value: Any) -> Any:
+    """JSON has no infinite numbers: they become words."""
+    match value:
+        case dict():
+            return {name: _plain(part) for name, part in cast("dict[str, Any]", value).items()}
+        case list() | tuple():
+            return [_plain(part) for part in cast("list[Any]", value)]
+        case float() if math.isinf(value):
+            return str(value)
+        case _:
+            return value
+
+
 def _frozen(value: Any) -> Any:
+    """A value as a field holds it: lists as tuples, infinite limits as numbers."""
+    if value in ("inf", "-inf"):
+        return float(value)
     return tuple(cast("list[Any]", value)) if isinstance(value, list) else value

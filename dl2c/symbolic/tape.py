@@ -13,7 +13,7 @@ from dl2c.symbolic.terms import Builder, Graph, casadi
 
 Operation: TypeAlias = Literal[
     "input", "constant", "add", "sub", "mul", "div", "neg", "abs", "min", "max", "sqrt", "exp", "sin", "cos",
-    "tan", "arcsin", "arctan", "tanh", "pow", "lt", "le", "eq", "ne", "and", "or", "not",
+    "tan", "arcsin", "arctan", "tanh", "pow", "log", "sign", "lt", "le", "eq", "ne", "and", "or", "not",
 ]  # fmt: skip
 
 OPERATIONS: dict[int, Operation] = {
@@ -35,6 +35,8 @@ OPERATIONS: dict[int, Operation] = {
     casadi.OP_TANH: "tanh",
     casadi.OP_POW: "pow",
     casadi.OP_CONSTPOW: "pow",
+    casadi.OP_LOG: "log",
+    casadi.OP_SIGN: "sign",
     casadi.OP_LT: "lt",
     casadi.OP_LE: "le",
     casadi.OP_EQ: "eq",
@@ -66,19 +68,19 @@ class Tape:
 
 def term_tape(builder: Builder, term: Term) -> Tape:
     """The tape of a term's value."""
-    return _tape(builder, builder.term(term))
+    return tape_of(builder, builder.term(term))
 
 
 def formula_tape(builder: Builder, formula: Formula) -> Tape:
     """The tape of a formula's truth, definedness included."""
-    return _tape(builder, builder.holds(formula))
+    return tape_of(builder, builder.holds(formula))
 
 
 def defined_tape(builder: Builder, terms: Sequence[Term]) -> Tape | None:
     """The tape of whether all terms are defined and finite; None if they always are."""
     if not any(builder.defined(t) for t in terms):
         return None
-    return _tape(builder, builder.all_defined(list(terms)))
+    return tape_of(builder, builder.all_defined(list(terms)))
 
 
 def function(builder: Builder, graph: Graph) -> tuple[tuple[Symbol, ...], Any]:
@@ -88,7 +90,8 @@ def function(builder: Builder, graph: Graph) -> tuple[tuple[Symbol, ...], Any]:
     return order, casadi.Function("f", [builder.inputs[s] for s in order], [casadi.cse(graph)])
 
 
-def _tape(builder: Builder, graph: Any) -> Tape:
+def tape_of(builder: Builder, graph: Graph) -> Tape:
+    """The tape of a graph over the builder's symbols."""
     order, compiled = function(builder, graph)
     instructions: list[Instruction] = []
     slots: dict[int, int] = {}

@@ -5,7 +5,7 @@ enum { X_h, X_v, X_door, X_load, X_waited, X_clock, X_t, NX }; /* state */
 enum { P_speed, NP }; /* constants of the episode */
 enum { NU }; /* inputs */
 enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_postcondition, NFACT }; /* what a state is tested for */
-enum { NCHOICE = 2, NMASK = 6, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFREE = 3, NBOX = 1, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0 };
+enum { NCHOICE = 2, NMASK = 6, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2, NFREE = 3, NBOX = 1, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0 };
 #define DL2C_LANE_FLOW (0)
 typedef float dl2c_obs;
 
@@ -31,6 +31,18 @@ static inline real flow0_margin1_c1(real v)
 static inline bool flow1_inside(real t)
 {
   return t <= 0.5;
+}
+
+/* lift.kyx:47  h <= 3, margin 3 - h */
+static inline real flow0_root1(real h)
+{
+  return 3.0 - h;
+}
+
+/* lift.kyx:47  d/dt (3 - h) along {h' = v, clock' = 1, t' = 1 & 0 <= h & h <= 3 & t <= 0.5} */
+static inline real flow0_lie1(real v)
+{
+  return -v;
 }
 
 /* lift.kyx:18  h < 3 & speed != 0 & 0 <= h & h <= 3 */
@@ -234,8 +246,9 @@ static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, re
   y[X_h] = dl2c_select(hit1, 3.0, y[X_h]);
   const bool defined = true & isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
   const bool inside = !moves | flow0_stays(y, p);
-  DL2C_UNROLL
-  for (int k = 0; k < NX; k++) y[k] = dl2c_select(moves, y[k], x[k]);
+  y[X_h] = dl2c_select(moves, y[X_h], x[X_h]);
+  y[X_clock] = dl2c_select(moves, y[X_clock], x[X_clock]);
+  y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
   *duration = dl2c_select(moves, end, 0.0);
   return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;
 }
@@ -269,8 +282,8 @@ static inline dl2c_motion flow1_motion(const real *x, const real *p, real *y, re
   y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
   const bool defined = true & isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
   const bool inside = !moves | flow1_stays(y, p);
-  DL2C_UNROLL
-  for (int k = 0; k < NX; k++) y[k] = dl2c_select(moves, y[k], x[k]);
+  y[X_clock] = dl2c_select(moves, y[X_clock], x[X_clock]);
+  y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
   *duration = dl2c_select(moves, end, 0.0);
   return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;
 }
@@ -298,9 +311,41 @@ static inline bool model_at(int flow, const real *x, const real *p, real tau, re
   return false;
 }
 
+/* How fast the variables change along a flow; 0 where its ODE does not name one. */
+static inline void model_rates(int flow, const real *x, const real *p, real *dx)
+{
+  (void)p;
+  for (int k = 0; k < NX; k++) dx[k] = 0.0;
+  if (flow == 0) {
+    dx[X_h] = x[X_v];
+    dx[X_clock] = 1.0;
+    dx[X_t] = 1.0;
+  }
+  if (flow == 1) {
+    dx[X_clock] = 1.0;
+    dx[X_t] = 1.0;
+  }
+}
+
+/* Margins of a flow's domain and their Lie derivatives; 1 and 0 where it has fewer than NROOT. */
+static inline void model_roots(int flow, const real *x, const real *p, real *g, real *dg)
+{
+  (void)p;
+  for (int k = 0; k < NROOT; k++) {
+    g[k] = 1.0;
+    dg[k] = 0.0;
+  }
+  if (flow == 0) {
+    g[0] = x[X_h];
+    dg[0] = x[X_v];
+    g[1] = flow0_root1(x[X_h]);
+    dg[1] = flow0_lie1(x[X_v]);
+  }
+}
+
 /* Which paths of a point pass the tests that no input decides.   enabled: (paths, stride) */
-DL2C_LANES static void model_guards(int point, const real *restrict x, const real *restrict p,
-                                    int64_t stride, int64_t count, uint8_t *restrict enabled)
+DL2C_INLINE void model_guards(int point, const real *restrict x, const real *restrict p,
+                              int64_t stride, int64_t count, uint8_t *restrict enabled)
 {
   if (point == 0) {
     for (int64_t i = 0; i < count; i++)
@@ -423,8 +468,8 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, real
 }
 
 /* What a post-state is tested for.   facts: (NFACT, row) */
-DL2C_LANES static void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
-                                   int64_t count, int64_t row, uint8_t *restrict facts)
+DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
+                             int64_t count, int64_t row, uint8_t *restrict facts)
 {
   (void)p;
   for (int64_t i = 0; i < count; i++)
@@ -439,9 +484,9 @@ DL2C_LANES static void model_facts(const real *restrict x, const real *restrict 
 }
 
 /* Sums the rewards of all predicates; of those that end the episode the most important wins. */
-DL2C_LANES static void model_judge(const real *restrict x, const real *restrict p, int64_t stride,
-                                   int64_t count, const uint8_t *restrict facts, int64_t row,
-                                   dl2c_judgement *restrict judged)
+DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int64_t stride,
+                             int64_t count, const uint8_t *restrict facts, int64_t row,
+                             dl2c_judgement *restrict judged)
 {
   (void)p;
   for (int64_t i = 0; i < count; i++)
@@ -464,18 +509,18 @@ DL2C_LANES static void model_judge(const real *restrict x, const real *restrict 
     int32_t end = DL2C_GOES_ON;
     int32_t status = DL2C_NONE;
     int32_t reason = DL2C_REASON_NONE;
-    const bool fires0 = facts[F_delivered_holds * row + i];
-    end = fires0 ? DL2C_TERMINATE : end;
-    status = fires0 ? DL2C_SUCCESS : status;
-    reason = fires0 ? DL2C_REASON_PREDICATE + 1 : reason;
-    const bool fires1 = (!facts[F_delivered_holds * row + i]) & facts[F_delivered_due * row + i];
-    end = fires1 ? DL2C_TERMINATE : end;
-    status = fires1 ? DL2C_FAILURE : status;
-    reason = fires1 ? DL2C_REASON_PREDICATE + 1 : reason;
-    const bool fires2 = !facts[F_closed_holds * row + i];
-    end = fires2 ? DL2C_TRUNCATE : end;
-    status = fires2 ? DL2C_FAILURE : status;
-    reason = fires2 ? DL2C_REASON_PREDICATE + 0 : reason;
+    const int32_t fires0 = facts[F_delivered_holds * row + i];
+    end = dl2c_pick(fires0, DL2C_TERMINATE, end);
+    status = dl2c_pick(fires0, DL2C_SUCCESS, status);
+    reason = dl2c_pick(fires0, DL2C_REASON_PREDICATE + 1, reason);
+    const int32_t fires1 = (!facts[F_delivered_holds * row + i]) & facts[F_delivered_due * row + i];
+    end = dl2c_pick(fires1, DL2C_TERMINATE, end);
+    status = dl2c_pick(fires1, DL2C_FAILURE, status);
+    reason = dl2c_pick(fires1, DL2C_REASON_PREDICATE + 1, reason);
+    const int32_t fires2 = !facts[F_closed_holds * row + i];
+    end = dl2c_pick(fires2, DL2C_TRUNCATE, end);
+    status = dl2c_pick(fires2, DL2C_FAILURE, status);
+    reason = dl2c_pick(fires2, DL2C_REASON_PREDICATE + 0, reason);
     judged->end[i] = end;
     judged->status[i] = status;
     judged->reason[i] = reason;
@@ -490,24 +535,27 @@ static inline bool model_precondition(const real *x, const real *p)
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
-DL2C_LANES static void model_observe(const real *restrict x, const real *restrict p, int64_t stride,
-                                     int64_t count, int64_t row, dl2c_obs *restrict obs,
-                                     uint8_t *restrict saturated)
+DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, int64_t stride,
+                               int64_t count, int64_t row, dl2c_obs *restrict obs,
+                               uint8_t *restrict saturated)
 {
+  int32_t clipped[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++)
-    saturated[i] = 0;
+    clipped[i] = 0;
   for (int64_t i = 0; i < count; i++)
-    obs[0 * row + i] = dl2c_observe_float(x[X_h * stride + i], 0.0f, 3.0f, &saturated[i]);
+    obs[0 * row + i] = dl2c_observe_float(x[X_h * stride + i], 0.0f, 3.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[1 * row + i] = dl2c_observe_float(x[X_v * stride + i], -2.0f, 2.0f, &saturated[i]);
+    obs[1 * row + i] = dl2c_observe_float(x[X_v * stride + i], -2.0f, 2.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[2 * row + i] = dl2c_observe_float(x[X_door * stride + i], 0.0f, 1.0f, &saturated[i]);
+    obs[2 * row + i] = dl2c_observe_float(x[X_door * stride + i], 0.0f, 1.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[3 * row + i] = dl2c_observe_float(x[X_load * stride + i], 0.0f, 1.0f, &saturated[i]);
+    obs[3 * row + i] = dl2c_observe_float(x[X_load * stride + i], 0.0f, 1.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[4 * row + i] = dl2c_observe_float(x[X_clock * stride + i], 0.0f, 100.0f, &saturated[i]);
+    obs[4 * row + i] = dl2c_observe_float(x[X_clock * stride + i], 0.0f, 100.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[5 * row + i] = dl2c_observe_float(p[P_speed * stride + i], 0.5f, 2.0f, &saturated[i]);
+    obs[5 * row + i] = dl2c_observe_float(p[P_speed * stride + i], 0.5f, 2.0f, &clipped[i]);
+  for (int64_t i = 0; i < count; i++)
+    saturated[i] = (uint8_t)clipped[i];
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */

@@ -5,7 +5,7 @@ enum { X_x, X_f, X_t, NX }; /* state */
 enum { P_ep, P_H, NP }; /* constants of the episode */
 enum { U_assign_f, NU }; /* inputs */
 enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a state is tested for */
-enum { NCHOICE = 0, NMASK = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFREE = 3, NBOX = 4, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0 };
+enum { NCHOICE = 0, NMASK = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1, NFREE = 3, NBOX = 4, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0 };
 #define DL2C_LANE_FLOW (0)
 typedef float dl2c_obs;
 
@@ -106,8 +106,8 @@ static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, re
   y[X_x] = dl2c_select(hit0, 0.0, y[X_x]);
   const bool defined = true & isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
   const bool inside = !moves | flow0_stays(y, p);
-  DL2C_UNROLL
-  for (int k = 0; k < NX; k++) y[k] = dl2c_select(moves, y[k], x[k]);
+  y[X_x] = dl2c_select(moves, y[X_x], x[X_x]);
+  y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
   *duration = dl2c_select(moves, end, 0.0);
   return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;
 }
@@ -130,9 +130,34 @@ static inline bool model_at(int flow, const real *x, const real *p, real tau, re
   return false;
 }
 
+/* How fast the variables change along a flow; 0 where its ODE does not name one. */
+static inline void model_rates(int flow, const real *x, const real *p, real *dx)
+{
+  (void)p;
+  for (int k = 0; k < NX; k++) dx[k] = 0.0;
+  if (flow == 0) {
+    dx[X_x] = x[X_f];
+    dx[X_t] = 1.0;
+  }
+}
+
+/* Margins of a flow's domain and their Lie derivatives; 1 and 0 where it has fewer than NROOT. */
+static inline void model_roots(int flow, const real *x, const real *p, real *g, real *dg)
+{
+  (void)p;
+  for (int k = 0; k < NROOT; k++) {
+    g[k] = 1.0;
+    dg[k] = 0.0;
+  }
+  if (flow == 0) {
+    g[0] = x[X_x];
+    dg[0] = x[X_f];
+  }
+}
+
 /* Which paths of a point pass the tests that no input decides.   enabled: (paths, stride) */
-DL2C_LANES static void model_guards(int point, const real *restrict x, const real *restrict p,
-                                    int64_t stride, int64_t count, uint8_t *restrict enabled)
+DL2C_INLINE void model_guards(int point, const real *restrict x, const real *restrict p,
+                              int64_t stride, int64_t count, uint8_t *restrict enabled)
 {
   (void)point;
   for (int64_t i = 0; i < count; i++)
@@ -183,8 +208,8 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, real
 }
 
 /* What a post-state is tested for.   facts: (NFACT, row) */
-DL2C_LANES static void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
-                                   int64_t count, int64_t row, uint8_t *restrict facts)
+DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
+                             int64_t count, int64_t row, uint8_t *restrict facts)
 {
   for (int64_t i = 0; i < count; i++)
     facts[F_inside_holds * row + i] = inside_holds(x[X_x * stride + i], p[P_H * stride + i]);
@@ -195,9 +220,9 @@ DL2C_LANES static void model_facts(const real *restrict x, const real *restrict 
 }
 
 /* Sums the rewards of all predicates; of those that end the episode the most important wins. */
-DL2C_LANES static void model_judge(const real *restrict x, const real *restrict p, int64_t stride,
-                                   int64_t count, const uint8_t *restrict facts, int64_t row,
-                                   dl2c_judgement *restrict judged)
+DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int64_t stride,
+                             int64_t count, const uint8_t *restrict facts, int64_t row,
+                             dl2c_judgement *restrict judged)
 {
   for (int64_t i = 0; i < count; i++)
     judged->reward[i] = 0.0;
@@ -216,10 +241,10 @@ DL2C_LANES static void model_judge(const real *restrict x, const real *restrict 
     int32_t end = DL2C_GOES_ON;
     int32_t status = DL2C_NONE;
     int32_t reason = DL2C_REASON_NONE;
-    const bool fires0 = !facts[F_inside_holds * row + i];
-    end = fires0 ? DL2C_TERMINATE : end;
-    status = fires0 ? DL2C_FAILURE : status;
-    reason = fires0 ? DL2C_REASON_PREDICATE + 0 : reason;
+    const int32_t fires0 = !facts[F_inside_holds * row + i];
+    end = dl2c_pick(fires0, DL2C_TERMINATE, end);
+    status = dl2c_pick(fires0, DL2C_FAILURE, status);
+    reason = dl2c_pick(fires0, DL2C_REASON_PREDICATE + 0, reason);
     judged->end[i] = end;
     judged->status[i] = status;
     judged->reason[i] = reason;
@@ -233,20 +258,23 @@ static inline bool model_precondition(const real *x, const real *p)
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
-DL2C_LANES static void model_observe(const real *restrict x, const real *restrict p, int64_t stride,
-                                     int64_t count, int64_t row, dl2c_obs *restrict obs,
-                                     uint8_t *restrict saturated)
+DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, int64_t stride,
+                               int64_t count, int64_t row, dl2c_obs *restrict obs,
+                               uint8_t *restrict saturated)
 {
+  int32_t clipped[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++)
-    saturated[i] = 0;
+    clipped[i] = 0;
   for (int64_t i = 0; i < count; i++)
-    obs[0 * row + i] = dl2c_observe_float(x[X_x * stride + i], 0.0f, 6.0f, &saturated[i]);
+    obs[0 * row + i] = dl2c_observe_float(x[X_x * stride + i], 0.0f, 6.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[1 * row + i] = dl2c_observe_float(x[X_f * stride + i], -1.0f, 1.0f, &saturated[i]);
+    obs[1 * row + i] = dl2c_observe_float(x[X_f * stride + i], -1.0f, 1.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[2 * row + i] = dl2c_observe_float(p[P_ep * stride + i], 0.5f, 1.0f, &saturated[i]);
+    obs[2 * row + i] = dl2c_observe_float(p[P_ep * stride + i], 0.5f, 1.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[3 * row + i] = dl2c_observe_float(p[P_H * stride + i], 4.0f, 6.0f, &saturated[i]);
+    obs[3 * row + i] = dl2c_observe_float(p[P_H * stride + i], 4.0f, 6.0f, &clipped[i]);
+  for (int64_t i = 0; i < count; i++)
+    saturated[i] = (uint8_t)clipped[i];
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */

@@ -5,7 +5,7 @@ enum { X_xr, X_vr, X_ar, X_xg, X_t, X_T, NX }; /* state */
 enum { P_ep, P_b, P_A, P_GDelta, P_Vmax, NP }; /* constants of the episode */
 enum { NU }; /* inputs */
 enum { F_loopInv_holds, F_ensure_holds, F_ensure_due, F_postcondition, NFACT }; /* what a state is tested for */
-enum { NCHOICE = 1, NMASK = 4, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFREE = 10, NBOX = 64, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 1 };
+enum { NCHOICE = 1, NMASK = 4, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT = 1, NFREE = 10, NBOX = 64, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 1 };
 #define DL2C_LANE_FLOW (0)
 typedef float dl2c_obs;
 
@@ -178,8 +178,10 @@ static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, re
   y[X_vr] = dl2c_select(hit0, 0.0, y[X_vr]);
   const bool defined = true & isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
   const bool inside = !moves | flow0_stays(y, p);
-  DL2C_UNROLL
-  for (int k = 0; k < NX; k++) y[k] = dl2c_select(moves, y[k], x[k]);
+  y[X_xr] = dl2c_select(moves, y[X_xr], x[X_xr]);
+  y[X_vr] = dl2c_select(moves, y[X_vr], x[X_vr]);
+  y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
+  y[X_T] = dl2c_select(moves, y[X_T], x[X_T]);
   *duration = dl2c_select(moves, end, 0.0);
   return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;
 }
@@ -202,9 +204,36 @@ static inline bool model_at(int flow, const real *x, const real *p, real tau, re
   return false;
 }
 
+/* How fast the variables change along a flow; 0 where its ODE does not name one. */
+static inline void model_rates(int flow, const real *x, const real *p, real *dx)
+{
+  (void)p;
+  for (int k = 0; k < NX; k++) dx[k] = 0.0;
+  if (flow == 0) {
+    dx[X_xr] = x[X_vr];
+    dx[X_vr] = x[X_ar];
+    dx[X_t] = 1.0;
+    dx[X_T] = -1.0;
+  }
+}
+
+/* Margins of a flow's domain and their Lie derivatives; 1 and 0 where it has fewer than NROOT. */
+static inline void model_roots(int flow, const real *x, const real *p, real *g, real *dg)
+{
+  (void)p;
+  for (int k = 0; k < NROOT; k++) {
+    g[k] = 1.0;
+    dg[k] = 0.0;
+  }
+  if (flow == 0) {
+    g[0] = x[X_vr];
+    dg[0] = x[X_ar];
+  }
+}
+
 /* Which paths of a point pass the tests that no input decides.   enabled: (paths, stride) */
-DL2C_LANES static void model_guards(int point, const real *restrict x, const real *restrict p,
-                                    int64_t stride, int64_t count, uint8_t *restrict enabled)
+DL2C_INLINE void model_guards(int point, const real *restrict x, const real *restrict p,
+                              int64_t stride, int64_t count, uint8_t *restrict enabled)
 {
   (void)point;
   for (int64_t i = 0; i < count; i++)
@@ -270,20 +299,14 @@ static inline bool model_update(int path, const real *x, const real *p, const re
 static inline bool model_assign(int64_t path, const real *x, const real *p, real *y)
 {
   (void)x;
-  y[X_ar] = dl2c_select(path == 0, path0_set_ar(p[P_b]), y[X_ar]);
-  y[X_t] = dl2c_select(path == 0, 0.0, y[X_t]);
-  y[X_ar] = dl2c_select(path == 1, 0.0, y[X_ar]);
-  y[X_t] = dl2c_select(path == 1, 0.0, y[X_t]);
-  y[X_ar] = dl2c_select(path == 2, p[P_A], y[X_ar]);
-  y[X_t] = dl2c_select(path == 2, 0.0, y[X_t]);
-  y[X_ar] = dl2c_select(path == 3, 0.0, y[X_ar]);
-  y[X_t] = dl2c_select(path == 3, 0.0, y[X_t]);
+  y[X_ar] = dl2c_select((path == 2), p[P_A], dl2c_select((path == 0), path0_set_ar(p[P_b]), 0.0));
+  y[X_t] = 0.0;
   return true;
 }
 
 /* What a post-state is tested for.   facts: (NFACT, row) */
-DL2C_LANES static void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
-                                   int64_t count, int64_t row, uint8_t *restrict facts)
+DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
+                             int64_t count, int64_t row, uint8_t *restrict facts)
 {
   for (int64_t i = 0; i < count; i++)
     facts[F_loopInv_holds * row + i] = loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i],
@@ -300,9 +323,9 @@ DL2C_LANES static void model_facts(const real *restrict x, const real *restrict 
 }
 
 /* Sums the rewards of all predicates; of those that end the episode the most important wins. */
-DL2C_LANES static void model_judge(const real *restrict x, const real *restrict p, int64_t stride,
-                                   int64_t count, const uint8_t *restrict facts, int64_t row,
-                                   dl2c_judgement *restrict judged)
+DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int64_t stride,
+                             int64_t count, const uint8_t *restrict facts, int64_t row,
+                             dl2c_judgement *restrict judged)
 {
   (void)x; (void)p; (void)stride;
   for (int64_t i = 0; i < count; i++)
@@ -322,18 +345,18 @@ DL2C_LANES static void model_judge(const real *restrict x, const real *restrict 
     int32_t end = DL2C_GOES_ON;
     int32_t status = DL2C_NONE;
     int32_t reason = DL2C_REASON_NONE;
-    const bool fires0 = facts[F_ensure_holds * row + i];
-    end = fires0 ? DL2C_TERMINATE : end;
-    status = fires0 ? DL2C_SUCCESS : status;
-    reason = fires0 ? DL2C_REASON_PREDICATE + 1 : reason;
-    const bool fires1 = (!facts[F_ensure_holds * row + i]) & facts[F_ensure_due * row + i];
-    end = fires1 ? DL2C_TERMINATE : end;
-    status = fires1 ? DL2C_FAILURE : status;
-    reason = fires1 ? DL2C_REASON_PREDICATE + 1 : reason;
-    const bool fires2 = !facts[F_loopInv_holds * row + i];
-    end = fires2 ? DL2C_TRUNCATE : end;
-    status = fires2 ? DL2C_FAILURE : status;
-    reason = fires2 ? DL2C_REASON_PREDICATE + 0 : reason;
+    const int32_t fires0 = facts[F_ensure_holds * row + i];
+    end = dl2c_pick(fires0, DL2C_TERMINATE, end);
+    status = dl2c_pick(fires0, DL2C_SUCCESS, status);
+    reason = dl2c_pick(fires0, DL2C_REASON_PREDICATE + 1, reason);
+    const int32_t fires1 = (!facts[F_ensure_holds * row + i]) & facts[F_ensure_due * row + i];
+    end = dl2c_pick(fires1, DL2C_TERMINATE, end);
+    status = dl2c_pick(fires1, DL2C_FAILURE, status);
+    reason = dl2c_pick(fires1, DL2C_REASON_PREDICATE + 1, reason);
+    const int32_t fires2 = !facts[F_loopInv_holds * row + i];
+    end = dl2c_pick(fires2, DL2C_TRUNCATE, end);
+    status = dl2c_pick(fires2, DL2C_FAILURE, status);
+    reason = dl2c_pick(fires2, DL2C_REASON_PREDICATE + 0, reason);
     judged->end[i] = end;
     judged->status[i] = status;
     judged->reason[i] = reason;
@@ -347,35 +370,38 @@ static inline bool model_precondition(const real *x, const real *p)
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
-DL2C_LANES static void model_observe(const real *restrict x, const real *restrict p, int64_t stride,
-                                     int64_t count, int64_t row, dl2c_obs *restrict obs,
-                                     uint8_t *restrict saturated)
+DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, int64_t stride,
+                               int64_t count, int64_t row, dl2c_obs *restrict obs,
+                               uint8_t *restrict saturated)
 {
+  int32_t clipped[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++)
-    saturated[i] = 0;
+    clipped[i] = 0;
   for (int64_t i = 0; i < count; i++)
-    obs[0 * row + i] = dl2c_observe_float(x[X_xr * stride + i], 0.0f, 100.0f, &saturated[i]);
+    obs[0 * row + i] = dl2c_observe_float(x[X_xr * stride + i], 0.0f, 100.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[1 * row + i] = dl2c_observe_float(x[X_vr * stride + i], 0.0f, 20.0f, &saturated[i]);
+    obs[1 * row + i] = dl2c_observe_float(x[X_vr * stride + i], 0.0f, 20.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[2 * row + i] = dl2c_observe_float(x[X_ar * stride + i], -10.0f, 10.0f, &saturated[i]);
+    obs[2 * row + i] = dl2c_observe_float(x[X_ar * stride + i], -10.0f, 10.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[3 * row + i] = dl2c_observe_float(x[X_xg * stride + i], 0.0f, 100.0f, &saturated[i]);
+    obs[3 * row + i] = dl2c_observe_float(x[X_xg * stride + i], 0.0f, 100.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[4 * row + i] = dl2c_observe_float(x[X_t * stride + i], 0.0f, 1.0f, &saturated[i]);
+    obs[4 * row + i] = dl2c_observe_float(x[X_t * stride + i], 0.0f, 1.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[5 * row + i] = dl2c_observe_float(x[X_T * stride + i], 0.0f, 1000.0f, &saturated[i]);
+    obs[5 * row + i] = dl2c_observe_float(x[X_T * stride + i], 0.0f, 1000.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
     obs[6 * row + i] = dl2c_observe_float(p[P_ep * stride + i], 0.09999999403953552f, 0.5f,
-        &saturated[i]);
+        &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[7 * row + i] = dl2c_observe_float(p[P_b * stride + i], 0.5f, 5.0f, &saturated[i]);
+    obs[7 * row + i] = dl2c_observe_float(p[P_b * stride + i], 0.5f, 5.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[8 * row + i] = dl2c_observe_float(p[P_A * stride + i], 1.0f, 10.0f, &saturated[i]);
+    obs[8 * row + i] = dl2c_observe_float(p[P_A * stride + i], 1.0f, 10.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[9 * row + i] = dl2c_observe_float(p[P_GDelta * stride + i], 1.0f, 10.0f, &saturated[i]);
+    obs[9 * row + i] = dl2c_observe_float(p[P_GDelta * stride + i], 1.0f, 10.0f, &clipped[i]);
   for (int64_t i = 0; i < count; i++)
-    obs[10 * row + i] = dl2c_observe_float(p[P_Vmax * stride + i], 5.0f, 30.0f, &saturated[i]);
+    obs[10 * row + i] = dl2c_observe_float(p[P_Vmax * stride + i], 5.0f, 30.0f, &clipped[i]);
+  for (int64_t i = 0; i < count; i++)
+    saturated[i] = (uint8_t)clipped[i];
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */
