@@ -95,9 +95,9 @@ def emit(source: Source, stage: str, options: Options) -> str:
         from dl2c.paths.printer import print_paths
 
         return print_paths(environment.paths)
-    from dl2c.emit.model_c import model_c
+    from dl2c.emit.model_c import model_sources
 
-    return model_c(environment)
+    return "\n".join(model_sources(environment).values())
 
 
 def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
@@ -206,7 +206,7 @@ def _not_exact(refused: "Any") -> Diagnostic:
 
 def _build(problem: Problem, options: Options, key: str, folder: Path, progress: Progress | None) -> None:
     """Fill a folder with everything that `dl2c build` writes."""
-    from dl2c.emit.model_c import model_c
+    from dl2c.emit.model_c import model_sources
     from dl2c.emit.names import file_stem
     from dl2c.native.compile import compile_library
     from dl2c.native.describe import manifest_of
@@ -215,7 +215,7 @@ def _build(problem: Problem, options: Options, key: str, folder: Path, progress:
     if progress is not None:
         progress("compiling C")
     stem = file_stem(environment.model.name)
-    compile_library({f"{stem}.c": model_c(environment)}, stem, folder, native=options.native)
+    compile_library(model_sources(environment), stem, folder, native=options.native)
     manifest = manifest_of(environment, key, {"machine": platform.machine(), "system": platform.system()})
     (folder / "manifest.json").write_text(manifest.to_json(), encoding="utf-8")
     (folder / "model.ir").write_text(print_model(environment.model), encoding="utf-8")

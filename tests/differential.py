@@ -17,7 +17,7 @@ import numpy as np
 from random_models import random_model, random_state
 
 from dl2c.diagnostics import CompileError
-from dl2c.emit.model_c import model_c
+from dl2c.emit.model_c import model_sources
 from dl2c.emit.plan import Environment
 from dl2c.ir import model as ir
 from dl2c.ir.evaluate import evaluate, truth
@@ -59,7 +59,8 @@ def compiled(environments: list[Environment], folder: Path, level: str = "-O1") 
 def _compiled(environment: Environment, folder: Path, level: str) -> Library:
     name = environment.model.name
     source, target = folder / f"{name}.c", folder / f"lib{name}.so"
-    source.write_text(model_c(environment), encoding="utf-8")
+    for file, text in model_sources(environment).items():
+        (folder / file).write_text(text, encoding="utf-8")
     cgen = cgen_dir()
     command = ["cc", "-std=c11", level, "-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"]
     command += [

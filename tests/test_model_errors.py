@@ -185,8 +185,9 @@ ATTRIBUTES += (
 def mutated(text: str, rng: Random) -> str:
     """The text with up to three changes that mostly leave it grammatical."""
     tokens = TOKEN.findall(text)
+    begin = tokens.index("Definitions")
     for _ in range(rng.choice((1, 1, 2, 3))):
-        k = rng.randrange(tokens.index("Definitions"), len(tokens))
+        k = rng.randrange(begin, len(tokens))
         match tokens[k]:
             case ";" | "{":
                 tokens[k] += f" {rng.choice(STATEMENTS)} "

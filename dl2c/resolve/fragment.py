@@ -36,7 +36,7 @@ def _top(formula: tree.Formula) -> Iterator[Diagnostic]:
             yield from _top(right)
         case tree.Box(program, child) | tree.Diamond(program, child):
             yield from _state(program)
-            yield from _top(child)
+            yield from _top(child) if isinstance(child, type(formula)) else _state(child)
         case _:
             yield from _state(formula)
 
