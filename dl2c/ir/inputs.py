@@ -14,7 +14,7 @@ from fractions import Fraction
 
 from dl2c.ir.evaluate import Undefined, Value, evaluate, truth
 from dl2c.ir.logic import conjuncts, symbols
-from dl2c.ir.model import Assign, AssignAny, Compare, Evolve, Formula, Symbol, Test
+from dl2c.ir.model import Assign, AssignAny, Compare, Evolve, Formula, Symbol, Term, Test
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +152,9 @@ def _passes(line: Line, env: State, key: str | None, value: Value, exact: bool) 
     return True
 
 
-def _dependence(part: object, depends: Mapping[Symbol, frozenset[str]]) -> frozenset[str]:
-    return frozenset[str]().union(*(depends.get(s, frozenset()) for s in symbols(part)))  # type: ignore[arg-type]
+def _dependence(part: Term | Formula, depends: Mapping[Symbol, frozenset[str]]) -> frozenset[str]:
+    """The inputs that decide the value of a term or formula."""
+    return frozenset[str]().union(*(depends.get(s, frozenset()) for s in symbols(part)))
 
 
 def _tests(line: Line, env: State, key: str) -> list[tuple[Compare, Callable[[Fraction], Fraction]]]:

@@ -51,7 +51,9 @@ def take_apart(written: tree.Formula, expanded: tree.Formula) -> Shape:
     box, diamond = _modalities(conclusion)
     if box and diamond and _grouped(box.statements) != _grouped(diamond.statements):
         raise CompileError(_different_programs(box, diamond))
-    prefix, loop, suffix = _around_loop((box or diamond).statements)  # pyright: ignore[reportOptionalMemberAccess]
+    some = box or diamond
+    assert some is not None, "a conclusion has one of them"
+    prefix, loop, suffix = _around_loop(some.statements)
     written_assumptions, written_conclusion = _implications(written)
     written_box, written_diamond = _written(written_conclusion, box, diamond)
     return Shape(
