@@ -26,7 +26,7 @@ class Options:
     """Every option of an environment; see semantics for what each one means.
 
     `dt` None means: the model's own horizon, else `DEFAULT_DT`. `constants` fixes episode
-    constants by name. `loop` selects one of several top-level loops, `entry` an archive entry.
+    constants by name, `entry` selects an archive entry.
     """
 
     entry: str | None = None

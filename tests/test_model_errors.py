@@ -226,7 +226,7 @@ def test_a_mutated_model_is_compiled_or_explained(seed: int) -> None:
     explained(mutated(SMALL, Random(seed)))
 
 
-@settings(max_examples=15)
+@settings(max_examples=6)
 @given(st.integers(0, 10**9))
 def test_a_mutated_example_is_compiled_or_explained(seed: int) -> None:
     explained(mutated(EXAMPLE.read_text(encoding="utf-8"), Random(seed)))
