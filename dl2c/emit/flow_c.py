@@ -83,7 +83,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     stays = _stays(k, plan, leaves)
     terms = [c for cs in plan.solution.variables.values() for c in cs]
     terms += [c for w in plan.watches for c in w.margin] + [h.bound for h in plan.flow.horizons]
-    defined = leaves.defined(f"flow{k}_defined", terms, "all coefficients have a value") or "true"
+    defined = leaves.defined(f"flow{k}_defined", terms, "all coefficients have a value")
     limits, body = _limits(k, plan, leaves)
     for j, watch in enumerate(plan.watches):
         body += _exit(k, j, watch, leaves)
@@ -97,14 +97,16 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     body.append("const bool moves = end > 0.0;")
     if shy:
         body.append(f"end = dl2c_select({' | '.join(shy)}, dl2c_before(end), end);")
-    finite = "".join(f" & isfinite({limit})" for limit in limits if limit.startswith("left"))
+    conditions = [] if defined is None else [defined]
+    conditions += [f"isfinite({limit})" for limit in limits if limit.startswith("left")]
+    conditions.append("(!moves | dl2c_all_finite(y, NX))")
     body += [
         "",
         "DL2C_UNROLL",
         "for (int k = 0; k < NX; k++) y[k] = x[k];",
         f"flow{k}_at(x, p, end, y);",
         *_settled(k, plan, leaves),
-        f"const bool defined = {defined}{finite} & (!moves | dl2c_all_finite(y, NX));",
+        f"const bool defined = {' & '.join(conditions)};",
         f"const bool inside = !moves | {_inside(k, plan)};",
         *(f"y[{v}] = dl2c_select(moves, y[{v}], x[{v}]);" for v in _moving(plan)),
         "*duration = dl2c_select(moves, end, 0.0);",

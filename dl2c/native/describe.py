@@ -10,7 +10,7 @@ from dl2c.emit.judge_c import observation_limits, observed
 from dl2c.emit.plan import Environment
 from dl2c.ir.inputs import rounded_down, rounded_up
 from dl2c.ir.model import Bound, Constant, Variable
-from dl2c.ir.printer import print_flow
+from dl2c.ir.printer import print_flow, print_number
 from dl2c.native.manifest import ChoiceSpec, FlowSpec, InputSpec, Manifest, PredicateSpec, Quantity
 from dl2c.options import Options
 from dl2c.sampling.plan import SamplingPlan
@@ -104,9 +104,9 @@ def _options(options: Options) -> dict[str, Any]:
             case frozenset():
                 continue
             case Fraction():
-                values[option.name] = str(value)
+                values[option.name] = print_number(value)
             case tuple():
-                values[option.name] = {name: str(number) for name, number in options.constants}
+                values[option.name] = {name: print_number(number) for name, number in options.constants}
             case _:
                 values[option.name] = value
     return values

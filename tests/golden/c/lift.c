@@ -253,7 +253,7 @@ static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, re
   y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
   y[X_h] = dl2c_select(hit0, 0.0, y[X_h]);
   y[X_h] = dl2c_select(hit1, 3.0, y[X_h]);
-  const bool defined = true & isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
+  const bool defined = isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
   const bool inside = !moves | flow0_stays(y, p);
   y[X_h] = dl2c_select(moves, y[X_h], x[X_h]);
   y[X_clock] = dl2c_select(moves, y[X_clock], x[X_clock]);
@@ -289,7 +289,7 @@ static inline dl2c_motion flow1_motion(const real *x, const real *p, real *y, re
   for (int k = 0; k < NX; k++) y[k] = x[k];
   flow1_at(x, p, end, y);
   y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
-  const bool defined = true & isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
+  const bool defined = isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
   const bool inside = !moves | flow1_stays(y, p);
   y[X_clock] = dl2c_select(moves, y[X_clock], x[X_clock]);
   y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);

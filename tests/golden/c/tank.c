@@ -113,7 +113,7 @@ static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, re
   flow0_at(x, p, end, y);
   y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
   y[X_x] = dl2c_select(hit0, 0.0, y[X_x]);
-  const bool defined = true & isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
+  const bool defined = isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
   const bool inside = !moves | flow0_stays(y, p);
   y[X_x] = dl2c_select(moves, y[X_x], x[X_x]);
   y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
