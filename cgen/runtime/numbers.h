@@ -28,14 +28,16 @@ typedef double real;
 
 /*
  * Functions over full blocks exist several times, for AVX-512, AVX2 and every x86-64; all
- * compute the same bits. DL2C_NO_TARGET_CLONES leaves one, for linkers without indirect functions.
+ * compute the same bits. DL2C_NO_TARGET_CLONES leaves one, for linkers and C libraries
+ * without indirect functions.
  */
 #if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 12
 #define DL2C_CLONES "arch=x86-64-v4", "avx2", "default"
 #else
 #define DL2C_CLONES "avx2", "default"
 #endif
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(DL2C_NO_TARGET_CLONES)
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) \
+    && !defined(DL2C_NO_TARGET_CLONES)
 #define DL2C_LANES __attribute__((target_clones(DL2C_CLONES)))
 #else
 #define DL2C_LANES
