@@ -6,9 +6,13 @@ import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
+
+from dl2c.cli import app
+from dl2c.options import Options
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -64,9 +68,6 @@ def test_every_make_target_exists() -> None:
 
 
 def test_every_command_and_option_is_in_the_readme() -> None:
-    from dataclasses import fields
-
-    from dl2c.options import Options
-
     table = set(re.findall(r"^\| `(\w+)` \|", README, flags=re.M))
     assert {f.name for f in fields(Options)} - {"entry", "given"} <= table
+    assert {command.name or command.callback.__name__ for command in app.registered_commands} <= table
