@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from dl2c.diagnostics import CompileError, Diagnostic, error, in_source_order, warning
 from dl2c.ir.lower import lower
+from dl2c.ir.model import Predicate
 from dl2c.ir.printer import print_model
 from dl2c.native.cache import build_key, cached
 from dl2c.options import Options, UnknownOption, under, with_options
@@ -176,13 +177,13 @@ def _environment(
     decision = decide(model)
     say("planning initial states")
     sampling = plan_sampling(model, decision=decision)
-    warnings: tuple[Diagnostic, ...] = ()
+    warnings = tuple(_never_due(p) for p in model.predicates if _is_never_due(p))
     if isinstance(sampling, NoSampler):
         if sampling.diagnostic.code in ("unsatisfiable-precondition", "unbounded-variable"):
             raise CompileError(sampling.diagnostic)
         d = sampling.diagnostic
         advice = 'reset needs a state: reset(options={"state": {...}})'
-        warnings = (warning(d.code, d.title, d.span, d.label, advice, d.notes),)
+        warnings += (warning(d.code, d.title, d.span, d.label, advice, d.notes),)
     environment = Environment(
         model=model,
         paths=paths,
@@ -192,6 +193,22 @@ def _environment(
         version=__version__,
     )
     return environment, warnings
+
+
+def _is_never_due(predicate: Predicate) -> bool:
+    return predicate.category == "progress" and predicate.on_failure is not None and predicate.due is None
+
+
+def _never_due(predicate: Predicate) -> Diagnostic:
+    """Semantics 6: a progress predicate fails only when its obligation falls due."""
+    name = predicate.name
+    return warning(
+        "failure-never-due",
+        f"`on_failure` of `{name}` never counts",
+        predicate.span,
+        f"the postcondition does not say when `{name}` must hold",
+        f"add an obligation to the postcondition, e.g. `(T <= 0 -> {name}(...))`, or drop `on_failure`",
+    )
 
 
 def _not_exact(refused: "Any") -> Diagnostic:
