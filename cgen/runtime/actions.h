@@ -22,42 +22,71 @@ static inline int64_t dl2c_moved(int64_t number, int direction, uint64_t steps)
   return result;
 }
 
-/*
- * The passing value furthest in `direction` (-1 down, 1 up), searched from `start`
- * inside the input's limits: steps of 1, 2, 4, ... units in the last place bracket the
- * end of the passing values, bisection finds it. False if no tried value passes.
- */
-static bool dl2c_outermost(int path, int input, const real *x, const real *p, real start,
-                           int direction, real *out)
+/* A search among the values of one input on one path. */
+typedef struct dl2c_search {
+  int path, input;
+  const real *x, *p;
+} dl2c_search;
+
+static bool dl2c_passes(const dl2c_search *search, int64_t number)
 {
-  const int64_t least = dl2c_ordinal(INPUT_LOW[input]);
-  const int64_t most = dl2c_ordinal(INPUT_HIGH[input]);
-  int64_t here = dl2c_ordinal(start);
-  here = here < least ? least : here > most ? most : here;
-  const bool found = model_admits(path, input, x, p, dl2c_from_ordinal(here));
-  const int outward = found ? direction : -direction;
-  int64_t there = here;
+  return model_admits(search->path, search->input, search->x, search->p, dl2c_from_ordinal(number));
+}
+
+/*
+ * Steps of 1, 2, 4, ... units in the last place, inside the input's limits, until the test
+ * becomes `wanted`. *last is the last value before, *there the first one where it is; false
+ * if there is none.
+ */
+static bool dl2c_bracket(const dl2c_search *search, int64_t here, int direction, bool wanted,
+                         int64_t *last, int64_t *there)
+{
+  const int64_t limit =
+      dl2c_ordinal(direction > 0 ? INPUT_HIGH[search->input] : INPUT_LOW[search->input]);
   for (uint64_t step = 1;; step *= 2) {
-    const uint64_t room = outward > 0 ? dl2c_distance(most, here) : dl2c_distance(here, least);
-    there = dl2c_moved(here, outward, step < room ? step : room);
-    if (there == here) {
-      *out = dl2c_from_ordinal(here);
-      return found;
-    }
-    if (model_admits(path, input, x, p, dl2c_from_ordinal(there)) != found) break;
-    here = there;
+    const uint64_t room = dl2c_distance(limit, here);
+    *last = here;
+    *there = dl2c_moved(here, direction, step < room ? step : room);
+    if (*there == here) return false;
+    if (dl2c_passes(search, *there) == wanted) return true;
+    here = *there;
   }
-  int64_t inside = found ? here : there;
-  int64_t outside = found ? there : here;
+}
+
+/* The passing value next to a failing one, between one of each. */
+static real dl2c_bisected(const dl2c_search *search, int64_t inside, int64_t outside)
+{
   while (dl2c_distance(inside, outside) > 1) {
     const int64_t middle =
         dl2c_moved(outside, inside > outside ? 1 : -1, dl2c_distance(inside, outside) / 2);
-    if (model_admits(path, input, x, p, dl2c_from_ordinal(middle)))
+    if (dl2c_passes(search, middle))
       inside = middle;
     else
       outside = middle;
   }
-  *out = dl2c_from_ordinal(inside);
+  return dl2c_from_ordinal(inside);
+}
+
+/*
+ * The passing value furthest in `direction` (-1 down, 1 up), searched from `start`; where
+ * that does not pass, from a passing value on its inner side, else on its outer side. False
+ * if no tried value passes.
+ */
+static bool dl2c_outermost(const dl2c_search *search, real start, int direction, real *out)
+{
+  int64_t here = dl2c_ordinal(start);
+  int64_t last;
+  int64_t there;
+  if (!dl2c_passes(search, here)) {
+    if (dl2c_bracket(search, here, -direction, true, &last, &there)) {
+      *out = dl2c_bisected(search, there, last);
+      return true;
+    }
+    if (!dl2c_bracket(search, here, direction, true, &last, &there)) return false;
+    here = there;
+  }
+  const bool ends = dl2c_bracket(search, here, direction, false, &last, &there);
+  *out = ends ? dl2c_bisected(search, last, there) : dl2c_from_ordinal(last);
   return true;
 }
 
@@ -73,8 +102,9 @@ static dl2c_range dl2c_admissible(int path, int input, const real *x, const real
   const bool high_passes = model_admits(path, input, x, p, range.high);
   if (high_passes && !low_passes) range.low = range.high;
   if (low_passes && !high_passes) range.high = range.low;
-  range.empty = !dl2c_outermost(path, input, x, p, range.low, -1, &range.low)
-                || !dl2c_outermost(path, input, x, p, range.high, 1, &range.high);
+  const dl2c_search search = {path, input, x, p};
+  range.empty = !dl2c_outermost(&search, range.low, -1, &range.low)
+                || !dl2c_outermost(&search, range.high, 1, &range.high);
   return range;
 }
 

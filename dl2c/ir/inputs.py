@@ -80,23 +80,41 @@ def outermost(
 ) -> float | None:
     """The passing double furthest in `direction` (-1 down, 1 up), searched from `start` inside the box.
 
-    Steps of 1, 2, 4, ... units in the last place bracket the end of the passing values, then
-    bisection finds it. None if no tried value passes.
+    Where the start does not pass, a passing value is looked for on its inner side, then on its
+    outer side. Steps of 1, 2, 4, ... units in the last place bracket the end of the passing
+    values, then bisection finds it. None if no tried value passes.
     """
-    least, most = ordinal(box[0]), ordinal(box[1])
-    here = min(max(ordinal(start), least), most)
-    outward = direction if test(from_ordinal(here)) else -direction
-    found = outward == direction
+    limits = ordinal(box[0]), ordinal(box[1])
+    here = min(max(ordinal(start), limits[0]), limits[1])
+    if not test(from_ordinal(here)):
+        failing, passing = _bracket(test, here, limits, -direction, True)
+        if passing is not None:
+            return _bisected(test, passing, failing)
+        _, passing = _bracket(test, here, limits, direction, True)
+        if passing is None:
+            return None
+        here = passing
+    last, failing_end = _bracket(test, here, limits, direction, False)
+    return from_ordinal(last) if failing_end is None else _bisected(test, last, failing_end)
+
+
+def _bracket(
+    test: Callable[[float], bool], here: int, limits: tuple[int, int], direction: int, wanted: bool
+) -> tuple[int, int | None]:
+    """The last value tried before the test becomes `wanted`, and the first one where it is."""
     step = 1
     while True:
-        there = min(max(here + outward * step, least), most)
+        there = min(max(here + direction * step, limits[0]), limits[1])
         if there == here:
-            return from_ordinal(here) if found else None
-        if test(from_ordinal(there)) != found:
-            break
+            return here, None
+        if test(from_ordinal(there)) == wanted:
+            return here, there
         here = there
         step *= 2
-    inside, outside = (here, there) if found else (there, here)
+
+
+def _bisected(test: Callable[[float], bool], inside: int, outside: int) -> float:
+    """The passing value next to a failing one, between one of each."""
     while abs(inside - outside) > 1:
         distance = abs(inside - outside) // 2
         middle = outside + (distance if inside > outside else -distance)
