@@ -23,6 +23,7 @@ from dl2c.ir import model as ir
 from dl2c.ir.evaluate import evaluate, truth
 from dl2c.ir.exact import ExactPlan, Motion, advance, plan
 from dl2c.ir.interp import Interpreter, Settings, Step, runs
+from dl2c.ir.logic import operands
 from dl2c.native.binding import Batch, Library, Sizes
 from dl2c.native.code import cgen_dir
 from dl2c.native.compile import declarations
@@ -92,6 +93,7 @@ class Pair:
         limits = {i.key: (i.low, i.high) for i in environment.paths.inputs}
         self.settings = Settings(settings, penalty, limits)
         self.batch: Batch = library.batch(1, on_blocked=settings, blocked_penalty=penalty, max_steps=0)
+        self.rounding = 1e-12 if uses_libm(self.model) else 0.0
         self.seen: Counter[str] = Counter()
 
     def interpreter(self, constants: dict[str, Any], exact: bool = False) -> Interpreter:
@@ -149,7 +151,7 @@ class Pair:
             **{name: getattr(step, name) for name in list(got)[3:]},
         }
         for name, value in got.items():
-            assert same(value, want[name]), (
+            assert same(value, want[name], self.rounding), (
                 f"{model.name}: {name} is {value!r}, should be {want[name]!r}\n{context}"
             )
         if model.postcondition is not None:
@@ -179,13 +181,28 @@ class Pair:
         self.seen["ended"] += bool(step.reason)
 
 
-def same(a: Any, b: Any) -> bool:
-    """Equal to the last bit, but for the sign of zero."""
+def same(a: Any, b: Any, rounding: float = 0.0) -> bool:
+    """Equal to the last bit, but for the sign of zero; or up to a relative `rounding`."""
     if isinstance(a, list):
-        return len(a) == len(b) and all(same(p, q) for p, q in zip(a, b, strict=True))
+        return len(a) == len(b) and all(same(p, q, rounding) for p, q in zip(a, b, strict=True))
     if isinstance(a, float) and math.isnan(a):
         return math.isnan(b)
-    return a == b
+    return a == b or (rounding > 0 and isinstance(a, float) and math.isclose(a, b, rel_tol=rounding))
+
+
+LIBM = {"exp", "sin", "cos", "tan", "arcsin", "arctan", "tanh", "pow"}
+"""Functions that a compiler may evaluate better than the library does."""
+
+
+def uses_libm(model: ir.Model) -> bool:
+    """Whether a reward calls the mathematical library."""
+    stack = [t for p in model.predicates for t in (p.reward, p.penalty, p.shape) if t is not None]
+    while stack:
+        term = stack.pop()
+        if isinstance(term, ir.Call) and term.function in LIBM:
+            return True
+        stack += operands(term)
+    return False
 
 
 def run_models(seeds: range, pairs_each: int, folder: Path) -> tuple[list[Pair], Counter[str]]:
