@@ -24,7 +24,7 @@ def flow_functions(environment: Environment, leaves: Leaves) -> list[str]:
     texts: list[str] = []
     for k, plan in enumerate(environment.flows):
         texts += [_at(k, plan, leaves), _motion(k, plan, leaves)]
-    return [*texts, _model_motion(environment), _model_retreat(environment)]
+    return [*texts, _model_motion(environment), _model_at(environment)]
 
 
 def _model_motion(environment: Environment) -> str:
@@ -38,7 +38,7 @@ def _model_motion(environment: Environment) -> str:
     )
 
 
-def _model_retreat(environment: Environment) -> str:
+def _model_at(environment: Environment) -> str:
     body: list[str] = []
     for k, plan in enumerate(environment.flows):
         body += [f"if (flow == {k}) {{", f"  flow{k}_at(x, p, tau, y);", f"  return {_inside(k, plan)};", "}"]
