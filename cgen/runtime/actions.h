@@ -97,11 +97,6 @@ static dl2c_range dl2c_admissible(int path, int input, const real *x, const real
   model_limits(path, input, x, p, &range.low, &range.high);
   if (range.low > INPUT_HIGH[input]) range.low = INPUT_HIGH[input];
   if (range.high < INPUT_LOW[input]) range.high = INPUT_LOW[input];
-  /* Where rounding put one end outside the passing values, the other end may be among them. */
-  const bool low_passes = model_admits(path, input, x, p, range.low);
-  const bool high_passes = model_admits(path, input, x, p, range.high);
-  if (high_passes && !low_passes) range.low = range.high;
-  if (low_passes && !high_passes) range.high = range.low;
   const dl2c_search search = {path, input, x, p};
   range.empty = !dl2c_outermost(&search, range.low, -1, &range.low)
                 || !dl2c_outermost(&search, range.high, 1, &range.high);

@@ -67,11 +67,8 @@ def _range(line: Line, env: State, key: str, limits: tuple[Fraction, Fraction], 
     def test(value: float) -> bool:
         return _passes(line, env, key, value, False)
 
-    ends = [min(max(float(end), box[0]), box[1]) for end in (low, high)]
-    passing = [end for end in ends if test(end)]
-    start_low, start_high = (end if end in passing else (passing or [end])[0] for end in ends)
-    bottom = outermost(test, start_low, box, -1)
-    top = outermost(test, start_high, box, 1)
+    bottom = outermost(test, float(low), box, -1)
+    top = outermost(test, float(high), box, 1)
     return None if bottom is None or top is None else Range(bottom, top)
 
 
