@@ -15,6 +15,10 @@ ActionFormat: TypeAlias = Literal["auto", "dict", "box", "discrete", "multidiscr
 ActionMap: TypeAlias = Literal["project", "squash"]
 ObservationDtype: TypeAlias = Literal["float32", "float64"]
 ObservationBounds: TypeAlias = Literal["declared", "unbounded"]
+Duration: TypeAlias = Literal["max", "sample", "agent"]
+SafetyCheck: TypeAlias = Literal["auto", "continuous", "step"]
+Integrator: TypeAlias = Literal["auto", "exact", "cvodes"]
+Stiff: TypeAlias = Literal["auto", "true", "false"]
 ProgressFailure: TypeAlias = Literal["due", "literal"]
 
 DEFAULT_DT = Fraction(1, 10)
@@ -25,7 +29,9 @@ DEFAULT_DT = Fraction(1, 10)
 class Options:
     """Every option of an environment; see semantics for what each one means.
 
-    `dt` None means: the model's own horizon, else `DEFAULT_DT`. `constants` fixes episode
+    `dt` None means: the model's own horizon, else `DEFAULT_DT`. `safety_check` "auto" is
+    "continuous" where every path of a step ends with its ODE, else "step". `rtol` and `atol` are
+    CVODES' tolerances. `constants` fixes episode
     constants by name, `entry` selects an archive entry.
     """
 
@@ -43,6 +49,12 @@ class Options:
     blocked_penalty: float = 0.0
     max_episode_steps: int = 1000
     stall_limit: int = 0
+    duration: Duration = "max"
+    safety_check: SafetyCheck = "auto"
+    integrator: Integrator = "auto"
+    stiff: Stiff = "auto"
+    rtol: Fraction = Fraction(1, 10**9)
+    atol: Fraction = Fraction(1, 10**11)
     native: bool = False
     given: frozenset[str] = field(default=frozenset(), repr=False)
     """The options that were given in code, which `@episode` does not change."""
@@ -82,6 +94,10 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return tuple(sorted((name, _exact(f"constants[{name}]", v)) for name, v in given.items()))
         case "dt":
             return None if value is None else _positive(name, _exact(name, value))
+        case "rtol" | "atol":
+            return _positive(name, _exact(name, value))
+        case "stiff" if isinstance(value, bool):
+            return str(value).lower()
         case "tolerance":
             return _nonnegative(name, _exact(name, value))
         case "entry":

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from dl2c.diagnostics import CompileError, Diagnostic, error, in_source_order, warning
 from dl2c.ir.lower import lower
-from dl2c.ir.model import Predicate
 from dl2c.ir.printer import print_model
 from dl2c.native.cache import build_key, cached
 from dl2c.options import Options, UnknownOption, under, with_options
@@ -28,6 +27,7 @@ from dl2c.source import Source, Span
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
+    from dl2c.ir.kernel import Refused
     from dl2c.emit.plan import Environment
     from dl2c.ir.model import Model
     from dl2c.native.binding import Library
@@ -157,7 +157,8 @@ def _environment(
 ) -> tuple["Environment", tuple[Diagnostic, ...]]:
     """Everything that code is generated from, and warnings."""
     from dl2c.emit.plan import Environment
-    from dl2c.ir.exact import ExactPlan, NotExact, plan
+    from dl2c.ir.kernel import FlowPlan, Refused, plan_flow
+    from dl2c.ir.watch import watches_of
     from dl2c.paths.enumerate import enumerate_paths
     from dl2c.sampling.plan import NoSampler, plan_sampling
     from dl2c.smt.precondition import decide
@@ -169,15 +170,16 @@ def _environment(
     model = lower(problem, options)
     say("enumerating paths")
     paths = enumerate_paths(model)
-    plans = [plan(f) for f in model.flows]
-    refused = [_not_exact(p) for p in plans if isinstance(p, NotExact)]
+    watches = watches_of(model)
+    plans = [plan_flow(f, watches, options.integrator) for f in model.flows]
+    refused = [_refused(p) for p in plans if isinstance(p, Refused)]
     if refused:
         raise CompileError(refused)
     say("deciding the precondition")
     decision = decide(model)
     say("planning initial states")
     sampling = plan_sampling(model, decision=decision)
-    warnings = tuple(_never_due(p) for p in model.predicates if _is_never_due(p))
+    warnings: tuple[Diagnostic, ...] = ()
     if isinstance(sampling, NoSampler):
         if sampling.diagnostic.code in ("unsatisfiable-precondition", "unbounded-variable"):
             raise CompileError(sampling.diagnostic)
@@ -187,7 +189,7 @@ def _environment(
     environment = Environment(
         model=model,
         paths=paths,
-        flows=tuple(p for p in plans if isinstance(p, ExactPlan)),
+        flows=tuple(p for p in plans if isinstance(p, FlowPlan)),
         sampling=None if isinstance(sampling, NoSampler) else sampling,
         options=options,
         version=__version__,
@@ -195,29 +197,13 @@ def _environment(
     return environment, warnings
 
 
-def _is_never_due(predicate: Predicate) -> bool:
-    return predicate.category == "progress" and predicate.on_failure is not None and predicate.due is None
-
-
-def _never_due(predicate: Predicate) -> Diagnostic:
-    """Semantics 6: a progress predicate fails only when its obligation falls due."""
-    name = predicate.name
-    return warning(
-        "failure-never-due",
-        f"`on_failure` of `{name}` never counts",
-        predicate.span,
-        f"the postcondition does not say when `{name}` must hold",
-        f"add an obligation to the postcondition, e.g. `(T <= 0 -> {name}(...))`, or drop `on_failure`",
-    )
-
-
-def _not_exact(refused: "Any") -> Diagnostic:
+def _refused(refused: "Refused") -> Diagnostic:
     return error(
         "flow-not-exact",
-        "this differential equation cannot be integrated exactly",
+        "this differential equation cannot be integrated as asked",
         refused.span,
         refused.reason,
-        "flows must be polynomial in time, and their domains conjunctions of conditions of degree 2 in time",
+        "leave out `integrator=exact`, or make the flow and its domain polynomial in time",
     )
 
 

@@ -21,9 +21,12 @@ from dl2c.emit.model_c import model_sources
 from dl2c.emit.plan import Environment
 from dl2c.ir import model as ir
 from dl2c.ir.evaluate import evaluate, truth
-from dl2c.ir.exact import ExactPlan, Motion, advance, plan
+from dl2c.ir.exact import Motion
+from dl2c.ir.follow import follow
+from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.interp import Interpreter, Settings, Step, runs
 from dl2c.ir.logic import operands
+from dl2c.ir.watch import watches_of
 from dl2c.native.binding import Batch, Library, Sizes
 from dl2c.native.code import cgen_dir
 from dl2c.native.compile import declarations
@@ -43,11 +46,13 @@ def environment_of(model: ir.Model) -> Environment | None:
         paths = enumerate_paths(model)
     except CompileError:
         return None
-    plans = [plan(f) for f in model.flows]
-    if not 0 < len(paths.paths) <= MAX_PATHS or not all(isinstance(p, ExactPlan) for p in plans):
+    plans = [plan_flow(f, watches_of(model), "exact") for f in model.flows]
+    if not 0 < len(paths.paths) <= MAX_PATHS or not all(isinstance(p, FlowPlan) for p in plans):
+        return None
+    if any(p.curves is None for p in plans if isinstance(p, FlowPlan)):
         return None
     return Environment(
-        model, paths, tuple(p for p in plans if isinstance(p, ExactPlan)), None, Options(), "test"
+        model, paths, tuple(p for p in plans if isinstance(p, FlowPlan)), None, Options(), "test"
     )
 
 
@@ -99,10 +104,12 @@ class Pair:
     def interpreter(self, constants: dict[str, Any], exact: bool = False) -> Interpreter:
         return Interpreter(self.model, constants, self._flow, exact, self.settings)
 
-    def _flow(self, k: int, env: Any, exact: bool) -> Motion:
+    def _flow(self, k: int, env: Any, exact: bool, part: Any, waiting: Any) -> Motion:
         """The exact kernel; counts the flows that an event ended."""
         flow = self.environment.flows[k]
-        motion = advance(flow, env, exact)
+        motion = follow(flow, env, exact, part, waiting)
+        self.seen["failed"] += bool(motion.failed)
+        self.seen["met"] += bool(motion.met)
         limits = [evaluate(h.bound, env) - env[ir.Symbol(h.clock, "variable")] for h in flow.flow.horizons]
         limits += [] if flow.flow.cap is None else [float(flow.flow.cap)]
         self.seen["flows"] += 1

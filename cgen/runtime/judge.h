@@ -27,7 +27,9 @@ DL2C_INLINE void dl2c_endings(int64_t count, const dl2c_options *options,
   const uint8_t *restrict undefined = judged->undefined;
   for (int64_t i = 0; i < count; i++) {
     const int32_t no_run = attempt[i] == DL2C_NO_RUN;
-    const int32_t numerical = attempt[i] == DL2C_NUMERICAL;
+    const int32_t unsolved = attempt[i] == DL2C_NO_SOLUTION;
+    const int32_t numerical = (attempt[i] == DL2C_NUMERICAL) | unsolved;
+    const int32_t lack = dl2c_pick(unsolved, DL2C_REASON_SOLVER, DL2C_REASON_NUMERICAL);
     const int32_t closed = !open[i];
     const int32_t lost = undefined[i];
     int32_t other = others[i];
@@ -41,7 +43,7 @@ DL2C_INLINE void dl2c_endings(int64_t count, const dl2c_options *options,
     const int32_t reason = dl2c_pick(so, other, reasons[i]);
     ends[i] = dl2c_pick(numerical, DL2C_TRUNCATE, dl2c_pick(no_run, refused, end));
     statuses[i] = dl2c_pick(numerical | no_run, DL2C_NONE, status);
-    reasons[i] = dl2c_pick(numerical, DL2C_REASON_NUMERICAL, dl2c_pick(no_run, stuck, reason));
+    reasons[i] = dl2c_pick(numerical, lack, dl2c_pick(no_run, stuck, reason));
   }
 }
 
@@ -90,6 +92,14 @@ DL2C_INLINE void dl2c_rows(int64_t count, const dl2c_obs *restrict columns, dl2c
   }
 }
 
+/* Whether the time limit ends each episode after this step. */
+DL2C_INLINE void dl2c_late(const dl2c_batch *b, int64_t first, int64_t count, uint8_t *restrict late)
+{
+  const int64_t longest = b->options.max_steps > 0 ? b->options.max_steps : INT64_MAX;
+  const int64_t *restrict steps = b->steps + first;
+  for (int64_t i = 0; i < count; i++) late[i] = steps[i] >= longest;
+}
+
 /* Judges the states of a block and shows them. */
 DL2C_INLINE void dl2c_judge_block(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
 {
@@ -97,6 +107,8 @@ DL2C_INLINE void dl2c_judge_block(dl2c_batch *b, int64_t first, int64_t count, d
   const real *p = b->p + first;
   dl2c_test(b, first, count, DL2C_BLOCK, s->facts);
   dl2c_any_enabled(b, first, count, s->open);
+  dl2c_late(b, first, count, s->late);
+  model_revise(count, s->watch, s->late, DL2C_BLOCK, s->facts);
   model_judge(x, p, b->stride, count, s->facts, DL2C_BLOCK, &s->judged);
   dl2c_conclude(b, first, count, s);
   model_observe(x, p, b->stride, count, DL2C_BLOCK, s->obs, b->out.saturated + first);

@@ -7,7 +7,7 @@
  * count work on lanes: value k of environment i is x[k*stride + i], i < count.
  *
  *   enum { NX, NP, NU, NCHOICE, NMASK, NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE,
- *          NBOX, DL2C_LOOPS, DL2C_STEPS_IN_LANES };
+ *          NBOX, NMARGIN, NDEGREE, NWATCH, DL2C_LOOPS, DL2C_STEPS_IN_LANES };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
  *   typedef float dl2c_obs;                      one observation entry, or double
  *   static const dl2c_path PATHS[];              all paths, grouped by point
@@ -22,11 +22,20 @@
  *   bool model_admits(int path, int input, x, p, real value)     tests that this input decides
  *   bool model_update(int path, x, p, u, real *y)                false: a value is undefined
  *   bool model_assign(int64_t path, x, p, real *y)               the same by selection, for lanes
- *   dl2c_motion model_motion(int flow, x, p, real *y, real *duration)
- *   bool model_at(int flow, x, p, real tau, real *y)             whether the domain holds after tau
+ *   static const uint8_t FLOW_KERNEL[], WATCH_CUTS[]; static const int32_t FLOW_MARGINS[], FLOW_DURATION[];
+ *   dl2c_motion model_motion(int flow, x, p, real *y, real *duration)   flows of kernel QUICK
+ *   void model_at(int flow, x, p, real tau, real *y)             moves x by the time tau into its copy y
+ *   bool model_inside(int flow, y, p)                            whether a flow may end in y
+ *   bool model_begin(int flow, x, p, real *horizon)              the other kernels; false: undefined
+ *   void model_settle(int flow, x, p, real end, sign, real *y)   clocks and bounds that were met
+ *   void model_polynomials(int flow, x, p, real (*c)[NDEGREE + 1], int32_t *degree)   of margins
+ *   void model_margins(int flow, x, p, real *g)                  where they are no polynomials
+ *   bool model_holds(int flow, int formula, const int8_t *sign)  formulas over signs of margins
+ *   bool model_quiet(int flow, x, p, real duration)              plainly no watch fails
  *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE
  *   void model_roots(int flow, x, p, real *g, real *dg)          margins of its domain, their Lie derivatives
  *   void model_facts(x, p, stride, count, row, uint8_t *facts)   conditions of predicates, F_postcondition
+ *   void model_revise(count, watch, late, row, uint8_t *facts)   facts that a post-state does not show
  *   void model_judge(x, p, stride, count, facts, row, dl2c_judgement *judged)   rewards and endings
  *   bool model_precondition(x, p)
  *   void model_observe(x, p, stride, count, row, dl2c_obs *obs, uint8_t *saturated)   obs: (NOBS, row)
@@ -67,7 +76,42 @@ typedef enum dl2c_motion {
   DL2C_SETTLED = 0,   /* y is where it ends */
   DL2C_UNDEFINED = 1, /* a value is undefined or too large */
   DL2C_OUTSIDE = 2,   /* rounding put the end point outside the domain */
+  DL2C_UNSOLVED = 3,  /* the solver failed */
 } dl2c_motion;
+
+/* How a flow is followed. */
+typedef enum dl2c_kernel {
+  DL2C_QUICK = 0,         /* straight-line motion */
+  DL2C_QUICK_SAMPLED = 1, /* the same, but watches whose margins are no polynomials of time */
+  DL2C_POLYNOMIAL = 2,    /* motion and margins are polynomials of time */
+  DL2C_NUMERIC = 3,       /* CVODES */
+} dl2c_kernel;
+
+/* What became of a watch in a step: a safety predicate that was violated on the way has failed. */
+typedef enum dl2c_watched {
+  DL2C_WATCHING = 0,
+  DL2C_FAILED = 1,
+  DL2C_MET = 2, /* an obligation that was met before it was due */
+} dl2c_watched;
+
+/* margin over a stretch of time as a quadratic: its Bernstein coefficients, which enclose it. */
+typedef struct dl2c_span {
+  real b0, b1, b2;
+} dl2c_span;
+
+static inline dl2c_span dl2c_span_of(real c0, real c1, real c2, real length)
+{
+  return (dl2c_span){c0, c0 + 0.5 * length * c1, (c2 * length + c1) * length + c0};
+}
+
+/* Whether the margin plainly keeps to its condition: >= 0, > 0, != 0, = 0. */
+static inline bool dl2c_stays_closed(dl2c_span s) { return (s.b0 >= 0.0) & (s.b1 >= 0.0) & (s.b2 >= 0.0); }
+static inline bool dl2c_stays_open(dl2c_span s) { return (s.b0 > 0.0) & (s.b1 > 0.0) & (s.b2 > 0.0); }
+static inline bool dl2c_stays_apart(dl2c_span s)
+{
+  return dl2c_stays_open(s) | ((s.b0 < 0.0) & (s.b1 < 0.0) & (s.b2 < 0.0));
+}
+static inline bool dl2c_stays_equal(dl2c_span s) { return (s.b0 == 0.0) & (s.b1 == 0.0) & (s.b2 == 0.0); }
 
 typedef enum dl2c_end {
   DL2C_GOES_ON = 0,

@@ -25,6 +25,7 @@ typedef enum dl2c_attempt {
   DL2C_RAN = 0,
   DL2C_NO_RUN = 1,    /* neither the request nor, where allowed, another alternative has a run */
   DL2C_NUMERICAL = 2, /* the run led to an undefined or infinite value */
+  DL2C_NO_SOLUTION = 3, /* the solver failed */
 } dl2c_attempt;
 
 /* Everything that a step of one block computes on its way. */
@@ -34,7 +35,9 @@ typedef struct dl2c_scratch {
   uint8_t attempt[DL2C_BLOCK]; /* dl2c_attempt */
   uint8_t waited[DL2C_BLOCK];  /* the episode had ended before: this call begins the next */
   uint8_t open[DL2C_BLOCK];    /* some path is open after the step */
+  uint8_t late[DL2C_BLOCK];    /* the time limit ends the episode */
   uint8_t facts[NFACT * DL2C_BLOCK];
+  uint8_t watch[NWATCH * DL2C_BLOCK + 1]; /* (NWATCH, DL2C_BLOCK) dl2c_watched */
   dl2c_obs obs[NOBS * DL2C_BLOCK + 1];
 } dl2c_scratch;
 
@@ -78,9 +81,10 @@ DL2C_INLINE void dl2c_commit(dl2c_batch *b, int64_t at, int64_t count, const dl2
   dl2c_count(b, at, count, moves->duration + lane);
 }
 
-/* Moves environment i as requested, in scalar code. */
-static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i)
+/* Moves environment i as requested, in scalar code.   watch: (NWATCH, DL2C_BLOCK) */
+static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch)
 {
+  uint8_t watched[NWATCH + 1] = {0};
   real x[NX];
   real p[NP + 1];
   uint8_t enabled[NPATH];
@@ -97,13 +101,17 @@ static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i)
       .request_only = b->options.on_blocked != DL2C_BLOCKED_FALLBACK,
       .decided = b->out.executed_choices + i * NCHOICE,
       .executed = b->out.executed_inputs + i * NU,
+      .watch = watched,
   };
   const bool moved = dl2c_complete(&run, 0, enabled, false, x);
   const real duration = moved && !run.numerical ? run.duration : 0.0;
   if (moved && !run.numerical) dl2c_store(b, i, x);
   dl2c_count(b, i, 1, &duration);
   b->out.blocked[i] = run.blocked || !moved;
-  return !moved ? DL2C_NO_RUN : run.numerical ? DL2C_NUMERICAL : DL2C_RAN;
+  if (!moved) return DL2C_NO_RUN;
+  if (run.numerical) return run.motion == DL2C_UNSOLVED ? DL2C_NO_SOLUTION : DL2C_NUMERICAL;
+  for (int w = 0; w < NWATCH; w++) watch[w * DL2C_BLOCK] = watched[w];
+  return DL2C_RAN;
 }
 
 /* Moves a block: in lanes where the model and every state in it allow, else one by one. */
@@ -114,6 +122,7 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl
   const uint8_t *restrict ended = b->ended + first;
   uint8_t *restrict waited = s->waited;
   for (int64_t i = 0; i < count; i++) waited[i] = waits & ended[i];
+  memset(s->watch, DL2C_WATCHING, sizeof s->watch);
   if (DL2C_STEPS_IN_LANES) {
     dl2c_choose_lanes(b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE,
                       s->moves.path, s->moves.requested);
@@ -133,7 +142,7 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl
     if (DL2C_STEPS_IN_LANES && s->moves.settled[i])
       dl2c_commit(b, first + i, 1, &s->moves, i, s->attempt + i);
     else
-      s->attempt[i] = (uint8_t)dl2c_advance(b, first + i);
+      s->attempt[i] = (uint8_t)dl2c_advance(b, first + i, s->watch + i);
   }
 }
 

@@ -3,6 +3,7 @@
 #define DL2C_STEP_H
 
 #include "actions.h"
+#include "travel.h"
 
 /* What a request led to. */
 typedef struct dl2c_run {
@@ -13,32 +14,32 @@ typedef struct dl2c_run {
   bool request_only; /* do not fall back to other alternatives */
   bool blocked;      /* the run taken is not the one requested */
   bool numerical;    /* it led to an undefined or infinite value */
-  real duration;     /* time its flows took */
+  dl2c_motion motion; /* what became of its last flow */
+  real duration;      /* time its flows took */
+  uint8_t *watch;     /* (NWATCH) dl2c_watched so far */
   int32_t *decided;  /* (NCHOICE) alternatives taken, the request where none was met */
   real *executed;    /* (NU) inputs as the action space writes them */
 } dl2c_run;
 
-/* Moves y along a flow. Where rounding left the domain, steps back until it holds. False: undefined. */
-static inline bool dl2c_flow(int flow, const real *p, real *y, real *duration)
+/*
+ * The part of its longest duration that a flow takes, from 0 to 1; noted among the inputs in effect.
+ * Always the whole where neither the agent nor chance decides on durations.
+ */
+static inline real dl2c_share(dl2c_run *run, int flow)
 {
-  real end[NX];
-  const dl2c_motion motion = model_motion(flow, y, p, end, duration);
-  if (motion == DL2C_OUTSIDE) {
-    const real whole = *duration;
-    real part = DL2C_RETREAT_FIRST;
-    bool inside = false;
-    for (int k = 0; k < DL2C_RETREATS && !inside; k++, part *= 4.0) {
-      *duration = whole - whole * part;
-      memcpy(end, y, sizeof end);
-      inside = model_at(flow, y, p, *duration, end);
-    }
-    if (!inside) {
-      memcpy(end, y, sizeof end);
-      *duration = 0.0;
-    }
-  }
-  if (motion != DL2C_UNDEFINED) memcpy(y, end, sizeof end);
-  return motion != DL2C_UNDEFINED;
+  const int input = FLOW_DURATION[flow];
+  if (input < 0) return 1.0;
+  const dl2c_range range = {false, 0.0, 1.0};
+  return dl2c_resolve(run->map, range, run->inputs[input], &run->executed[input]);
+}
+
+/* Moves y along a flow and notes what happened on the way. False: the run came to nothing. */
+static inline bool dl2c_evolve(dl2c_run *run, int flow, real *y, real *duration)
+{
+  dl2c_travel travel = {.p = run->p, .part = dl2c_share(run, flow), .watch = run->watch};
+  run->motion = dl2c_flow(flow, &travel, y);
+  *duration = travel.duration;
+  return run->motion == DL2C_SETTLED;
 }
 
 /* Executes one path from x into y: inputs, assignments, flow. False: a value is undefined. */
@@ -53,7 +54,7 @@ static inline bool dl2c_follow(dl2c_run *run, int path, const real *x, real *y, 
   *duration = 0.0;
   memcpy(y, x, sizeof(real) * NX);
   if (!model_update(path, x, run->p, u, y) || !dl2c_all_finite(y, NX)) return false;
-  return PATHS[path].flow == DL2C_NO_FLOW || dl2c_flow(PATHS[path].flow, run->p, y, duration);
+  return PATHS[path].flow == DL2C_NO_FLOW || dl2c_evolve(run, PATHS[path].flow, y, duration);
 }
 
 /*
@@ -72,6 +73,8 @@ static bool dl2c_complete(dl2c_run *run, int point, uint8_t *enabled, bool left,
 
     real y[NX];
     real duration;
+    uint8_t watched[NWATCH + 1];
+    memcpy(watched, run->watch, NWATCH);
     run->numerical = !dl2c_follow(run, path, x, y, &duration);
     bool done = run->numerical || PATHS[path].target == DL2C_END;
     if (NPOINT > 1 && !done) {
@@ -90,6 +93,9 @@ static bool dl2c_complete(dl2c_run *run, int point, uint8_t *enabled, bool left,
     }
     for (int j = 0; j < PATHS[path].ninput; j++)
       run->executed[PATHS[path].inputs[j]] = run->inputs[PATHS[path].inputs[j]];
+    if (PATHS[path].flow != DL2C_NO_FLOW && FLOW_DURATION[PATHS[path].flow] >= 0)
+      run->executed[FLOW_DURATION[PATHS[path].flow]] = run->inputs[FLOW_DURATION[PATHS[path].flow]];
+    memcpy(run->watch, watched, NWATCH);
   }
 }
 

@@ -11,8 +11,10 @@ from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import after, index, slot
 from dl2c.emit.plan import Environment
-from dl2c.ir.exact import ExactPlan, Watch
-from dl2c.ir.model import TRUE, Symbol
+from dl2c.ir.exact import Edge, ExactPlan
+from dl2c.ir.flow import Solution
+from dl2c.ir.kernel import FlowPlan
+from dl2c.ir.model import TRUE, Flow, Symbol
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.printer import print_flow, print_formula, print_term
 
@@ -23,37 +25,89 @@ def flow_functions(environment: Environment, leaves: Leaves) -> list[str]:
     """All functions of all flows."""
     texts: list[str] = []
     for k, plan in enumerate(environment.flows):
-        texts += [_at(k, plan, leaves), _motion(k, plan, leaves)]
-    return [*texts, _model_motion(environment), _model_at(environment)]
+        texts.append(_stays(k, plan, leaves))
+        if plan.solution is not None:
+            texts.append(_at(k, plan.flow, plan.solution, leaves))
+        if plan.quick is not None:
+            texts.append(_motion(k, plan.quick, leaves))
+    texts += [_model_motion(environment), _model_at(environment), _model_inside(environment)]
+    return [*(t for t in texts if t), _model_begin(environment, leaves), _model_settle(environment, leaves)]
 
 
 def _model_motion(environment: Environment) -> str:
-    flows = range(len(environment.flows))
-    body = [f"if (flow == {k}) return flow{k}_motion(x, p, y, duration);" for k in flows]
+    quick = [k for k, plan in enumerate(environment.flows) if plan.quick is not None]
+    body = [f"if (flow == {k}) return flow{k}_motion(x, p, y, duration);" for k in quick]
     return function(
         "static inline dl2c_motion model_motion(int flow, const real *x, const real *p, real *y, "
         "real *duration)",
         [*body, "return DL2C_UNDEFINED;"],
-        "Moves x along a flow into y as long as its domain allows.",
+        "Moves x along a simple flow into y as long as its domain allows.",
     )
 
 
 def _model_at(environment: Environment) -> str:
-    body: list[str] = []
-    for k, plan in enumerate(environment.flows):
-        body += [f"if (flow == {k}) {{", f"  flow{k}_at(x, p, tau, y);", f"  return {_inside(k, plan)};", "}"]
+    solved = [k for k, plan in enumerate(environment.flows) if plan.solution is not None]
+    body = [f"if (flow == {k}) flow{k}_at(x, p, tau, y);" for k in solved]
     return function(
-        "static inline bool model_at(int flow, const real *x, const real *p, real tau, real *y)",
-        [*body, "return false;"],
-        "Moves x along a flow for the time tau into y, and says whether y is in the domain.",
+        "static inline void model_at(int flow, const real *x, const real *p, real tau, real *y)",
+        body,
+        "Moves x along a flow for the time tau into its copy y.",
     )
 
 
-def _inside(k: int, plan: ExactPlan) -> str:
-    """An expression for whether y is in the domain; its leaf is made with the motion."""
-    if plan.flow.domain == TRUE:
-        return "true"
-    return f"flow{k}_stays(y, p)"
+def _model_inside(environment: Environment) -> str:
+    bounded = [k for k, plan in enumerate(environment.flows) if plan.flow.inside != TRUE]
+    body = [f"if (flow == {k}) return flow{k}_stays(y, p);" for k in bounded]
+    return function(
+        "static inline bool model_inside(int flow, const real *y, const real *p)",
+        [*body, "return true;"],
+        "Whether y is a state in which a flow may end.",
+    )
+
+
+def _model_begin(environment: Environment, leaves: Leaves) -> str:
+    """For flows without straight-line motion."""
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        if plan.quick is not None:
+            continue
+        terms = [] if plan.solution is None else [c for cs in plan.solution.variables.values() for c in cs]
+        terms += [] if plan.curves is None else [c for cs in plan.curves for c in cs]
+        terms += [h.bound for h in plan.flow.horizons]
+        defined = leaves.defined(f"flow{k}_defined", terms, "all coefficients have a value")
+        limits, lines = _limits(k, plan.flow, leaves)
+        lines.append(f"real end = {limits[0]};")
+        lines += [f"end = dl2c_select({name} < end, {name}, end);" for name in limits[1:]]
+        conditions = [] if defined is None else [defined]
+        conditions += [f"isfinite({limit})" for limit in limits if limit.startswith("left")]
+        lines += ["*horizon = end;", *wrapped(f"return {' & '.join(conditions) or 'true'};")]
+        body += [f"if (flow == {k}) {{", *(f"  {line}" for line in lines), "}"]
+    return function(
+        "static inline bool model_begin(int flow, const real *x, const real *p, real *horizon)",
+        [*body, "return false;"],
+        "How long the clocks of a flow let it last. False where a value is undefined.",
+    )
+
+
+def _model_settle(environment: Environment, leaves: Leaves) -> str:
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        if plan.quick is not None:
+            continue
+        lines = _limits(k, plan.flow, leaves)[1]
+        lines += _clocks(plan.flow, "end")
+        for margin, snap in plan.snaps:
+            target = leaves.term(f"flow{k}_snap{margin}", snap.target, f"{snap.variable} at its bound")
+            snapped = f"y[{index(Symbol(snap.variable, 'variable'))}]"
+            lines.append(f"if (sign[{margin}] == 0) {snapped} = {target};")
+        body += [f"if (flow == {k}) {{", *(f"  {line}" for line in lines), "}"] if lines else []
+    return function(
+        "static inline void model_settle(int flow, const real *x, const real *p, real end, "
+        "const int8_t *sign, real *y)",
+        body,
+        "Where a flow ends after the time end with margins of these signs, clocks that ran out and "
+        "bounds that were met hold exactly.",
+    )
 
 
 def _coefficients(stem: str, coefficients: Coefficients, about: str, leaves: Leaves) -> list[str]:
@@ -62,9 +116,9 @@ def _coefficients(stem: str, coefficients: Coefficients, about: str, leaves: Lea
     ]
 
 
-def _at(k: int, plan: ExactPlan, leaves: Leaves) -> str:
+def _at(k: int, flow: Flow, solution: Solution, leaves: Leaves) -> str:
     body: list[str] = []
-    for variable, coefficients in plan.solution.variables.items():
+    for variable, coefficients in solution.variables.items():
         if len(coefficients) == 1:
             continue
         terms = _coefficients(f"flow{k}_{variable}", coefficients, f"{variable}(tau)", leaves)
@@ -75,23 +129,22 @@ def _at(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     return function(
         f"static inline void flow{k}_at(const real *x, const real *p, real tau, real *y)",
         body,
-        f"{place(plan.flow.span)}  {print_flow(plan.flow)} solved: y is x moved by the time tau.",
+        f"{place(flow.span)}  {print_flow(flow)} solved: y is x moved by the time tau.",
     )
 
 
 def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
-    stays = _stays(k, plan, leaves)
     terms = [c for cs in plan.solution.variables.values() for c in cs]
-    terms += [c for w in plan.watches for c in w.margin] + [h.bound for h in plan.flow.horizons]
+    terms += [c for w in plan.edges for c in w.margin] + [h.bound for h in plan.flow.horizons]
     defined = leaves.defined(f"flow{k}_defined", terms, "all coefficients have a value")
-    limits, body = _limits(k, plan, leaves)
-    for j, watch in enumerate(plan.watches):
-        body += _exit(k, j, watch, leaves)
-    exits = [f"exit{j}" for j in range(len(plan.watches))]
+    limits, body = _limits(k, plan.flow, leaves)
+    for j, edge in enumerate(plan.edges):
+        body += _exit(k, j, edge, leaves)
+    exits = [f"exit{j}" for j in range(len(plan.edges))]
     body.append(f"real end = {limits[0]};")
     body += [f"end = dl2c_select({name} < end, {name}, end);" for name in (*limits[1:], *exits)]
-    shy = [f"hit{j}" for j, w in enumerate(plan.watches) if w.kind in ("open", "apart")]
-    used = {*shy, *(f"hit{j}" for j, w in enumerate(plan.watches) if w.snap is not None)}
+    shy = [f"hit{j}" for j, w in enumerate(plan.edges) if w.kind in ("open", "apart")]
+    used = {*shy, *(f"hit{j}" for j, w in enumerate(plan.edges) if w.snap is not None)}
     hits = {f"hit{j}": name for j, name in enumerate(exits)}
     body += [f"const bool {hit} = {name} <= end;" for hit, name in hits.items() if hit in used]
     body.append("const bool moves = end > 0.0;")
@@ -107,13 +160,17 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
         f"flow{k}_at(x, p, end, y);",
         *_settled(k, plan, leaves),
         f"const bool defined = {' & '.join(conditions)};",
-        f"const bool inside = !moves | {_inside(k, plan)};",
+        f"const bool inside = !moves | {_ends_inside(k, plan.flow)};",
         *(f"y[{v}] = dl2c_select(moves, y[{v}], x[{v}]);" for v in _moving(plan)),
         "*duration = dl2c_select(moves, end, 0.0);",
         "return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;",
     ]
     head = f"static inline dl2c_motion flow{k}_motion(const real *x, const real *p, real *y, real *duration)"
-    return stays + function(head, body, f"{place(plan.flow.span)}  {print_flow(plan.flow)}")
+    return function(head, body, f"{place(plan.flow.span)}  {print_flow(plan.flow)}")
+
+
+def _ends_inside(k: int, flow: Flow) -> str:
+    return "true" if flow.inside == TRUE else f"flow{k}_stays(y, p)"
 
 
 def _moving(plan: ExactPlan) -> list[str]:
@@ -122,51 +179,58 @@ def _moving(plan: ExactPlan) -> list[str]:
     return [index(Symbol(v, "variable")) for v, cs in solution.items() if len(cs) > 1]
 
 
-def _stays(k: int, plan: ExactPlan, leaves: Leaves) -> str:
+def _stays(k: int, plan: FlowPlan, leaves: Leaves) -> str:
     """The domain of a flow as a condition of y; nothing where there is none."""
-    if plan.flow.domain == TRUE:
+    inside = plan.flow.inside
+    if inside == TRUE:
         return ""
-    about = f"{place(plan.flow.span)}  {print_formula(plan.flow.domain)}"
-    holds = leaves.condition(f"flow{k}_inside", plan.flow.domain, about, after)
+    about = f"{place(plan.flow.span)}  {print_formula(inside)}"
+    holds = leaves.condition(f"flow{k}_inside", inside, about, after)
     head = f"static inline bool flow{k}_stays(const real *y, const real *p)"
-    return function(head, [f"return {holds};"], "Whether y is in the domain of the flow.") + "\n"
+    return function(head, [f"return {holds};"], "Whether y is in the domain of the flow.")
 
 
-def _limits(k: int, plan: ExactPlan, leaves: Leaves) -> tuple[list[str], list[str]]:
+def _limits(k: int, flow: Flow, leaves: Leaves) -> tuple[list[str], list[str]]:
     """Names or numbers of the times at which the flow must end, and the lines that compute them."""
     limits: list[str] = []
     lines: list[str] = []
-    for j, horizon in enumerate(plan.flow.horizons):
+    for j, horizon in enumerate(flow.horizons):
         clock = Symbol(horizon.clock, "variable")
         bound = leaves.term(
             f"flow{k}_until{j}", horizon.bound, f"{horizon.clock} <= {print_term(horizon.bound)}"
         )
         lines += [f"const real until{j} = {bound};", f"const real left{j} = until{j} - {slot(clock)};"]
         limits.append(f"left{j}")
-    if plan.flow.cap is not None:
-        limits.append(number(float(plan.flow.cap)))
+    if flow.cap is not None:
+        limits.append(number(float(flow.cap)))
     return limits, lines
 
 
-def _exit(k: int, j: int, watch: Watch, leaves: Leaves) -> list[str]:
+def _clocks(flow: Flow, end: str) -> list[str]:
+    """A clock that ran out holds its limit exactly."""
+    lines: list[str] = []
+    for j, horizon in enumerate(flow.horizons):
+        clock = f"y[{index(Symbol(horizon.clock, 'variable'))}]"
+        lines.append(f"{clock} = dl2c_select(left{j} == {end}, until{j}, {clock});")
+    return lines
+
+
+def _exit(k: int, j: int, edge: Edge, leaves: Leaves) -> list[str]:
     """When the motion leaves one condition of the domain."""
-    if watch.kind == "equal":
+    if edge.kind == "equal":
         return [f"const real exit{j} = dl2c_exit_equal();"]
     stem = f"flow{k}_margin{j}"
-    terms = _coefficients(stem, watch.margin, f"{place(watch.span)}  {watch.span.text}, margin", leaves)
+    terms = _coefficients(stem, edge.margin, f"{place(edge.span)}  {edge.span.text}, margin", leaves)
     padded = [*terms, "0.0", "0.0"][:3]
-    return wrapped(f"const real exit{j} = {EXITS[watch.kind]}({', '.join(padded)});")
+    return wrapped(f"const real exit{j} = {EXITS[edge.kind]}({', '.join(padded)});")
 
 
 def _settled(k: int, plan: ExactPlan, leaves: Leaves) -> list[str]:
     """A clock that ran out and a bound that was met are met exactly (semantics 4, snap)."""
-    lines: list[str] = []
-    for j, horizon in enumerate(plan.flow.horizons):
-        clock = f"y[{index(Symbol(horizon.clock, 'variable'))}]"
-        lines.append(f"{clock} = dl2c_select(left{j} == end, until{j}, {clock});")
-    for j, watch in enumerate(plan.watches):
-        if watch.snap is not None:
-            target = leaves.term(f"flow{k}_snap{j}", watch.snap.target, f"{watch.snap.variable} at its bound")
-            snapped = f"y[{index(Symbol(watch.snap.variable, 'variable'))}]"
+    lines = _clocks(plan.flow, "end")
+    for j, edge in enumerate(plan.edges):
+        if edge.snap is not None:
+            target = leaves.term(f"flow{k}_snap{j}", edge.snap.target, f"{edge.snap.variable} at its bound")
+            snapped = f"y[{index(Symbol(edge.snap.variable, 'variable'))}]"
             lines.append(f"{snapped} = dl2c_select(hit{j}, {target}, {snapped});")
     return lines

@@ -16,6 +16,7 @@ from dl2c.emit.names import lane
 from dl2c.emit.plan import Environment
 from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Symbol, Term, Trigger
 from dl2c.ir.printer import print_formula, print_term
+from dl2c.ir.watch import watches_of
 from dl2c.options import Options
 
 STATE = "const real *x, const real *p"
@@ -28,6 +29,7 @@ def judge_functions(environment: Environment, leaves: Leaves) -> list[str]:
     model = environment.model
     return [
         _facts(model, leaves),
+        _revise(model),
         _judge(model, leaves),
         _precondition(model, leaves),
         _observe(environment, leaves),
@@ -38,6 +40,7 @@ def fact_names(model: Model) -> list[str]:
     """Enumerators of the conditions that every post-state is tested for."""
     names = [f"F_{p.name}_holds" for p in model.predicates]
     names += [f"F_{p.name}_due" for p in model.predicates if p.due is not None]
+    names += [f"F_{p.name}_failed" for p in model.predicates if p.category == "progress"]
     return [*names, "F_postcondition"]
 
 
@@ -68,6 +71,30 @@ def _facts(model: Model, leaves: Leaves) -> str:
         f"DL2C_INLINE void model_facts({LANES}, int64_t row, uint8_t *restrict facts)",
         body,
         "What a post-state is tested for.   facts: (NFACT, row)",
+    )
+
+
+def _revise(model: Model) -> str:
+    """What happened on the way, and that the time is up."""
+    watched = {watch.predicate: w for w, watch in enumerate(watches_of(model))}
+    body: list[str] = []
+    for k, predicate in enumerate(model.predicates):
+        holds = f"facts[F_{predicate.name}_holds * row + i]"
+        seen = f"watch[{watched[k]} * row + i]" if k in watched else ""
+        if predicate.category == "safety" and seen:
+            body += each_lane(holds, f"{holds} & ({seen} != DL2C_FAILED)")
+        if predicate.category == "progress":
+            due = "late[i]" if predicate.due is None else f"facts[F_{predicate.name}_due * row + i]"
+            failed = f"(!{holds}) & {due}"
+            if seen:
+                failed = f"({seen} == DL2C_FAILED) | ({failed} & ({seen} != DL2C_MET))"
+            body += each_lane(f"facts[F_{predicate.name}_failed * row + i]", failed)
+    return function(
+        "DL2C_INLINE void model_revise(int64_t count, const uint8_t *restrict watch, "
+        "const uint8_t *restrict late, int64_t row, uint8_t *restrict facts)",
+        body,
+        "Completes the facts of post-states by what happened in the step.   facts: (NFACT, row)   "
+        "watch: (NWATCH, row)   late: (count)",
     )
 
 
@@ -133,7 +160,7 @@ def _endings(model: Model) -> list[str]:
     for k, predicate in enumerate(model.predicates):
         good = f"facts[F_{predicate.name}_holds * row + i]"
         for trigger, when in ((predicate.on_success, good), (predicate.on_failure, _failed(predicate, good))):
-            if trigger is None or when is None:
+            if trigger is None:
                 continue
             status = STATUS[trigger.status]
             if trigger.action == "continue":
@@ -157,11 +184,9 @@ def _endings(model: Model) -> list[str]:
     return [*lines, "judged->end[i] = end;", "judged->status[i] = status;", "judged->reason[i] = reason;"]
 
 
-def _failed(predicate: Predicate, good: str) -> str | None:
+def _failed(predicate: Predicate, good: str) -> str:
     """When a predicate counts as failed; a progress predicate only once its obligation is due."""
-    if predicate.category != "progress":
-        return f"!{good}"
-    return None if predicate.due is None else f"(!{good}) & facts[F_{predicate.name}_due * row + i]"
+    return f"facts[F_{predicate.name}_failed * row + i]" if predicate.category == "progress" else f"!{good}"
 
 
 def _rank(k: int, predicate: Predicate, trigger: Trigger) -> tuple[int, int, int]:

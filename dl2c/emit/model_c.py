@@ -14,6 +14,7 @@ from dl2c.emit.paths_c import path_functions, path_tables
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import rate_functions
 from dl2c.emit.sampler_c import sampler_functions, sampler_tables
+from dl2c.emit.watch_c import watch_functions, watch_tables
 from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
 from dl2c.ir.model import Constant, Symbol
 from dl2c.symbolic.terms import Builder
@@ -35,12 +36,13 @@ def model_c(environment: Environment) -> str:
     leaves = Leaves(Builder(bounds), lambda symbol: ranks[symbol])
     functions = [
         *flow_functions(environment, leaves),
+        *watch_functions(environment, leaves),
         *rate_functions(environment, leaves),
         *path_functions(environment, leaves),
         *judge_functions(environment, leaves),
         *sampler_functions(environment, leaves),
     ]
-    tables = [*path_tables(environment), *sampler_tables(environment)]
+    tables = [*path_tables(environment), *watch_tables(environment), *sampler_tables(environment)]
     sections = [
         _head(environment),
         *leaves.texts,

@@ -8,7 +8,9 @@ from dl2c.emit.names import file_stem, index
 from dl2c.emit.paths_c import steps_in_lanes
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import root_count
+from dl2c.emit.watch_c import margin_count, margin_degree
 from dl2c.ir.model import Symbol
+from dl2c.ir.watch import watches_of
 
 
 def model_h(environment: Environment) -> str:
@@ -45,6 +47,9 @@ def _sizes(environment: Environment) -> str:
         "NROOT": root_count(environment),
         "NFREE": 0 if sampling is None else len(sampling.free),
         "NBOX": 0 if sampling is None else len(sampling.boxes),
+        "NMARGIN": max(1, margin_count(environment)),
+        "NDEGREE": max(1, margin_degree(environment)),
+        "NWATCH": len(watches_of(model)),
         "DL2C_LOOPS": int(model.loops),
         "DL2C_STEPS_IN_LANES": int(steps_in_lanes(environment)),
     }

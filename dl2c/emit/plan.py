@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from dl2c.ir.exact import ExactPlan
+from dl2c.ir.kernel import FlowPlan
 from dl2c.ir.model import Model
 from dl2c.options import Options
 from dl2c.paths.path import Paths
@@ -15,7 +15,7 @@ class Environment:
 
     model: Model
     paths: Paths
-    flows: tuple[ExactPlan, ...]
+    flows: tuple[FlowPlan, ...]
     sampling: SamplingPlan | None
     options: Options
     version: str

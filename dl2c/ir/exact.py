@@ -1,11 +1,12 @@
-"""The exact flow kernel: polynomial motion, events as polynomial roots.
+"""Straight-line motion: polynomial flows whose domain is left at roots of degree two at most.
 
-`plan` turns a flow into what is watched along it; `advance` follows it from a state, in
+`plan` turns a flow into the edges of its domain; `advance` follows it from a state, in
 doubles or exactly. The compiled kernel (cgen/runtime/flow_exact.h) performs the same
 operations in the same order, so results in doubles are equal to the last bit.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -22,7 +23,8 @@ from dl2c.ir.evaluate import (
 )
 from dl2c.ir.flow import NotPolynomial, Solution, solve
 from dl2c.ir.logic import conjuncts
-from dl2c.ir.model import ZERO, Compare, Flow, Sub, Symbol, Term
+from dl2c.ir.margins import margin_of
+from dl2c.ir.model import Compare, Flow, Symbol, Term
 from dl2c.ir.polynomial import Coefficients
 from dl2c.source import Span
 
@@ -42,7 +44,7 @@ class Snap:
 
 
 @dataclass(frozen=True, slots=True)
-class Watch:
+class Edge:
     """An atom of the domain as `c0 + c1*tau + c2*tau^2`, positive inside.
 
     kind "closed" ends the flow where the margin becomes negative, "open" where it becomes zero,
@@ -59,7 +61,7 @@ class Watch:
 class ExactPlan:
     flow: Flow
     solution: Solution
-    watches: tuple[Watch, ...]
+    edges: tuple[Edge, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +77,7 @@ def plan(flow: Flow) -> ExactPlan | NotExact:
     solution = solve(flow)
     if isinstance(solution, NotPolynomial):
         return NotExact(solution.reason, flow.span)
-    watches: list[Watch] = []
+    edges: list[Edge] = []
     for atom in conjuncts(flow.watched):
         if not isinstance(atom, Compare):
             return NotExact("its domain is not a conjunction of comparisons", flow.span)
@@ -85,17 +87,11 @@ def plan(flow: Flow) -> ExactPlan | NotExact:
         if len(margin) > MAX_ROOT_DEGREE + 1:
             return NotExact(f"a condition of its domain has degree {len(margin) - 1} along it", atom.span)
         if len(margin) > 1:
-            watches.append(_watch(atom, margin, solution))
-    return ExactPlan(flow, solution, tuple(watches))
+            edges.append(_edge(atom, margin, solution))
+    return ExactPlan(flow, solution, tuple(edges))
 
 
-def margin_of(atom: Compare) -> Term:
-    """A term that is positive inside the atom and 0 on its boundary; for `=` and `!=` left minus right."""
-    left, right = (atom.right, atom.left) if atom.op in ("<", "<=") else (atom.left, atom.right)
-    return left if right == ZERO else Sub(left, right)
-
-
-def _watch(atom: Compare, margin: Coefficients, solution: Solution) -> Watch:
+def _edge(atom: Compare, margin: Coefficients, solution: Solution) -> Edge:
     kinds = {"<=": "closed", ">=": "closed", "<": "open", ">": "open", "!=": "apart", "=": "equal"}
     snap = None
     if atom.op in ("<=", ">="):
@@ -108,58 +104,93 @@ def _watch(atom: Compare, margin: Coefficients, solution: Solution) -> Watch:
                 and len(fixed) == 1
             ):
                 snap = Snap(variable.name, target)
-    return Watch(kinds[atom.op], margin, snap, atom.span)
+    return Edge(kinds[atom.op], margin, snap, atom.span)
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Where a flow led: new values of the variables of its ODE, and how long it took."""
+    """Where a flow led: new values of the variables of its ODE, and how long it took.
+
+    `failed` and `met` are the watches that were violated and the obligations that were met on
+    the way, by their places in `FlowPlan.watches`.
+    """
 
     values: dict[str, Value]
     duration: Value
+    failed: tuple[int, ...] = ()
+    met: tuple[int, ...] = ()
 
 
-def advance(flow: ExactPlan, env: Environment, exact: bool = False) -> Motion:
+@dataclass(frozen=True, slots=True)
+class Course:
+    """A flow from one state: its polynomials there and the time that clocks leave it."""
+
+    flow: Flow
+    env: Environment
+    curves: dict[str, list[Value]]
+    remaining: list[Value]
+    exact: bool
+
+    @property
+    def horizon(self) -> Value:
+        cap = self.flow.cap
+        return min([*self.remaining, *([literal(cap, self.exact)] if cap is not None else [])])
+
+
+def course(flow: Flow, solution: Solution, env: Environment, exact: bool) -> Course:
+    """Raises `Undefined` where a coefficient or the horizon has no finite value."""
+    curves = {x: [evaluate(c, env, exact) for c in cs] for x, cs in solution.variables.items()}
+    remaining = [finite(evaluate(h.bound, env, exact) - _variable(h.clock, env)) for h in flow.horizons]
+    return Course(flow, env, curves, remaining, exact)
+
+
+def advance(plan: ExactPlan, env: Environment, exact: bool = False) -> Motion:
     """Follow the flow as long as its domain allows. Assumes the domain holds in `env`.
 
     Raises `Undefined` where a coefficient, the horizon or the end state has no finite value.
     """
-    curves = {x: [evaluate(c, env, exact) for c in cs] for x, cs in flow.solution.variables.items()}
-    margins = [[evaluate(c, env, exact) for c in w.margin] for w in flow.watches]
-    remaining = [finite(evaluate(h.bound, env, exact) - _variable(h.clock, env)) for h in flow.flow.horizons]
-    limits = [*remaining, *([literal(flow.flow.cap, exact)] if flow.flow.cap is not None else [])]
-    end = min(limits)
-    exits = [exit_time(w.kind, *_padded(m)) for w, m in zip(flow.watches, margins, strict=True)]
+    run = course(plan.flow, plan.solution, env, exact)
+    margins = [[evaluate(c, env, exact) for c in e.margin] for e in plan.edges]
+    end = run.horizon
+    exits = [exit_time(e.kind, *_padded(m)) for e, m in zip(plan.edges, margins, strict=True)]
     for leave in exits:
         if leave is not None and leave < end:
             end = leave
     hits = [k for k, leave in enumerate(exits) if leave is not None and leave <= end]
     if end <= 0:
         return Motion({}, literal(Fraction(0), exact))
-    if any(flow.watches[k].kind in ("open", "apart") for k in hits):
-        end = _before(end)
-    values = {x: _horner(c, end) for x, c in curves.items()}
-    for horizon, left in zip(flow.flow.horizons, remaining, strict=True):
+    if any(plan.edges[k].kind in ("open", "apart") for k in hits):
+        end = before(end)
+    return landed(run, end, [snap for k in hits if (snap := plan.edges[k].snap) is not None])
+
+
+def landed(run: Course, end: Value, snaps: Sequence[Snap]) -> Motion:
+    """The state at the end of a flow; clocks that ran out and bounds that were met hold exactly."""
+    values = {x: horner(c, end) for x, c in run.curves.items()}
+    for horizon, left in zip(run.flow.horizons, run.remaining, strict=True):
         if left == end:
-            values[horizon.clock] = evaluate(horizon.bound, env, exact)
-    for k in hits:
-        if (snap := flow.watches[k].snap) is not None:
-            values[snap.variable] = evaluate(snap.target, env, exact)
-    if _inside(flow, env, values, exact):
-        return Motion(values, end)
-    return _retreated(flow, env, curves, end, exact)
+            values[horizon.clock] = evaluate(horizon.bound, run.env, run.exact)
+    for snap in snaps:
+        values[snap.variable] = evaluate(snap.target, run.env, run.exact)
+    return Motion(values, end) if inside(run, values) else retreated(run, end)
 
 
-def _retreated(
-    flow: ExactPlan, env: Environment, curves: dict[str, list[Value]], end: Value, exact: bool
-) -> Motion:
+def retreated(run: Course, end: Value) -> Motion:
     """Rounding put the end point outside the domain: step back until it is inside."""
     for k in range(RETREATS):
-        earlier = end - end * literal(Fraction(4**k, 2**52), exact)
-        values = {x: _horner(c, earlier) for x, c in curves.items()}
-        if _inside(flow, env, values, exact):
+        earlier = end - end * literal(Fraction(4**k, 2**52), run.exact)
+        values = {x: horner(c, earlier) for x, c in run.curves.items()}
+        if inside(run, values):
             return Motion(values, earlier)
-    return Motion({}, literal(Fraction(0), exact))
+    return Motion({}, literal(Fraction(0), run.exact))
+
+
+def stopped(run: Course, end: Value) -> Motion:
+    """The state at a time before the flow would end by itself."""
+    if end <= 0:
+        return Motion({}, literal(Fraction(0), run.exact))
+    values = {x: horner(c, end) for x, c in run.curves.items()}
+    return Motion(values, end) if inside(run, values) else retreated(run, end)
 
 
 def exit_time(kind: str, c0: Value, c1: Value, c2: Value) -> Value | None:
@@ -192,7 +223,7 @@ def _padded(margin: list[Value]) -> tuple[Value, Value, Value]:
     return c[0], c[1], c[2]
 
 
-def _horner(coefficients: list[Value], tau: Value) -> Value:
+def horner(coefficients: list[Value], tau: Value) -> Value:
     value = coefficients[-1]
     for c in reversed(coefficients[:-1]):
         value = value * tau + c
@@ -201,7 +232,7 @@ def _horner(coefficients: list[Value], tau: Value) -> Value:
     return value
 
 
-def _before(end: Value) -> Value:
+def before(end: Value) -> Value:
     return math.nextafter(end, 0.0) if isinstance(end, float) else end - end / 2**60
 
 
@@ -212,6 +243,7 @@ def _variable(name: str, env: Environment) -> Value:
     return value
 
 
-def _inside(flow: ExactPlan, env: Environment, values: dict[str, Value], exact: bool) -> bool:
-    moved = {**env, **{Symbol(x, "variable"): v for x, v in values.items()}}
-    return truth(flow.flow.domain, moved, exact)
+def inside(run: Course, values: dict[str, Value]) -> bool:
+    """Whether the domain holds after the variables took these values."""
+    moved = {**run.env, **{Symbol(x, "variable"): v for x, v in values.items()}}
+    return truth(run.flow.inside, moved, run.exact)

@@ -48,7 +48,7 @@ def solve(flow: Flow) -> Solution | NotPolynomial:
     solved: dict[str, Coefficients] = {}
     waiting = list(rates)
     while waiting:
-        progress = [x for x in waiting if not _moving(rates[x], rates) - solved.keys()]
+        progress = [x for x in waiting if not moving(rates[x], rates) - solved.keys()]
         if not progress:
             return NotPolynomial(
                 waiting[0], f"{waiting[0]}' depends on itself, directly or through other variables"
@@ -64,7 +64,7 @@ def solve(flow: Flow) -> Solution | NotPolynomial:
     return Solution({x: solved[x] for x in rates})
 
 
-def _moving(term: Term, rates: Mapping[str, Term]) -> set[str]:
+def moving(term: Term, rates: Mapping[str, Term]) -> set[str]:
     """The variables in the term that evolve at a rate not structurally zero."""
     match term:
         case Symbol(name, "variable") if name in rates and rates[name] != ZERO:
@@ -72,11 +72,11 @@ def _moving(term: Term, rates: Mapping[str, Term]) -> set[str]:
         case Number() | Symbol():
             return set()
         case Neg(child) | Pow(child, _):
-            return _moving(child, rates)
+            return moving(child, rates)
         case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
-            return _moving(left, rates) | _moving(right, rates)
+            return moving(left, rates) | moving(right, rates)
         case Call(_, args):
-            return set[str]().union(*(_moving(a, rates) for a in args))
+            return set[str]().union(*(moving(a, rates) for a in args))
         case _:
             assert_never(term)
 

@@ -6,7 +6,7 @@ straight line of assignments, tests and flows, executed on a copy of the state
 (semantics 2 to 6). Numbers are doubles or exact rationals; the flow is an argument.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Literal, TypeAlias, assert_never
@@ -27,9 +27,11 @@ from dl2c.ir.model import (
     Term,
     Test,
 )
+from dl2c.ir.watch import watches_of
 
-FlowFunction: TypeAlias = Callable[[int, Environment, bool], Motion]
-"""Follow flow number k from an environment, in doubles or exactly."""
+FlowFunction: TypeAlias = Callable[[int, Environment, bool, Value, Sequence[int]], Motion]
+"""Follow flow number k from an environment, in doubles or exactly, for a part (0 to 1) of its
+longest duration, with an eye on the watches given (`follow` with the flow's plan)."""
 
 Straight: TypeAlias = Assign | AssignAny | Test | Evolve
 OnBlocked: TypeAlias = Literal["fallback", "truncate", "terminate"]
@@ -130,9 +132,13 @@ class Interpreter:
         return tuple(self._ranges(run, state) is not None for run in runs(self.model.body))
 
     def step(
-        self, state: Mapping[str, Value], choices: Mapping[str, int], inputs: Mapping[str, Value]
+        self,
+        state: Mapping[str, Value],
+        choices: Mapping[str, int],
+        inputs: Mapping[str, Value],
+        late: bool = False,
     ) -> Step:
-        """One step from a state in which some run is enabled."""
+        """One step from a state in which some run is enabled; `late` where the time limit ends the episode."""
         ranked = self._ranked(state, choices)
         requested = self._requested(choices)
         blocked = True
@@ -144,7 +150,7 @@ class Interpreter:
             except Blocked:
                 continue
             blocked = run not in requested
-            return self._judged(state, run, done, blocked, choices, inputs)
+            return self._judged(state, run, done, blocked, choices, inputs, late)
         ending = self.settings.on_blocked if self.settings.on_blocked != "fallback" else "deadlock"
         return self._unmoved(state, ending, choices, inputs)
 
@@ -184,6 +190,9 @@ class Interpreter:
         env = self.environment(state)
         values: dict[str, Value] = {}
         duration: Value = literal(Fraction(0), self.exact)
+        failed: set[int] = set()
+        met: set[int] = set()
+        watches = range(len(watches_of(self.model)))
         for statement in run.line:
             match statement:
                 case Assign(variable, term):
@@ -199,17 +208,33 @@ class Interpreter:
                         raise Blocked
                     if not all(in_range(v) for s, v in env.items() if s.kind == "variable"):
                         return _Done(None, values, duration)
+                    part = self._part(flow, inputs, values)
+                    waiting = [w for w in watches if w not in failed and w not in met]
                     try:
-                        motion = self.flow(flow, env, self.exact)
+                        motion = self.flow(flow, env, self.exact, part, waiting)
                     except Undefined:
                         return _Done(None, values, duration)
+                    failed |= set(motion.failed)
+                    met |= set(motion.met)
                     env |= {Symbol(x, "variable"): v for x, v in motion.values.items()}
                     duration = duration + motion.duration
                 case _:
                     assert_never(statement)
         final = {v.name: env[Symbol(v.name, "variable")] for v in self.model.variables}
         whole = {x: v for x, v in final.items() if v is not None and in_range(v)}
-        return _Done(whole if len(whole) == len(final) else None, values, duration)
+        return _Done(
+            whole if len(whole) == len(final) else None, values, duration, frozenset(failed), frozenset(met)
+        )
+
+    def _part(self, flow: int, inputs: Mapping[str, Value], values: dict[str, Value]) -> Value:
+        """The part of its longest duration that a flow takes; noted among the values in effect."""
+        one = literal(Fraction(1), self.exact)
+        if self.model.duration == "max":
+            return one
+        key = f"duration_{flow}"
+        part = Range(one * 0, one).nearest(inputs[key])
+        values[key] = part
+        return part
 
     def _assigned(self, term: Term, env: Environment) -> Value | None:
         try:
@@ -225,11 +250,13 @@ class Interpreter:
         blocked: bool,
         choices: Mapping[str, int],
         inputs: Mapping[str, Value],
+        late: bool,
     ) -> Step:
         """Reward and ending of a completed run (semantics 6)."""
         numerical = done.state is None
         after = dict(state) if done.state is None else done.state
-        outcome = judge(self.model, self.environment(after), self.exact)
+        events = Happened(late=late) if numerical else Happened(done.failed, done.met, late)
+        outcome = judge(self.model, self.environment(after), self.exact, events)
         reward, reason, status, ends = outcome.reward, outcome.reason, outcome.status, outcome.ends
         mask = self.enabled(after)
         if numerical:
@@ -288,6 +315,18 @@ class _Done:
     state: dict[str, Value] | None
     values: dict[str, Value]
     duration: Value
+    failed: frozenset[int] = frozenset()
+    met: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Happened:
+    """What a post-state does not show: the watches that failed or were met on the way, by number, and
+    whether the step is the last that the time limit allows."""
+
+    failed: frozenset[int] = frozenset()
+    met: frozenset[int] = frozenset()
+    late: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,7 +341,10 @@ class Outcome:
     undefined: bool
 
 
-def judge(model: Model, env: Environment, exact: bool = False) -> Outcome:
+NOTHING = Happened()
+
+
+def judge(model: Model, env: Environment, exact: bool = False, happened: Happened = NOTHING) -> Outcome:
     """Evaluate every predicate on a post-state; of those that end the episode one wins."""
     reward: Value = literal(Fraction(0), exact)
     cost = 0
@@ -310,34 +352,50 @@ def judge(model: Model, env: Environment, exact: bool = False) -> Outcome:
     continued = "none"
     firings: list[tuple[int, int, int, str, str, str]] = []
     for k, predicate in enumerate(model.predicates):
+        own = _watch_of(model, k)
         good = truth(predicate.relaxed, env, exact)
-        cost += predicate.category == "safety" and not good
+        if predicate.category == "safety":
+            good = good and own not in happened.failed
+            cost += not good
         for term in (predicate.reward if good else predicate.penalty, predicate.shape):
             if term is not None:
                 try:
                     reward = reward + evaluate(term, env, exact)
                 except Undefined:
                     undefined = True
-        trigger = predicate.on_success if good else predicate.on_failure
-        if trigger is None or not (good or _due(predicate, env, exact)):
-            continue
-        if trigger.action == "continue":
-            continued = trigger.status
-        else:
-            status = ("failure", "success", "none").index(trigger.status)
-            category = ("safety", "progress", "stability").index(predicate.category)
-            firings.append((status, category, k, trigger.action, trigger.status, predicate.name))
+        fails = _fails(predicate, good, env, exact, own, happened)
+        for trigger, fires in ((predicate.on_success, good), (predicate.on_failure, fails)):
+            if trigger is None or not fires:
+                continue
+            if trigger.action == "continue":
+                continued = trigger.status
+            else:
+                status = ("failure", "success", "none").index(trigger.status)
+                category = ("safety", "progress", "stability").index(predicate.category)
+                firings.append((status, category, k, trigger.action, trigger.status, predicate.name))
     if not firings:
         return Outcome(reward, cost, None, continued, "", undefined)
     *_, ends, status, name = min(firings)
     return Outcome(reward, cost, ends, status, name, undefined)
 
 
-def _due(predicate: Predicate, env: Environment, exact: bool) -> bool:
-    """Whether a failed predicate counts: always, but a progress predicate only when it falls due."""
+def _watch_of(model: Model, predicate: int) -> int | None:
+    """The number of the watch of a predicate, if it has one."""
+    found = [w for w, watch in enumerate(watches_of(model)) if watch.predicate == predicate]
+    return found[0] if found else None
+
+
+def _fails(
+    predicate: Predicate, good: bool, env: Environment, exact: bool, watch: int | None, happened: Happened
+) -> bool:
+    """Whether a predicate counts as failed: a progress predicate only when its obligation falls due."""
     if predicate.category != "progress":
+        return not good
+    if watch is not None and watch in happened.failed:
         return True
-    return predicate.due is not None and truth(predicate.due, env, exact)
+    if predicate.due is None:
+        return not good and happened.late
+    return not good and watch not in happened.met and truth(predicate.due, env, exact)
 
 
 def _first_part(model: Model, run: Run) -> tuple[Straight, ...]:

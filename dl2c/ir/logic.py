@@ -219,6 +219,25 @@ def substituted(term: Term, values: Mapping[Symbol, Term]) -> Term:
             assert_never(term)
 
 
+def with_term(term: Term, old: Term, new: Term) -> Term:
+    """The term with every occurrence of a subterm replaced; numbers that meet are folded."""
+    if term == old:
+        return new
+    match term:
+        case Number() | Symbol():
+            return term
+        case Neg(child):
+            return folded(Neg(with_term(child, old, new)))
+        case Pow(base, exponent):
+            return folded(Pow(with_term(base, old, new), exponent))
+        case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
+            return folded(type(term)(with_term(left, old, new), with_term(right, old, new)))
+        case Call(function, args):
+            return folded(Call(function, tuple(with_term(a, old, new) for a in args)))
+        case _:
+            assert_never(term)
+
+
 def mapped(formula: Formula, change: Callable[[Term], Term]) -> Formula:
     """The formula with `change` applied to both sides of every atom; decided atoms become truth values."""
     match formula:

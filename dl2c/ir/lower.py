@@ -67,7 +67,28 @@ def lower(problem: Problem, options: Options) -> ir.Model:
         predicates=_predicates(problem, scope, options),
         postcondition=_postcondition(problem, scope),
         tolerance=options.tolerance,
+        duration=options.duration,
+        continuous=_is_continuous(body, options),
     )
+
+
+def _is_continuous(body: ir.Block, options: Options) -> bool:
+    """Whether safety is watched along flows: by default where every path ends with its ODE (semantics 6)."""
+    if options.safety_check == "auto":
+        return _ends_with_flow(body)
+    return options.safety_check == "continuous"
+
+
+def _ends_with_flow(block: ir.Block) -> bool:
+    match block[-1] if block else None:
+        case ir.Evolve():
+            return True
+        case ir.If(_, _, then, orelse):
+            return _ends_with_flow(then) and _ends_with_flow(orelse)
+        case ir.Choice(_, alternatives):
+            return all(_ends_with_flow(a.body) for a in alternatives)
+        case _:
+            return False
 
 
 def _never_true(span: Span) -> Diagnostic:

@@ -1,8 +1,9 @@
 """Differential equations of the syntax tree as IR flows: rates, domain, horizon (semantics 4)."""
 
 from dl2c.ir import model as ir
-from dl2c.ir.logic import conjunction, conjuncts, symbols
+from dl2c.ir.logic import conjunction, conjuncts, relaxed, symbols
 from dl2c.ir.lower_terms import Scope, lower_formula, lower_term
+from dl2c.ir.normal import is_invariant
 from dl2c.options import DEFAULT_DT, Options
 from dl2c.parse import tree
 
@@ -12,18 +13,38 @@ def lower_flow(ode: tree.ODESystem, scope: Scope, options: Options) -> ir.Flow:
     equations = tuple(
         (e.name, lower_term(e.term, scope)) for e in ode.equations if isinstance(e, tree.AtomicODE)
     )
-    domain = lower_formula(ode.domain, scope)
     rates = dict(equations)
+    domain: list[ir.Formula] = []
     horizons: list[ir.Horizon] = []
     watched: list[ir.Formula] = []
-    for part in conjuncts(domain):
+    invariants: list[ir.Compare] = []
+    for part in conjuncts(lower_formula(ode.domain, scope)):
         horizon = _horizon(part, rates)
-        if horizon is None:
-            watched.append(part)
-        else:
+        if horizon is not None:
             horizons.append(horizon)
+        elif isinstance(part, ir.Compare) and _is_invariant(part, rates):
+            invariants.append(part)
+            domain.append(relaxed(part, options.tolerance))
+            continue
+        else:
+            watched.append(part)
+        domain.append(part)
     cap = options.dt if options.dt is not None or horizons else DEFAULT_DT
-    return ir.Flow(equations, domain, conjunction(watched), tuple(horizons), cap, span=ode.span)
+    return ir.Flow(
+        equations,
+        conjunction(domain),
+        conjunction(watched),
+        tuple(horizons),
+        cap,
+        tuple(invariants),
+        span=ode.span,
+    )
+
+
+def _is_invariant(part: ir.Compare, rates: dict[str, ir.Term]) -> bool:
+    """An equality that the flow moves through states that all satisfy it."""
+    difference = ir.Sub(part.left, part.right)
+    return part.op == "=" and _changes(difference, rates) and is_invariant(difference, rates)
 
 
 def _horizon(part: ir.Formula, rates: dict[str, ir.Term]) -> ir.Horizon | None:

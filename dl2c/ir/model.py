@@ -217,20 +217,35 @@ class Horizon:
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """`{equations & domain}`. `domain` is whole; `watched` is what is left of it without the
-    conjuncts that `horizons` stand for. `cap` is a further limit of the duration in seconds:
-    an explicit `dt`, or the default where there is no horizon."""
+    """`{equations & domain}`.
+
+    `domain` must hold where the flow begins. `watched` is what is left of it along the flow,
+    without the conjuncts that `horizons` stand for and without invariants: equalities whose Lie
+    derivative is zero, which are relaxed by the tolerance where the flow begins. `cap` is a
+    further limit of the duration in seconds: an explicit `dt`, or the default where there is no
+    horizon.
+    """
 
     equations: tuple[tuple[str, Term], ...]
     domain: Formula
     watched: Formula
     horizons: tuple[Horizon, ...]
     cap: Fraction | None
+    invariants: tuple[Compare, ...] = ()
     span: Span = _span()
+
+    @property
+    def inside(self) -> Formula:
+        """What must hold where the flow ends."""
+        clocks = [Compare("<=", Symbol(h.clock, "variable"), h.bound) for h in self.horizons]
+        parts = [*clocks, *(self.watched.children if isinstance(self.watched, And) else (self.watched,))]
+        kept = [p for p in parts if p != TRUE]
+        return TRUE if not kept else kept[0] if len(kept) == 1 else And(tuple(kept))
 
 
 # Annotated parts --------------------------------------------------------------
 
+Duration: TypeAlias = Literal["max", "sample", "agent"]
 Category: TypeAlias = Literal["safety", "progress", "stability"]
 EndAction: TypeAlias = Literal["terminate", "truncate", "continue"]
 Status: TypeAlias = Literal["none", "success", "failure"]
@@ -317,7 +332,9 @@ class Model:
 
     A step is one execution of `body`; `loops` is False for a problem without a loop, whose
     episodes are one step long. `precondition` is P over variables and constants.
-    `postcondition` is Q, None where the program's suffix changes what Q reads.
+    `postcondition` is Q, None where the program's suffix changes what Q reads. `duration` is who
+    decides how long a flow lasts: as long as its domain allows, a draw, or the agent.
+    `continuous` says that safety predicates are watched along the flows of a step.
     """
 
     name: str
@@ -332,6 +349,8 @@ class Model:
     predicates: tuple[Predicate, ...]
     postcondition: Formula | None
     tolerance: Fraction = Fraction(1, 10**9)
+    duration: Duration = "max"
+    continuous: bool = False
 
     @property
     def sampled(self) -> tuple[str, ...]:

@@ -1,0 +1,176 @@
+"""What is watched along flows, in C: margins, their polynomials, and conditions over their signs.
+
+Margin j of a flow is positive inside its atom. `model_polynomials` writes the coefficients
+of all margins as polynomials of the time since the flow began, `model_margins` their values
+in a state, `model_holds` decides a formula from signs alone: 0 is the domain, then for watch w
+1 + 3w what must stay, 2 + 3w what is due, 3 + 3w the goal. `model_quiet` is a quick proof that
+no watch fails.
+"""
+
+from dl2c.emit.cfile import function, place, table, wrapped
+from dl2c.emit.leaf import Leaves
+from dl2c.emit.plan import Environment
+from dl2c.ir.kernel import FlowPlan
+from dl2c.ir.model import And, Compare, Formula, Or, Term, Truth
+from dl2c.ir.printer import print_term
+from dl2c.ir.watch import watches_of
+
+STATE = "const real *x, const real *p"
+STAYS = {">=": "dl2c_stays_closed", ">": "dl2c_stays_open", "!=": "dl2c_stays_apart", "=": "dl2c_stays_equal"}
+
+
+def watch_functions(environment: Environment, leaves: Leaves) -> list[str]:
+    """All functions of this file."""
+    return [
+        _polynomials(environment, leaves),
+        _margins(environment, leaves),
+        _holds(environment),
+        _quiet(environment, leaves),
+    ]
+
+
+def watch_tables(environment: Environment) -> list[str]:
+    """Everything about watches and kernels that is data."""
+    cuts = [str(int(w.cuts)) for w in watches_of(environment.model)]
+    kinds = [_kind(plan) for plan in environment.flows]
+    counts = [str(len(plan.margins)) for plan in environment.flows]
+    return [
+        table("uint8_t", "WATCH_CUTS", f"[{max(1, len(cuts))}]", cuts or ["0"]),
+        table("uint8_t", "FLOW_KERNEL", f"[{max(1, len(kinds))}]", kinds or ["0"]),
+        table("int32_t", "FLOW_DURATION", f"[{max(1, len(kinds))}]", _durations(environment) or ["-1"]),
+        table("int32_t", "FLOW_MARGINS", f"[{max(1, len(counts))}]", counts or ["0"]),
+    ]
+
+
+def margin_count(environment: Environment) -> int:
+    """The largest number of margins of a flow."""
+    return max((len(plan.margins) for plan in environment.flows), default=0)
+
+
+def margin_degree(environment: Environment) -> int:
+    """The highest degree in time of a margin that is a polynomial."""
+    curves = [c for plan in environment.flows if plan.curves is not None for c in plan.curves]
+    return max((len(c) - 1 for c in curves), default=0)
+
+
+def _durations(environment: Environment) -> list[str]:
+    """For every flow the input that decides how long it lasts, -1 for none."""
+    keys = [i.key for i in environment.paths.inputs]
+    wanted = [f"duration_{k}" for k in range(len(environment.flows))]
+    return [str(keys.index(key)) if key in keys else "-1" for key in wanted]
+
+
+def _kind(plan: FlowPlan) -> str:
+    if plan.kernel == "cvodes":
+        return "DL2C_NUMERIC"
+    if plan.curves is None:
+        return "DL2C_QUICK_SAMPLED"
+    return "DL2C_POLYNOMIAL" if plan.quick is None else "DL2C_QUICK"
+
+
+def _polynomials(environment: Environment, leaves: Leaves) -> str:
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        if plan.curves is None or not plan.margins:
+            continue
+        lines: list[str] = []
+        for j, curve in enumerate(plan.curves):
+            about = f"{place(plan.flow.span)}  {print_term(plan.margins[j])}, coefficient of tau^"
+            for i, coefficient in enumerate(curve):
+                value = leaves.term(f"flow{k}_curve{j}_c{i}", coefficient, f"{about}{i}")
+                lines += wrapped(f"c[{j}][{i}] = {value};")
+            lines.append(f"degree[{j}] = {len(curve) - 1};")
+        body += _selected(k, lines)
+    return function(
+        f"static inline void model_polynomials(int flow, {STATE}, real (*c)[NDEGREE + 1], int32_t *degree)",
+        body,
+        "Margins along a flow: coefficients by powers of the time since it began.   c: (NMARGIN, NDEGREE + 1)",
+    )
+
+
+def _margins(environment: Environment, leaves: Leaves) -> str:
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        if plan.curves is not None:
+            continue
+        lines: list[str] = []
+        for j, margin in enumerate(plan.margins):
+            about = f"{place(plan.flow.span)}  margin {print_term(margin)}"
+            lines += wrapped(f"g[{j}] = {leaves.term(f'flow{k}_margin{j}', margin, about)};")
+        body += _selected(k, lines)
+    return function(
+        f"static inline void model_margins(int flow, {STATE}, real *g)",
+        body,
+        "Margins in a state, for flows along which they are no polynomials.   g: (NMARGIN)",
+    )
+
+
+def _holds(environment: Environment) -> str:
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        lines: list[str] = []
+        for f, formula in enumerate(plan.formulas):
+            if isinstance(formula, Truth) and formula.value:
+                continue
+            condition = _over_signs(formula, plan.margins)
+            lines += [f"if (formula == {f})", *(f"  {x}" for x in wrapped(f"return {condition};"))]
+        body += _selected(k, lines)
+    return function(
+        "static inline bool model_holds(int flow, int formula, const int8_t *sign)",
+        [*body, "return true;"],
+        "Whether a condition watched along a flow holds where its margins have these signs.",
+    )
+
+
+def _over_signs(formula: Formula, margins: tuple[Term, ...]) -> str:
+    match formula:
+        case Truth(value):
+            return "true" if value else "false"
+        case Compare(op, left):
+            return f"(sign[{margins.index(left)}] {'==' if op == '=' else op} 0)"
+        case And(children):
+            return f"({' & '.join(_over_signs(c, margins) for c in children)})"
+        case Or(children):
+            return f"({' | '.join(_over_signs(c, margins) for c in children)})"
+
+
+def _quiet(environment: Environment, leaves: Leaves) -> str:
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        if not plan.watches:
+            continue
+        if plan.quick is None or plan.still is None:
+            body += [f"if (flow == {k}) return false;"]
+            continue
+        lines: list[str] = []
+        for j, (margin, curve) in enumerate(zip(plan.still_margins, plan.still_curves, strict=True)):
+            about = f"{place(plan.flow.span)}  {print_term(margin)}, coefficient of tau^"
+            terms = [leaves.term(f"flow{k}_still{j}_c{i}", c, f"{about}{i}") for i, c in enumerate(curve)]
+            padded = [*terms, "0.0", "0.0"][:3]
+            lines += wrapped(f"const dl2c_span still{j} = dl2c_span_of({', '.join(padded)}, duration);")
+        lines += wrapped(f"return {_still(plan.still, plan.still_margins)};")
+        body += _selected(k, lines)
+    return function(
+        f"static inline bool model_quiet(int flow, {STATE}, real duration)",
+        [*body, "return true;"],
+        "Whether it is plain that no watch fails along a flow that lasts so long.",
+    )
+
+
+def _still(formula: Formula, margins: tuple[Term, ...]) -> str:
+    match formula:
+        case Truth(value):
+            return "true" if value else "false"
+        case Compare(op, left):
+            return f"{STAYS[op]}(still{margins.index(left)})"
+        case And(children):
+            return f"({' & '.join(_still(c, margins) for c in children)})"
+        case Or(children):
+            return f"({' | '.join(_still(c, margins) for c in children)})"
+
+
+def _selected(k: int, lines: list[str]) -> list[str]:
+    """Statements for flow k alone; nothing where there are none."""
+    return [f"if (flow == {k}) {{", *(f"  {line}" for line in lines), "}"] if lines else []
+
+

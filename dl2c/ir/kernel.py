@@ -1,0 +1,155 @@
+"""How each flow is followed, and why.
+
+Comes in: a flow and what is watched along it. Goes out: `FlowPlan`: the margins of all
+conditions, the kernel that moves the state, and, where motion and margins are polynomials of
+time, their coefficients. Interpreter and code generator read the same plan.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+from dl2c.ir.exact import ExactPlan, Snap, plan
+from dl2c.ir.flow import NotPolynomial, Solution, moving, solve
+from dl2c.ir.logic import conjunction, conjuncts
+from dl2c.ir.margins import Moves, TooManyCases, margin_of, margins_of, smooth
+from dl2c.ir.model import Compare, Flow, Formula, Symbol, Term
+from dl2c.ir.polynomial import Coefficients
+from dl2c.ir.watch import Watch
+from dl2c.source import Span
+
+Kernel: TypeAlias = Literal["exact", "cvodes"]
+Integrator: TypeAlias = Literal["auto", "exact", "cvodes"]
+
+QUICK_DEGREE = 2
+"""Straight-line code proves of margins of this degree that they keep their sign."""
+
+MAX_MARGIN_DEGREE = 24
+"""Margins of higher degree in time are sampled (DL2C_MAX_DEGREE in cgen/runtime/roots.h)."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlowPlan:
+    """How one flow is followed.
+
+    `still` is a condition that no watch fails along the flow, over the margins of `still_curves`,
+    which have degree two at most; None where there is no such simple one.
+
+    `domain` and, for each watch, `stays`, `due`, `goal` are formulas over `margins` alone.
+    `curves` are the coefficients of the margins along the flow, None where they are sampled.
+    `quick` is the straight-line motion of simple flows. `snaps` says for a margin which
+    variable is set to its bound when the flow ends there.
+    """
+
+    flow: Flow
+    kernel: Kernel
+    reason: str
+    solution: Solution | None
+    quick: ExactPlan | None
+    domain: Formula
+    watches: tuple[Watch, ...]
+    margins: tuple[Term, ...]
+    curves: tuple[Coefficients, ...] | None
+    snaps: tuple[tuple[int, Snap], ...]
+    still: Formula | None
+    still_margins: tuple[Term, ...]
+    still_curves: tuple[Coefficients, ...]
+
+    @property
+    def formulas(self) -> tuple[Formula, ...]:
+        """The domain, then three for each watch, in the numbering of the compiled code."""
+        return (self.domain, *(f for w in self.watches for f in (w.stays, w.due, w.goal)))
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """Why a flow cannot be followed as asked, and where."""
+
+    reason: str
+    span: Span
+
+
+def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "auto") -> FlowPlan | Refused:
+    """The plan of a flow, or why there is none."""
+    def moves(term: Term) -> bool:
+        return not constant_along(term, flow)
+
+    try:
+        domain = smooth(flow.watched, moves)
+        watched = tuple(_smoothed(w, moves) for w in watches)
+        still = conjunction(smooth(w.plainly, moves) for w in watches)
+    except TooManyCases:
+        return Refused("its conditions have too many cases of abs, min and max", flow.span)
+    margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
+    solved, why = _solved(flow, domain, integrator)
+    if solved is None and integrator == "exact":
+        return Refused(why, flow.span)
+    quick = plan(flow) if solved is not None else None
+    still_margins = margins_of([still])
+    still_curves = None if solved is None else _curves(solved, still_margins)
+    simple = still_curves is not None and all(len(c) <= QUICK_DEGREE + 1 for c in still_curves)
+    curves = None if solved is None else _curves(solved, margins)
+    return FlowPlan(
+        flow=flow,
+        kernel="cvodes" if solved is None else "exact",
+        reason=why,
+        solution=solved,
+        quick=quick if isinstance(quick, ExactPlan) else None,
+        domain=domain,
+        watches=watched,
+        margins=margins,
+        curves=curves,
+        snaps=tuple(_snaps(flow, margins)),
+        still=still if simple else None,
+        still_margins=still_margins,
+        still_curves=still_curves if still_curves is not None and simple else (),
+    )
+
+
+def _smoothed(watch: Watch, moves: Moves) -> Watch:
+    stays, due, goal = (smooth(f, moves) for f in (watch.stays, watch.due, watch.goal))
+    return replace(watch, stays=stays, due=due, goal=goal)
+
+
+def _solved(flow: Flow, domain: Formula, integrator: Integrator) -> tuple[Solution | None, str]:
+    """The polynomial solution if it can be used, and the reason for the kernel that follows from it."""
+    if integrator == "cvodes":
+        return None, "integrator=cvodes was asked for"
+    solution = solve(flow)
+    if isinstance(solution, NotPolynomial):
+        return None, solution.reason
+    if _curves(solution, margins_of([domain])) is None:
+        return None, "a condition of its domain is not a polynomial of time along it"
+    return solution, "its solution is a polynomial of time"
+
+
+def _curves(solution: Solution, margins: Sequence[Term]) -> tuple[Coefficients, ...] | None:
+    """The coefficients of every margin; None where one is no polynomial of a reasonable degree."""
+    found: list[Coefficients] = []
+    for margin in margins:
+        curve = solution.compose(margin)
+        if curve is None or len(curve) > MAX_MARGIN_DEGREE + 1:
+            return None
+        found.append(curve)
+    return tuple(found)
+
+
+def _snaps(flow: Flow, margins: Sequence[Term]) -> list[tuple[int, Snap]]:
+    """Bounds `x >= c`, `x <= c` of the domain's conjuncts, with c constant along the flow (semantics 4)."""
+    rates = dict(flow.equations)
+    found: list[tuple[int, Snap]] = []
+    for atom in conjuncts(flow.watched):
+        if not isinstance(atom, Compare) or atom.op not in ("<=", ">="):
+            continue
+        for variable, target in ((atom.left, atom.right), (atom.right, atom.left)):
+            if isinstance(variable, Symbol) and variable.name in rates and constant_along(target, flow):
+                margin = margin_of(atom)
+                if margin in margins:
+                    found.append((margins.index(margin), Snap(variable.name, target)))
+    return found
+
+
+def constant_along(term: Term, flow: Flow) -> bool:
+    """Whether no variable of the term evolves along the flow."""
+    return not moving(term, dict(flow.equations))
+

@@ -1,0 +1,161 @@
+"""Conditions as signs of margins: what is watched along a flow.
+
+Comes in: a formula in negation normal form. Goes out: an equivalent one (over the reals, an
+undefined atom being false) whose atoms are `margin >= 0`, `> 0`, `= 0` or `!= 0`, and whose
+margins are smooth wherever the other atoms of their conjunction hold: `abs`, `min` and `max`
+are split into cases, and divisors and square roots bring the condition that they are defined.
+"""
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+from dl2c.ir.logic import (
+    atoms,
+    conjunction,
+    disjunction,
+    folded,
+    negation,
+    operands,
+    with_term,
+)
+from dl2c.ir.model import (
+    ONE,
+    ZERO,
+    Add,
+    And,
+    Call,
+    Compare,
+    Div,
+    Formula,
+    Mul,
+    Neg,
+    Number,
+    Or,
+    Sub,
+    Term,
+    Truth,
+)
+
+MAX_ATOMS = 256
+"""A condition that would need more cases is watched at the end of a flow only."""
+
+
+Moves: TypeAlias = Callable[[Term], bool]
+"""Whether a term changes along the flow."""
+
+
+class TooManyCases(Exception):
+    """The condition has too many cases."""
+
+
+def margin_of(atom: Compare) -> Term:
+    """A term that is positive inside the atom and 0 on its boundary; for `=` and `!=` left minus right."""
+    left, right = (atom.right, atom.left) if atom.op in ("<", "<=") else (atom.left, atom.right)
+    return left if right == ZERO else Sub(left, right)
+
+
+def smooth(formula: Formula, moves: Callable[[Term], bool]) -> Formula:
+    """The formula over margins; terms that do not move keep their kinks. Raises `TooManyCases`."""
+    made = _smooth(formula, moves)
+    if sum(1 for _ in atoms(made)) > MAX_ATOMS:
+        raise TooManyCases
+    return made
+
+
+def _smooth(formula: Formula, moves: Moves) -> Formula:
+    match formula:
+        case Truth():
+            return formula
+        case And(children):
+            return conjunction(_smooth(c, moves) for c in children)
+        case Or(children):
+            return disjunction(_smooth(c, moves) for c in children)
+        case Compare(op, span=span):
+            kind = {"<=": ">=", "<": ">"}.get(op, op)
+            assert kind in (">=", ">", "=", "!=")
+            return _atom(Compare(kind, margin_of(formula), ZERO, span=span), moves, 0)
+
+
+def _atom(atom: Compare, moves: Moves, depth: int) -> Formula:
+    """One atom, its first kink resolved into cases, then the cases."""
+    if depth > 12:
+        raise TooManyCases
+    found = _kink(atom.left, moves, 1)
+    if found is None:
+        return conjunction([*_defined(atom.left, moves), atom])
+    call, direction = found
+    branches = _branches(call)
+    cases = [Compare(atom.op, with_term(atom.left, call, b), ZERO, span=atom.span) for b in branches]
+    parts = [_atom(c, moves, depth + 1) for c in cases]
+    if direction is not None and atom.op in (">=", ">"):
+        grows = (direction > 0) == (call.function != "min")
+        return disjunction(parts) if grows else conjunction(parts)
+    first, second = branches
+    chosen = Compare("<" if call.function == "min" else ">", first, second, span=atom.span)
+    return disjunction(
+        [conjunction([_smooth(chosen, moves), parts[0]]), conjunction([_smooth(negation(chosen), moves), parts[1]])]
+    )
+
+
+def _branches(call: Call) -> tuple[Term, Term]:
+    """The two terms of which a call is the larger or the smaller."""
+    if call.function == "abs":
+        return call.args[0], folded(Neg(call.args[0]))
+    first, second = call.args
+    return first, second
+
+
+def _kink(term: Term, moves: Moves, direction: int | None) -> tuple[Call, int | None] | None:
+    """The first `abs`, `min` or `max` without one inside, and whether the term grows (1) or falls (-1) with it.
+
+    The direction is None where that depends on the state.
+    """
+    if not moves(term):
+        return None
+    match term:
+        case Call("abs" | "min" | "max", args):
+            inner = [k for a in args if (k := _kink(a, moves, None)) is not None]
+            return inner[0] if inner else (term, direction)
+        case Add(left, right):
+            sides = ((left, direction), (right, direction))
+        case Sub(left, right):
+            sides = ((left, direction), (right, _opposite(direction)))
+        case Neg(child):
+            sides = ((child, _opposite(direction)),)
+        case Mul(Number(value), right):
+            sides = ((right, _scaled(direction, value >= 0)),)
+        case Mul(left, Number(value)):
+            sides = ((left, _scaled(direction, value >= 0)),)
+        case _:
+            sides = tuple((t, None) for t in operands(term))
+    return next((k for t, d in sides if (k := _kink(t, moves, d)) is not None), None)
+
+
+def _opposite(direction: int | None) -> int | None:
+    return None if direction is None else -direction
+
+
+def _scaled(direction: int | None, positive: bool) -> int | None:
+    return direction if positive else _opposite(direction)
+
+
+def _defined(term: Term, moves: Moves) -> list[Formula]:
+    """When a term without kinks has a value, as far as a state decides it."""
+    found = [f for t in operands(term) for f in _defined(t, moves)]
+    match term:
+        case Div(_, divisor) if moves(divisor):
+            found.append(Compare("!=", divisor, ZERO))
+        case Call("sqrt", (argument,)):
+            found.append(Compare(">=", argument, ZERO))
+        case Call("arcsin", (argument,)):
+            found += [Compare(">=", Sub(ONE, argument), ZERO), Compare(">=", Add(ONE, argument), ZERO)]
+        case Call("pow", (base, _)):
+            found.append(Compare(">", base, ZERO))
+        case _:
+            pass
+    return list(dict.fromkeys(found))
+
+
+def margins_of(formulas: list[Formula]) -> tuple[Term, ...]:
+    """Every margin of smooth formulas, each once, in the order of first occurrence."""
+    return tuple(dict.fromkeys(a.left for f in formulas for a in atoms(f)))

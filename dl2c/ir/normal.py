@@ -1,0 +1,95 @@
+"""Polynomials in normal form: whether a term is zero whatever the state.
+
+Comes in: a term of + - * / by numbers and powers. Goes out: its coefficients by monomial,
+exact; None for other terms and for polynomials of more than `MAX_TERMS` monomials.
+"""
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import TypeAlias
+
+from dl2c.ir.model import Add, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
+
+Monomial: TypeAlias = tuple[tuple[str, str, int], ...]
+"""Symbols by kind and name, each with its exponent, in order."""
+
+Normal: TypeAlias = dict[Monomial, Fraction]
+"""No coefficient is zero."""
+
+MAX_TERMS = 2000
+
+
+def normal_form(term: Term) -> Normal | None:
+    """The coefficients of a term."""
+    match term:
+        case Number(value):
+            return {(): value} if value else {}
+        case Symbol(name, kind):
+            return {((kind, name, 1),): Fraction(1)}
+        case Neg(child):
+            return _scaled(normal_form(child), Fraction(-1))
+        case Add(left, right):
+            return _sum(normal_form(left), normal_form(right))
+        case Sub(left, right):
+            return _sum(normal_form(left), _scaled(normal_form(right), Fraction(-1)))
+        case Mul(left, right):
+            return _product(normal_form(left), normal_form(right))
+        case Div(left, Number(value)) if value:
+            return _scaled(normal_form(left), 1 / value)
+        case Pow(base, exponent):
+            result: Normal | None = {(): Fraction(1)}
+            for _ in range(exponent):
+                result = _product(result, normal_form(base))
+            return result
+        case _:
+            return None
+
+
+def is_invariant(term: Term, rates: Mapping[str, Term]) -> bool:
+    """Whether the Lie derivative of the term along an ODE is identically zero."""
+    form = normal_form(term)
+    if form is None:
+        return False
+    total: Normal | None = {}
+    for name, rate in rates.items():
+        total = _sum(total, _product(_derivative(form, name), normal_form(rate)))
+    return total == {}
+
+
+def _derivative(form: Normal, name: str) -> Normal:
+    """By the program variable `name`."""
+    out: Normal = {}
+    for monomial, coefficient in form.items():
+        for kind, symbol, exponent in monomial:
+            if kind == "variable" and symbol == name:
+                rest = tuple(f for f in monomial if f[:2] != (kind, symbol))
+                lowered = ((kind, symbol, exponent - 1),) if exponent > 1 else ()
+                out[tuple(sorted((*rest, *lowered)))] = coefficient * exponent
+    return out
+
+
+def _scaled(form: Normal | None, factor: Fraction) -> Normal | None:
+    return None if form is None else {m: c * factor for m, c in form.items()}
+
+
+def _sum(a: Normal | None, b: Normal | None) -> Normal | None:
+    if a is None or b is None:
+        return None
+    out = dict(a)
+    for monomial, coefficient in b.items():
+        out[monomial] = out.get(monomial, Fraction(0)) + coefficient
+    return {m: c for m, c in out.items() if c}
+
+
+def _product(a: Normal | None, b: Normal | None) -> Normal | None:
+    if a is None or b is None or len(a) * len(b) > MAX_TERMS:
+        return None
+    out: Normal = {}
+    for left, x in a.items():
+        for right, y in b.items():
+            exponents: dict[tuple[str, str], int] = {}
+            for kind, name, exponent in (*left, *right):
+                exponents[kind, name] = exponents.get((kind, name), 0) + exponent
+            monomial = tuple(sorted((k, n, e) for (k, n), e in exponents.items()))
+            out[monomial] = out.get(monomial, Fraction(0)) + x * y
+    return {m: c for m, c in out.items() if c}
