@@ -57,19 +57,19 @@ static inline bool model_holds(int flow, int formula, const int8_t *sign);
 /* Coefficients that contradict `start` may be so large, relative to the largest. */
 #define DL2C_START_NOISE 0x1p-20
 /* Parts that wait: near 0 parts become no shorter than 2^-63, elsewhere doubles are the limit. */
-enum { DL2C_PARTS = 64 };
+enum { DL2C_SECTIONS = 64 };
 /* Steps towards a zero before it is looked for nearby. */
 enum { DL2C_APPROACH = 24 };
 
 /* Coefficients on [low, high], each with a bound of its error. */
-typedef struct dl2c_part {
+typedef struct dl2c_section {
   real low, high;
   real b[DL2C_MAX_DEGREE + 1];
   real e[DL2C_MAX_DEGREE + 1];
-} dl2c_part;
+} dl2c_section;
 
 /* A search from left to right. While `open`, [from, to] is one zero whose other side is not yet known. */
-typedef struct dl2c_search {
+typedef struct dl2c_hunt {
   int32_t margin;
   int sign; /* after the last zero that is reported */
   bool open;
@@ -77,7 +77,7 @@ typedef struct dl2c_search {
   dl2c_crossing *out;
   int room;
   int count; /* also of those for which there was no room */
-} dl2c_search;
+} dl2c_hunt;
 
 /* Monomial c0 + c1*t + ... on [0, length] into Bernstein form on [0,1].   c: (degree + 1) */
 static inline void dl2c_curve_of(const real *c, int degree, real length, dl2c_curve *curve)
@@ -124,7 +124,7 @@ static inline int dl2c_sign_after_end(const dl2c_curve *curve)
   return 0;
 }
 
-static inline void dl2c_report(dl2c_search *search, real at, int after)
+static inline void dl2c_report(dl2c_hunt *search, real at, int after)
 {
   if (search->count < search->room)
     search->out[search->count] = (dl2c_crossing){at, search->margin, (int8_t)after};
@@ -133,7 +133,7 @@ static inline void dl2c_report(dl2c_search *search, real at, int after)
 }
 
 /* The open zero, whose other side turned out to have a sign. */
-static inline void dl2c_close(dl2c_search *search, int after)
+static inline void dl2c_close(dl2c_hunt *search, int after)
 {
   const real middle = search->from + 0.5 * (search->to - search->from);
   search->open = false;
@@ -147,7 +147,7 @@ typedef struct dl2c_weights {
   real w[DL2C_MAX_DEGREE + 1]; /* coefficients times binomials; the first and the last are not 0 */
 } dl2c_weights;
 
-static inline void dl2c_weigh(const dl2c_part *part, int degree, dl2c_weights *weights)
+static inline void dl2c_weigh(const dl2c_section *part, int degree, dl2c_weights *weights)
 {
   int skipped = 0;
   real choose = 1.0;
@@ -182,13 +182,13 @@ static inline real dl2c_weighted_at(const dl2c_weights *weights, real s)
 }
 
 /* Ordinals of doubles: the curve has its first sign at `near` and the other one at `far`. */
-typedef struct dl2c_bracket {
+typedef struct dl2c_enclosure {
   const dl2c_weights *weights;
   int64_t near, far;
-} dl2c_bracket;
+} dl2c_enclosure;
 
 /* The value at a place inside the bracket, which becomes its end on that side; both ends for a zero. */
-static inline real dl2c_probe(dl2c_bracket *bracket, real s)
+static inline real dl2c_probe(dl2c_enclosure *bracket, real s)
 {
   const real value = dl2c_weighted_at(bracket->weights, s);
   const bool before = (value > 0.0) == (bracket->weights->w[0] > 0.0);
@@ -199,7 +199,7 @@ static inline real dl2c_probe(dl2c_bracket *bracket, real s)
 }
 
 /* Secant steps as long as they halve the value, else the midpoint. Returns the last place. */
-static inline real dl2c_approach(dl2c_bracket *bracket)
+static inline real dl2c_approach(dl2c_enclosure *bracket)
 {
   real last = dl2c_from_ordinal(bracket->near);
   real here = dl2c_from_ordinal(bracket->far);
@@ -230,11 +230,11 @@ static inline real dl2c_approach(dl2c_bracket *bracket)
  * part's low end; an exact zero where met. Steps of 1, 2, 4, ... units in the last place lead from
  * near the zero to its other side.
  */
-static inline real dl2c_refined(const dl2c_part *part, int degree)
+static inline real dl2c_refined(const dl2c_section *part, int degree)
 {
   dl2c_weights weights;
   dl2c_weigh(part, degree, &weights);
-  dl2c_bracket at = {&weights, dl2c_ordinal(part->low), dl2c_ordinal(part->high)};
+  dl2c_enclosure at = {&weights, dl2c_ordinal(part->low), dl2c_ordinal(part->high)};
   const int64_t start = dl2c_ordinal(dl2c_approach(&at));
   const bool upward = start == at.near;
   for (int64_t step = 1; step < at.far - at.near; step *= 2) {
@@ -252,7 +252,7 @@ static inline real dl2c_refined(const dl2c_part *part, int degree)
  * none. Coefficients within their error are zero at the ends of the row; between others they may
  * have any sign.
  */
-static inline int dl2c_variations(const dl2c_part *part, int degree, int *first)
+static inline int dl2c_variations(const dl2c_section *part, int degree, int *first)
 {
   int variations = 0;
   int vague = 0;
@@ -273,7 +273,7 @@ static inline int dl2c_variations(const dl2c_part *part, int degree, int *first)
 }
 
 /* Halve the part: itself the right half, *left the left one. */
-static inline void dl2c_split(dl2c_part *part, int degree, real middle, dl2c_part *left)
+static inline void dl2c_split(dl2c_section *part, int degree, real middle, dl2c_section *left)
 {
   real *b = part->b;
   real *e = part->e;
@@ -294,7 +294,7 @@ static inline void dl2c_split(dl2c_part *part, int degree, real middle, dl2c_par
 }
 
 /* What a part that is not halved any more says, the parts before it being known. */
-static inline void dl2c_settle(dl2c_search *search, const dl2c_part *part, int degree,
+static inline void dl2c_settle(dl2c_hunt *search, const dl2c_section *part, int degree,
                                int variations, int first)
 {
   if (first == 0 || variations > 1) {
@@ -314,7 +314,7 @@ static inline void dl2c_settle(dl2c_search *search, const dl2c_part *part, int d
 }
 
 /* The first part: the curve scaled by a power of two, without what contradicts the start. */
-static inline void dl2c_prepare(const dl2c_curve *curve, int start, dl2c_part *part)
+static inline void dl2c_prepare(const dl2c_curve *curve, int start, dl2c_section *part)
 {
   real top = 0.0;
   int exponent;
@@ -332,18 +332,18 @@ static inline void dl2c_prepare(const dl2c_curve *curve, int start, dl2c_part *p
 }
 
 /* All zeros of a curve in (0,1] that has coefficients of both signs. */
-static inline void dl2c_search_zeros(const dl2c_curve *curve, dl2c_search *search)
+static inline void dl2c_hunt_zeros(const dl2c_curve *curve, dl2c_hunt *search)
 {
-  dl2c_part parts[DL2C_PARTS];
+  dl2c_section parts[DL2C_SECTIONS];
   dl2c_prepare(curve, search->sign, &parts[0]);
   const int degree = curve->degree;
   int top = 0;
   while (top >= 0) {
-    dl2c_part *part = &parts[top];
+    dl2c_section *part = &parts[top];
     int first;
     const int variations = dl2c_variations(part, degree, &first);
     const real middle = part->low + 0.5 * (part->high - part->low);
-    const bool divisible = part->low < middle && middle < part->high && top + 1 < DL2C_PARTS;
+    const bool divisible = part->low < middle && middle < part->high && top + 1 < DL2C_SECTIONS;
     if (first != 0 && variations > 1 && divisible) {
       top++;
       dl2c_split(part, degree, middle, &parts[top]);
@@ -359,13 +359,13 @@ static inline void dl2c_search_zeros(const dl2c_curve *curve, dl2c_search *searc
 }
 
 /* Zeros of one curve; only a look at the coefficients where all of them have the sign of the start. */
-static inline void dl2c_curve_zeros(const dl2c_curve *curve, dl2c_search *search)
+static inline void dl2c_curve_zeros(const dl2c_curve *curve, dl2c_hunt *search)
 {
   const real sign = search->sign;
   bool opposite = false;
   for (int i = 0; i <= curve->degree; i++) opposite |= sign * curve->b[i] < 0.0;
   if (opposite) {
-    dl2c_search_zeros(curve, search);
+    dl2c_hunt_zeros(curve, search);
   } else if (sign != 0.0 && curve->b[curve->degree] == 0.0) {
     const int after = dl2c_sign_after_end(curve);
     if (after != 0) dl2c_report(search, 1.0, after);
@@ -381,10 +381,7 @@ static inline void dl2c_curve_zeros(const dl2c_curve *curve, dl2c_search *search
 static inline int dl2c_crossings(const dl2c_curve *curves, int n, const int8_t *start,
                                  dl2c_crossing *out, int room)
 {
-  dl2c_search search;
-  search.out = out;
-  search.room = room;
-  search.count = 0;
+  dl2c_hunt search = {.out = out, .room = room};
   for (int32_t k = 0; k < n; k++) {
     search.margin = k;
     search.sign = start[k];
