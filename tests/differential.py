@@ -7,6 +7,7 @@ that environments use. Every result of a step is compared to the last bit.
 import math
 import subprocess
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
@@ -212,9 +213,11 @@ def uses_libm(model: ir.Model) -> bool:
     return False
 
 
-def run_models(seeds: range, pairs_each: int, folder: Path) -> tuple[list[Pair], Counter[str]]:
+def run_models(
+    seeds: range, pairs_each: int, folder: Path, make: Callable[[int], ir.Model] = random_model
+) -> tuple[list[Pair], Counter[str]]:
     """Compare all models that a range of seeds gives, each on `pairs_each` states and actions."""
-    environments = [e for s in seeds if (e := environment_of(random_model(s))) is not None]
+    environments = [e for s in seeds if (e := environment_of(make(s))) is not None]
     libraries = compiled(environments, folder)
     total: Counter[str] = Counter()
     pairs: list[Pair] = []

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from differential import Pair, run_models
+from random_flows import wild_model
 
 from dl2c.ir.logic import atoms, operands
 from dl2c.ir.model import And, Block, Call, Choice, Compare, Formula, If, Model, Or, Term, Truth
@@ -27,6 +28,21 @@ def test_interpreter_and_compiled_code_agree(tmp_path: Path) -> None:
 def test_models_that_once_disagreed(seed: int, tmp_path: Path) -> None:
     """10893: two tests that leave one value of an input, each root rounded to the wrong side."""
     run_models(range(seed, seed + 1), 400, tmp_path)
+
+
+def test_flows_of_any_form_agree(tmp_path: Path) -> None:
+    """Domains with | != abs min max, motion of degree 3, watches that fail, cut flows and are met."""
+    pairs, seen = run_models(range(24), 40, tmp_path, wild_model)
+    assert sum(f.quick is None for pair in pairs for f in pair.environment.flows) >= 10
+    assert any(w.cuts for pair in pairs for f in pair.environment.flows for w in f.watches)
+    assert seen["failed"] >= 20
+    assert seen["met"] >= 10
+    assert seen["events"] >= 0.2 * seen["flows"]
+
+
+@pytest.mark.slow
+def test_flows_of_any_form_agree_in_many_models(tmp_path: Path) -> None:
+    run_models(range(10_000, 10_400), 40, tmp_path, wild_model)
 
 
 @pytest.mark.slow

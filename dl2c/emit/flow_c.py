@@ -72,7 +72,6 @@ def _model_begin(environment: Environment, leaves: Leaves) -> str:
         if plan.quick is not None:
             continue
         terms = [] if plan.solution is None else [c for cs in plan.solution.variables.values() for c in cs]
-        terms += [] if plan.curves is None else [c for cs in plan.curves for c in cs]
         terms += [h.bound for h in plan.flow.horizons]
         defined = leaves.defined(f"flow{k}_defined", terms, "all coefficients have a value")
         limits, lines = _limits(k, plan.flow, leaves)

@@ -172,5 +172,3 @@ def _still(formula: Formula, margins: tuple[Term, ...]) -> str:
 def _selected(k: int, lines: list[str]) -> list[str]:
     """Statements for flow k alone; nothing where there are none."""
     return [f"if (flow == {k}) {{", *(f"  {line}" for line in lines), "}"] if lines else []
-
-

@@ -185,5 +185,3 @@ def _narrowed(sign: Callable[[Value], int], low: Value, high: Value, before_it: 
 
 def _sign(value: Value) -> int:
     return (value > 0) - (value < 0)
-
-

@@ -71,6 +71,7 @@ class Refused:
 
 def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "auto") -> FlowPlan | Refused:
     """The plan of a flow, or why there is none."""
+
     def moves(term: Term) -> bool:
         return not constant_along(term, flow)
 
@@ -152,4 +153,3 @@ def _snaps(flow: Flow, margins: Sequence[Term]) -> list[tuple[int, Snap]]:
 def constant_along(term: Term, flow: Flow) -> bool:
     """Whether no variable of the term evolves along the flow."""
     return not moving(term, dict(flow.equations))
-

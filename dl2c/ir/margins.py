@@ -93,7 +93,10 @@ def _atom(atom: Compare, moves: Moves, depth: int) -> Formula:
     first, second = branches
     chosen = Compare("<" if call.function == "min" else ">", first, second, span=atom.span)
     return disjunction(
-        [conjunction([_smooth(chosen, moves), parts[0]]), conjunction([_smooth(negation(chosen), moves), parts[1]])]
+        [
+            conjunction([_smooth(chosen, moves), parts[0]]),
+            conjunction([_smooth(negation(chosen), moves), parts[1]]),
+        ]
     )
 
 

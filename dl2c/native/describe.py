@@ -19,6 +19,7 @@ ABI_VERSION = 2
 STREAM_VERSION = 1
 """Of cgen/include/dl2c.h; a test holds them together."""
 
+
 def manifest_of(environment: Environment, key: str, platform: dict[str, str]) -> Manifest:
     """The manifest of an environment; `key` names the build, `platform` where it was made."""
     model, paths, plan = environment.model, environment.paths, environment.sampling
@@ -40,7 +41,8 @@ def manifest_of(environment: Environment, key: str, platform: dict[str, str]) ->
         run_texts=tuple(_run_text(environment, run) for run in paths.runs),
         predicates=tuple(PredicateSpec(p.name, p.category) for p in model.predicates),
         flows=tuple(
-            FlowSpec(f"{place(f.flow.span)}  {print_flow(f.flow)}", f.kernel, f.reason) for f in environment.flows
+            FlowSpec(f"{place(f.flow.span)}  {print_flow(f.flow)}", f.kernel, f.reason)
+            for f in environment.flows
         ),
         certificate="none" if plan is None else plan.certificate,
         sampler={} if plan is None else _sampler(plan),
