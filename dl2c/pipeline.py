@@ -27,8 +27,8 @@ from dl2c.source import Source, Span
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
-    from dl2c.ir.kernel import Refused
     from dl2c.emit.plan import Environment
+    from dl2c.ir.kernel import Refused
     from dl2c.ir.model import Model
     from dl2c.native.binding import Library
     from dl2c.paths.path import Paths

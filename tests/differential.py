@@ -24,8 +24,8 @@ from dl2c.ir import model as ir
 from dl2c.ir.evaluate import evaluate, truth
 from dl2c.ir.exact import Motion
 from dl2c.ir.follow import follow
-from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.interp import Interpreter, Settings, Step, runs
+from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.logic import operands
 from dl2c.ir.watch import watches_of
 from dl2c.native.binding import Batch, Library, Sizes

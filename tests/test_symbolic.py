@@ -21,8 +21,8 @@ from dl2c.emit.leaf import Leaves
 from dl2c.emit.model_c import model_c, model_sources
 from dl2c.emit.plan import Environment
 from dl2c.ir.evaluate import Undefined, evaluate, truth
-from dl2c.ir.margins import margin_of
 from dl2c.ir.logic import atoms
+from dl2c.ir.margins import margin_of
 from dl2c.ir.model import TRUE, Call, Div, Flow, Formula, Function, Mul, Number, Symbol, Term
 from dl2c.native.code import cgen_dir
 from dl2c.native.toolchain import CODE_FLAGS, EXACT_FLAGS, STRICT_FLAGS

@@ -9,8 +9,8 @@ from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import index
 from dl2c.emit.plan import Environment
-from dl2c.ir.margins import margin_of
 from dl2c.ir.logic import atoms
+from dl2c.ir.margins import margin_of
 from dl2c.ir.model import Flow, Symbol
 from dl2c.ir.printer import print_flow, print_formula, print_term
 
