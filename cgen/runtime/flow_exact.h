@@ -14,7 +14,7 @@ enum { DL2C_RETREATS = 27 };
 #define DL2C_RETREAT_FIRST 0x1p-52
 
 /* Where the margin of a starting point on or inside the boundary crosses zero; INFINITY for never. */
-static inline real dl2c_crossing(real c0, real c1, real c2, bool touching_counts)
+static inline real dl2c_leaves_at(real c0, real c1, real c2, bool touching_counts)
 {
   if (c2 == 0.0) {
     const real distance = dl2c_select(c0 > 0.0, c0, 0.0);
@@ -35,19 +35,19 @@ static inline real dl2c_crossing(real c0, real c1, real c2, bool touching_counts
 /* margin >= 0: leaves where the margin becomes negative. */
 static inline real dl2c_exit_closed(real c0, real c1, real c2)
 {
-  return dl2c_crossing(c0, c1, c2, false);
+  return dl2c_leaves_at(c0, c1, c2, false);
 }
 
 /* margin > 0: leaves where it becomes zero. */
 static inline real dl2c_exit_open(real c0, real c1, real c2)
 {
-  return dl2c_crossing(c0, c1, c2, true);
+  return dl2c_leaves_at(c0, c1, c2, true);
 }
 
 /* margin != 0: leaves where it becomes zero from either side. */
 static inline real dl2c_exit_apart(real c0, real c1, real c2)
 {
-  return c0 < 0.0 ? dl2c_crossing(-c0, -c1, -c2, true) : dl2c_crossing(c0, c1, c2, true);
+  return c0 < 0.0 ? dl2c_leaves_at(-c0, -c1, -c2, true) : dl2c_leaves_at(c0, c1, c2, true);
 }
 
 /* margin = 0 that motion changes: leaves at once. */
