@@ -113,6 +113,12 @@ dl2c_status dl2c_batch_get_state(const dl2c_batch *b, int64_t i, double *x, doub
   return DL2C_OK;
 }
 
+dl2c_status dl2c_solver_library(const char *path, char *problem, size_t room)
+{
+  (void)path, (void)problem, (void)room;
+  return DL2C_OK;
+}
+
 const char *dl2c_status_text(dl2c_status status)
 {
   switch (status) {
@@ -121,6 +127,7 @@ const char *dl2c_status_text(dl2c_status status)
     case DL2C_ERR_NOMEM: return "out of memory";
     case DL2C_ERR_RESET: return "no initial state was found";
     case DL2C_ERR_STATE: return "the state is not admissible";
+    case DL2C_ERR_SOLVER: return "no solver";
   }
   return "unknown";
 }

@@ -9,6 +9,7 @@
 #define DL2C_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #define DL2C_ABI_VERSION 2
@@ -27,6 +28,7 @@ typedef enum dl2c_status {
   DL2C_ERR_NOMEM = -2, /* out of memory */
   DL2C_ERR_RESET = -3, /* no admissible initial state found in the allowed number of draws */
   DL2C_ERR_STATE = -4, /* a given state violates the precondition, or no run is possible from it */
+  DL2C_ERR_SOLVER = -5, /* the library of differential equation solvers is missing or lacks a function */
 } dl2c_status;
 
 /* How an episode stands (info["status"]). */
@@ -119,6 +121,14 @@ typedef struct dl2c_batch dl2c_batch;
 DL2C_API int32_t dl2c_abi_version(void);
 DL2C_API int32_t dl2c_stream_version(void);
 DL2C_API void dl2c_model_sizes(dl2c_sizes *out);
+
+/*
+ * Loads the solver that flows without a closed form need: `path` is a library with the functions of
+ * SUNDIALS CVODES 2.6. Once before the first batch; more often does nothing, and so does a model
+ * whose flows need no solver or that was linked with one. On DL2C_ERR_SOLVER `problem` (room) says what
+ * is missing. May be called by several threads.
+ */
+DL2C_API dl2c_status dl2c_solver_library(const char *path, char *problem, size_t room);
 
 /* Makes n environments. Writes *out only on success. */
 DL2C_API dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options,

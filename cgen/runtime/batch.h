@@ -151,6 +151,16 @@ dl2c_status dl2c_flow_roots(int32_t flow, const double *x, const double *p, doub
   return DL2C_OK;
 }
 
+#ifndef DL2C_SUNDIALS_H
+/* No flow of this model needs a solver. */
+dl2c_status dl2c_solver_library(const char *path, char *problem, size_t room)
+{
+  if (path == NULL || problem == NULL || room == 0) return DL2C_ERR_ARG;
+  problem[0] = '\0';
+  return DL2C_OK;
+}
+#endif
+
 const char *dl2c_status_text(dl2c_status status)
 {
   switch (status) {
@@ -159,6 +169,7 @@ const char *dl2c_status_text(dl2c_status status)
   case DL2C_ERR_NOMEM: return "out of memory";
   case DL2C_ERR_RESET: return "no admissible initial state was found";
   case DL2C_ERR_STATE: return "the state violates the precondition, or no run is possible from it";
+  case DL2C_ERR_SOLVER: return "the library of differential equation solvers is missing or unfit";
   }
   return "unknown status";
 }

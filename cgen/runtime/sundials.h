@@ -1,0 +1,26 @@
+/*
+ * sundials.h -- the functions of SUNDIALS CVODES that flows are solved with.
+ *
+ * By default they come at run time from the CVODES inside the casadi wheel, whose interface is
+ * that of SUNDIALS 2.6; `dl2c_solver_library` names the file. With DL2C_SUNDIALS_SYSTEM they
+ * are those of an installed SUNDIALS, version 6 or 7, linked as usual. What differs between the two
+ * ends in this file: `DL2C_SUN(f)` is function f, a `dl2c_engine` is one solver memory.
+ *
+ * The wheel exports no CVDense, CVDiag and CVDlsSetDenseJacFn: the linear systems of stiff
+ * flows go to CVSpgmr, whose preconditioner solves them.
+ */
+#ifndef DL2C_SUNDIALS_H
+#define DL2C_SUNDIALS_H
+
+#include "dl2c.h"
+#include "numbers.h"
+
+#include <stddef.h>
+
+#ifdef DL2C_SUNDIALS_SYSTEM
+#include "sundials_system.h"
+#else
+#include "sundials_wheel.h"
+#endif
+
+#endif

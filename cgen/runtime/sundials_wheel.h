@@ -1,0 +1,201 @@
+/*
+ * sundials_wheel.h -- SUNDIALS 2.6 as the casadi wheel carries it, loaded at run time.
+ *
+ * The declarations state facts of that interface, which no wheel ships a header for.
+ */
+#ifndef DL2C_SUNDIALS_WHEEL_H
+#define DL2C_SUNDIALS_WHEEL_H
+
+#include <dlfcn.h>
+#include <pthread.h>
+#include <stdio.h>
+
+typedef struct dl2c_serial {
+  long length;
+  int owns_data;
+  double *data;
+} dl2c_serial;
+typedef struct dl2c_vector {
+  dl2c_serial *content;
+  void *operations;
+} *N_Vector;
+
+typedef int (*dl2c_rates_fn)(double t, N_Vector y, N_Vector dy, void *data);
+typedef int (*dl2c_setup_fn)(double t, N_Vector y, N_Vector dy, int known, int *fresh, double gamma,
+                             void *data, N_Vector work1, N_Vector work2, N_Vector work3);
+typedef int (*dl2c_solve_fn)(double t, N_Vector y, N_Vector dy, N_Vector r, N_Vector z,
+                             double gamma, double delta, int side, void *data, N_Vector work);
+typedef int (*dl2c_times_fn)(N_Vector v, N_Vector jv, double t, N_Vector y, N_Vector dy, void *data,
+                             N_Vector work);
+typedef void (*dl2c_error_fn)(int code, const char *module, const char *function, char *text,
+                              void *data);
+
+enum { CV_ADAMS = 1, CV_BDF = 2, CV_FUNCTIONAL = 1, CV_NEWTON = 2, PREC_LEFT = 1 };
+enum { CV_ONE_STEP = 2, CV_SUCCESS = 0, CV_TSTOP_RETURN = 1 };
+
+#define DL2C_SUNDIALS_FUNCTIONS(F)                                                           \
+  F(N_Vector, N_VMake_Serial, (long length, double *data))                                   \
+  F(void, N_VDestroy_Serial, (N_Vector y))                                                   \
+  F(void *, CVodeCreate, (int method, int iteration))                                        \
+  F(void, CVodeFree, (void **memory))                                                        \
+  F(int, CVodeInit, (void *memory, dl2c_rates_fn rates, double t, N_Vector y))               \
+  F(int, CVodeReInit, (void *memory, double t, N_Vector y))                                  \
+  F(int, CVodeSStolerances, (void *memory, double rtol, double atol))                        \
+  F(int, CVodeSetErrHandlerFn, (void *memory, dl2c_error_fn handler, void *data))            \
+  F(int, CVodeSetMaxOrd, (void *memory, int order))                                          \
+  F(int, CVodeSetStopTime, (void *memory, double t))                                         \
+  F(int, CVodeSetUserData, (void *memory, void *data))                                       \
+  F(int, CVode, (void *memory, double t, N_Vector y, double *reached, int task))             \
+  F(int, CVodeGetDky, (void *memory, double t, int k, N_Vector dky))                         \
+  F(int, CVodeGetLastOrder, (void *memory, int *order))                                      \
+  F(int, CVSpgmr, (void *memory, int side, int dimensions))                                  \
+  F(int, CVSpilsSetPreconditioner, (void *memory, dl2c_setup_fn setup, dl2c_solve_fn solve)) \
+  F(int, CVSpilsSetJacTimesVecFn, (void *memory, dl2c_times_fn times))
+
+#define DL2C_MEMBER(result, name, parameters) result(*name) parameters;
+#define DL2C_NAME(result, name, parameters) #name,
+typedef struct dl2c_sundials {
+  DL2C_SUNDIALS_FUNCTIONS(DL2C_MEMBER)
+} dl2c_sundials;
+static const char *const DL2C_SUNDIALS_NAMES[] = {DL2C_SUNDIALS_FUNCTIONS(DL2C_NAME)};
+#undef DL2C_MEMBER
+#undef DL2C_NAME
+enum { DL2C_SUNDIALS_COUNT = sizeof DL2C_SUNDIALS_NAMES / sizeof DL2C_SUNDIALS_NAMES[0] };
+_Static_assert(sizeof(dl2c_sundials) == DL2C_SUNDIALS_COUNT * sizeof(void *),
+               "functions and data pointers are of one size");
+
+/* The one thing that changes after loading: written once, under the lock, before any solver exists.
+ */
+static dl2c_sundials dl2c_wheel;
+static bool dl2c_wheel_loaded = false;
+static pthread_mutex_t dl2c_wheel_lock = PTHREAD_MUTEX_INITIALIZER;
+
+#define DL2C_SUN(function) dl2c_wheel.function
+
+/*
+ * The wheel's symbols come first for the wheel itself, whatever other SUNDIALS the process has
+ * loaded for all to see. Address sanitizers refuse the flag, macOS and musl have none.
+ */
+#if defined(__has_feature)
+#if __has_feature(address_sanitizer)
+#define DL2C_SANITIZED
+#endif
+#endif
+#if defined(RTLD_DEEPBIND) && !defined(__SANITIZE_ADDRESS__) && !defined(DL2C_SANITIZED)
+enum { DL2C_OPENING = RTLD_NOW | RTLD_LOCAL | RTLD_DEEPBIND };
+#else
+enum { DL2C_OPENING = RTLD_NOW | RTLD_LOCAL };
+#endif
+
+/* Fills the table from the library at a path; says in `problem` what is wrong with it. */
+static bool dl2c_wheel_open(const char *path, char *problem, size_t room)
+{
+  void *const library = dlopen(path, DL2C_OPENING);
+  if (library == NULL) {
+    snprintf(problem, room, "%s", dlerror());
+    return false;
+  }
+  void *found[DL2C_SUNDIALS_COUNT];
+  for (int k = 0; k < DL2C_SUNDIALS_COUNT; k++) {
+    found[k] = dlsym(library, DL2C_SUNDIALS_NAMES[k]);
+    if (found[k] == NULL) {
+      snprintf(problem, room, "%s has no function %s", path, DL2C_SUNDIALS_NAMES[k]);
+      dlclose(library);
+      return false;
+    }
+  }
+  memcpy(&dl2c_wheel, found, sizeof dl2c_wheel);
+  return true;
+}
+
+dl2c_status dl2c_solver_library(const char *path, char *problem, size_t room)
+{
+  if (path == NULL || problem == NULL || room == 0) return DL2C_ERR_ARG;
+  problem[0] = '\0';
+  pthread_mutex_lock(&dl2c_wheel_lock);
+  if (!dl2c_wheel_loaded) dl2c_wheel_loaded = dl2c_wheel_open(path, problem, room);
+  const bool loaded = dl2c_wheel_loaded;
+  pthread_mutex_unlock(&dl2c_wheel_lock);
+  return loaded ? DL2C_OK : DL2C_ERR_SOLVER;
+}
+
+/* Whether functions can be called. */
+static bool dl2c_sundials_ready(void)
+{
+  pthread_mutex_lock(&dl2c_wheel_lock);
+  const bool loaded = dl2c_wheel_loaded;
+  pthread_mutex_unlock(&dl2c_wheel_lock);
+  return loaded;
+}
+
+/* CVODES would write to stderr by itself. */
+static void dl2c_silent(int code, const char *module, const char *function, char *text, void *data)
+{
+  (void)code, (void)module, (void)function, (void)text, (void)data;
+}
+
+static inline real *dl2c_values(N_Vector y) { return y->content->data; }
+
+/* One solver memory and the vector it is started from. */
+typedef struct dl2c_engine {
+  void *memory;
+  N_Vector y;
+  N_Vector derivative;
+} dl2c_engine;
+
+/* What a stiff engine calls, with the parameters of newer versions. */
+static int dl2c_prepare(real t, N_Vector y, N_Vector dy, int known, int *fresh, real gamma,
+                        void *data);
+static int dl2c_precondition(real t, N_Vector y, N_Vector dy, N_Vector r, N_Vector z, real gamma,
+                             real delta, int side, void *data);
+
+static int dl2c_wheel_setup(double t, N_Vector y, N_Vector dy, int known, int *fresh, double gamma,
+                            void *data, N_Vector work1, N_Vector work2, N_Vector work3)
+{
+  (void)work1, (void)work2, (void)work3;
+  return dl2c_prepare(t, y, dy, known, fresh, gamma, data);
+}
+
+static int dl2c_wheel_solve(double t, N_Vector y, N_Vector dy, N_Vector r, N_Vector z, double gamma,
+                            double delta, int side, void *data, N_Vector work)
+{
+  (void)work;
+  return dl2c_precondition(t, y, dy, r, z, gamma, delta, side, data);
+}
+
+static void dl2c_engine_free(dl2c_engine *engine)
+{
+  if (engine->memory != NULL) DL2C_SUN(CVodeFree)(&engine->memory);
+  if (engine->y != NULL) DL2C_SUN(N_VDestroy_Serial)(engine->y);
+  if (engine->derivative != NULL) DL2C_SUN(N_VDestroy_Serial)(engine->derivative);
+}
+
+/* A vector over an array; NULL also where its layout is not the one declared above. */
+static N_Vector dl2c_wheel_vector(real *values)
+{
+  N_Vector y = DL2C_SUN(N_VMake_Serial)(NX, values);
+  if (y == NULL || (y->content->length == NX && y->content->data == values)) return y;
+  DL2C_SUN(N_VDestroy_Serial)(y);
+  return NULL;
+}
+
+/* Vectors and memory for one method; the linear solver of a stiff one. False: out of memory. */
+static bool dl2c_engine_create(dl2c_engine *engine, bool stiff, real *y, real *derivative,
+                               dl2c_rates_fn rates, dl2c_times_fn times)
+{
+  engine->y = dl2c_wheel_vector(y);
+  engine->derivative = dl2c_wheel_vector(derivative);
+  if (engine->y == NULL || engine->derivative == NULL) return false;
+  engine->memory =
+      DL2C_SUN(CVodeCreate)(stiff ? CV_BDF : CV_ADAMS, stiff ? CV_NEWTON : CV_FUNCTIONAL);
+  if (engine->memory == NULL) return false;
+  if (DL2C_SUN(CVodeSetErrHandlerFn)(engine->memory, dl2c_silent, NULL) != CV_SUCCESS) return false;
+  if (DL2C_SUN(CVodeInit)(engine->memory, rates, 0.0, engine->y) != CV_SUCCESS) return false;
+  if (!stiff) return true;
+  return DL2C_SUN(CVSpgmr)(engine->memory, PREC_LEFT, 0) == CV_SUCCESS
+         && DL2C_SUN(CVSpilsSetPreconditioner)(engine->memory, dl2c_wheel_setup, dl2c_wheel_solve)
+                == CV_SUCCESS
+         && DL2C_SUN(CVSpilsSetJacTimesVecFn)(engine->memory, times) == CV_SUCCESS;
+}
+
+#endif

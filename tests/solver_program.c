@@ -1,0 +1,218 @@
+/*
+ * solver_program.c -- follows hand-written flows with the CVODES kernel, as told on standard input.
+ *
+ *   new STIFF RTOL ATOL             a solver for what follows
+ *   run FLOW STOP X[NX]             its tracks: "track FROM LENGTH DEGREE c.. END[NX]", then how it
+ * ended time FLOW STOP REPEAT X[NX]     microseconds a flow takes samples FLOW STOP X[NX] largest
+ * difference between dl2c_track_samples and dl2c_track_at fit V[DL2C_NODES]               Bernstein
+ * coefficients
+ *
+ * Numbers are hexadecimal, so that nothing is lost. The only argument is the solver's library.
+ */
+#define _POSIX_C_SOURCE 200809L
+
+enum { NX = 6, NP = 1 };
+
+#include "numbers.h"
+
+static inline bool model_holds(int flow, int formula, const int8_t *sign)
+{
+  (void)flow, (void)formula, (void)sign;
+  return true;
+}
+
+static inline void model_rates(int flow, const real *x, const real *p, real *dx);
+static inline void model_jacobian(int flow, const real *x, const real *p, real *jac);
+
+#include "flow_cvodes.h"
+
+#include <time.h>
+
+enum { DECAY, OSCILLATOR, ROBERTSON, ROCKET, BALL, BLOW_UP, UNDEFINED, DUBINS, STIFF_DECAY, LATE };
+
+/* SUNDIALS's rocket: height, speed; the engine burns as long as p[0] is 1. */
+static void rocket(const real *x, const real *p, real *dx)
+{
+  const real force = p[0] > 0.5 ? 2200.0 : 0.0;
+  const real mass = p[0] > 0.5 ? 10.0 + 50.0 - x[2] : 10.0;
+  dx[0] = x[1];
+  dx[1] = force / mass - 0.3 * x[1] - 32.0;
+  dx[2] = p[0] > 0.5 ? 4.0 : 0.0;
+}
+
+static inline void model_rates(int flow, const real *x, const real *p, real *dx)
+{
+  for (int k = 0; k < NX; k++) dx[k] = 0.0;
+  switch (flow) {
+  case DECAY: dx[0] = -x[0]; break;
+  case OSCILLATOR:
+    dx[0] = x[1];
+    dx[1] = -x[0];
+    break;
+  case ROBERTSON:
+    dx[0] = -0.04 * x[0] + 1e4 * x[1] * x[2];
+    dx[2] = 3e7 * x[1] * x[1];
+    dx[1] = -dx[0] - dx[2];
+    break;
+  case ROCKET: rocket(x, p, dx); break;
+  case BALL:
+    dx[0] = x[1];
+    dx[1] = -9.81;
+    break;
+  case BLOW_UP: dx[0] = x[0] * x[0]; break;
+  case UNDEFINED: dx[0] = sqrt(x[0] - 2.0); break;
+  case DUBINS:
+    dx[0] = x[4] * x[2];
+    dx[1] = x[4] * x[3];
+    dx[2] = -0.7 * x[3];
+    dx[3] = 0.7 * x[2];
+    dx[4] = 1.3;
+    dx[5] = 1.0;
+    break;
+  case STIFF_DECAY:
+    dx[0] = -1e5 * (x[0] - x[1]);
+    dx[1] = 1.0;
+    break;
+  case LATE: dx[0] = -sqrt(x[0]) - 0.1; break;
+  default: break;
+  }
+}
+
+static inline void model_jacobian(int flow, const real *x, const real *p, real *jac)
+{
+  (void)p;
+  for (int k = 0; k < NX * NX; k++) jac[k] = 0.0;
+  switch (flow) {
+  case DECAY: jac[0] = -1.0; break;
+  case OSCILLATOR:
+    jac[0 * NX + 1] = 1.0;
+    jac[1 * NX + 0] = -1.0;
+    break;
+  case ROBERTSON:
+    jac[0 * NX + 0] = -0.04;
+    jac[0 * NX + 1] = 1e4 * x[2];
+    jac[0 * NX + 2] = 1e4 * x[1];
+    jac[2 * NX + 1] = 6e7 * x[1];
+    for (int k = 0; k < 3; k++) jac[1 * NX + k] = -jac[0 * NX + k] - jac[2 * NX + k];
+    break;
+  case BLOW_UP: jac[0] = 2.0 * x[0]; break;
+  case STIFF_DECAY:
+    jac[0] = -1e5;
+    jac[1] = 1e5;
+    break;
+  default: break; /* the others are never stiff */
+  }
+}
+
+static void print_track(const dl2c_track *track)
+{
+  printf("track %a %a %d", track->from, track->length, (int)track->degree);
+  for (int k = 0; k < NX; k++)
+    for (int i = 0; i <= track->degree; i++) printf(" %a", track->c[k][i]);
+  for (int k = 0; k < NX; k++) printf(" %a", track->end[k]);
+  printf("\n");
+}
+
+static const char *run(dl2c_solver *solver, int flow, real stop, const real *x, const real *p,
+                       bool print)
+{
+  dl2c_track track;
+  if (!dl2c_solver_start(solver, flow, x, p, stop)) return "failed";
+  while (!dl2c_solver_done(solver)) {
+    if (!dl2c_solver_step(solver, &track)) return "failed";
+    if (print) print_track(&track);
+  }
+  return "done";
+}
+
+static real microseconds(dl2c_solver *solver, int flow, real stop, const real *x, const real *p,
+                         int repeat)
+{
+  struct timespec begin;
+  struct timespec end;
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &begin);
+  for (int k = 0; k < repeat; k++) run(solver, flow, stop, x, p, false);
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &end);
+  const real taken =
+      (real)(end.tv_sec - begin.tv_sec) * 1e6 + (real)(end.tv_nsec - begin.tv_nsec) / 1e3;
+  return taken / (real)repeat;
+}
+
+static real sample_difference(dl2c_solver *solver, int flow, real stop, const real *x,
+                              const real *p)
+{
+  dl2c_track track;
+  real samples[NX * DL2C_NODES];
+  real state[NX];
+  real worst = 0.0;
+  if (!dl2c_solver_start(solver, flow, x, p, stop)) return (real)INFINITY;
+  while (!dl2c_solver_done(solver)) {
+    if (!dl2c_solver_step(solver, &track)) return (real)INFINITY;
+    dl2c_track_samples(&track, samples);
+    for (int j = 0; j < DL2C_NODES; j++) {
+      dl2c_track_at(&track, DL2C_NODE[j], state);
+      for (int k = 0; k < NX; k++)
+        worst = fmax(worst, fabs(samples[k * DL2C_NODES + j] - state[k]));
+    }
+  }
+  return worst;
+}
+
+static bool read_reals(real *values, int n)
+{
+  for (int k = 0; k < n; k++)
+    if (scanf("%la", &values[k]) != 1) return false;
+  return true;
+}
+
+static void print_fit(void)
+{
+  real values[DL2C_NODES];
+  dl2c_curve curve;
+  if (!read_reals(values, DL2C_NODES)) exit(2);
+  dl2c_fit(values, &curve);
+  printf("fit");
+  for (int k = 0; k <= curve.degree; k++) printf(" %a", curve.b[k]);
+  printf("\n");
+}
+
+int main(int argc, char **argv)
+{
+  char problem[512];
+  char word[16];
+  dl2c_solver *solver = NULL;
+  if (argc != 2) return 2;
+  if (dl2c_solver_create(1e-8, 1e-10, DL2C_STIFF_NO, &solver) != DL2C_OK) printf("not loaded\n");
+  dl2c_solver_free(solver);
+  solver = NULL;
+  for (int k = 0; k < 2; k++) {
+    if (dl2c_solver_library(argv[1], problem, sizeof problem) == DL2C_OK) continue;
+    printf("%s\n", problem);
+    return 1;
+  }
+  while (scanf("%15s", word) == 1) {
+    int a;
+    int repeat = 1;
+    real stop = 0.0;
+    real x[NX + 1];
+    if (strcmp(word, "fit") == 0) {
+      print_fit();
+      continue;
+    }
+    if (scanf("%d", &a) != 1 || !read_reals(&stop, 1)) return 2;
+    if (strcmp(word, "new") == 0) {
+      dl2c_solver_free(solver);
+      if (!read_reals(x, 1) || dl2c_solver_create(stop, x[0], a, &solver) != DL2C_OK) return 2;
+      continue;
+    }
+    if (strcmp(word, "time") == 0 && scanf("%d", &repeat) != 1) return 2;
+    if (!read_reals(x, NX + NP)) return 2;
+    const real *const p = x + NX;
+    if (strcmp(word, "run") == 0) printf("%s\n", run(solver, a, stop, x, p, true));
+    if (strcmp(word, "time") == 0) printf("time %a\n", microseconds(solver, a, stop, x, p, repeat));
+    if (strcmp(word, "samples") == 0)
+      printf("samples %a\n", sample_difference(solver, a, stop, x, p));
+  }
+  dl2c_solver_free(solver);
+  return 0;
+}
