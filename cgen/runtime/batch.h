@@ -51,6 +51,13 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
     dl2c_batch_free(b);
     return DL2C_ERR_NOMEM;
   }
+#if DL2C_NUMERIC_FLOWS
+  const dl2c_status solver = dl2c_solver_create(DL2C_RTOL, DL2C_ATOL, DL2C_STIFF, &b->solver);
+  if (solver != DL2C_OK) {
+    dl2c_batch_free(b);
+    return solver;
+  }
+#endif
   *out = b;
   return DL2C_OK;
 }
@@ -58,6 +65,9 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
 void dl2c_batch_free(dl2c_batch *b)
 {
   if (b == NULL) return;
+#if DL2C_NUMERIC_FLOWS
+  dl2c_solver_free(b->solver);
+#endif
   free(b->x);
   free(b->p);
   free(b->enabled);

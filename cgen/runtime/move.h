@@ -102,6 +102,7 @@ static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch)
       .decided = b->out.executed_choices + i * NCHOICE,
       .executed = b->out.executed_inputs + i * NU,
       .watch = watched,
+      .solver = b->solver,
   };
   const bool moved = dl2c_complete(&run, 0, enabled, false, x);
   const real duration = moved && !run.numerical ? run.duration : 0.0;

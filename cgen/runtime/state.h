@@ -19,6 +19,7 @@ struct dl2c_batch {
   int64_t *steps;    /* (n) in this episode */
   real *elapsed;     /* (n) time in this episode */
   int64_t *stalled;  /* (n) zero-duration steps in a row */
+  struct dl2c_solver *solver; /* NULL where no flow needs one */
 };
 
 #define DL2C_NSTART (POINT_START[1])

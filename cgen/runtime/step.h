@@ -17,6 +17,7 @@ typedef struct dl2c_run {
   dl2c_motion motion; /* what became of its last flow */
   real duration;      /* time its flows took */
   uint8_t *watch;     /* (NWATCH) dl2c_watched so far */
+  struct dl2c_solver *solver; /* NULL where no flow needs one */
   int32_t *decided;  /* (NCHOICE) alternatives taken, the request where none was met */
   real *executed;    /* (NU) inputs as the action space writes them */
 } dl2c_run;
@@ -36,7 +37,7 @@ static inline real dl2c_share(dl2c_run *run, int flow)
 /* Moves y along a flow and notes what happened on the way. False: the run came to nothing. */
 static inline bool dl2c_evolve(dl2c_run *run, int flow, real *y, real *duration)
 {
-  dl2c_travel travel = {.p = run->p, .part = dl2c_share(run, flow), .watch = run->watch};
+  dl2c_travel travel = {.p = run->p, .solver = run->solver, .part = dl2c_share(run, flow), .watch = run->watch};
   run->motion = dl2c_flow(flow, &travel, y);
   *duration = travel.duration;
   return run->motion == DL2C_SETTLED;

@@ -10,41 +10,22 @@
 #ifndef DL2C_TRAVEL_H
 #define DL2C_TRAVEL_H
 
-#include "roots.h"
+#include "events.h"
 
 /* What is asked of a flow, and what became of it. */
 typedef struct dl2c_travel {
   const real *p;
-  real part;      /* of the longest time that its domain allows, 0 to 1 */
-  real duration;  /* out: time that it took */
-  uint8_t *watch; /* (NWATCH) dl2c_watched of this step so far; updated */
+  struct dl2c_solver *solver; /* NULL where no flow needs one */
+  real part;                  /* of the longest time that the domain allows, 0 to 1 */
+  real duration;              /* out: time that it took */
+  uint8_t *watch;             /* (NWATCH) dl2c_watched of this step so far; updated */
 } dl2c_travel;
 
-enum { DL2C_ROOM = NMARGIN * (NDEGREE > 12 ? NDEGREE : 12) };
-
-/* Signs of all margins over a stretch: at its start, just after, and where they change. */
-typedef struct dl2c_events {
-  int32_t count;
-  int8_t at_start[NMARGIN];
-  int8_t after_start[NMARGIN];
-  dl2c_crossing crossings[DL2C_ROOM];
-} dl2c_events;
-
-/* The first failure of one condition, and the signs that tell what happened there. */
-typedef struct dl2c_failure {
-  dl2c_exit exit;
-  int8_t at[NMARGIN];
-  int8_t after[NMARGIN];
-} dl2c_failure;
-
-static inline int8_t dl2c_sign_of(real a) { return (int8_t)((a > 0.0) - (a < 0.0)); }
-
-static void dl2c_fails(int flow, int formula, const dl2c_events *events, dl2c_failure *failure)
-{
-  failure->exit =
-      dl2c_first_exit(flow, formula, events->crossings, events->count, FLOW_MARGINS[flow],
-                      events->at_start, events->after_start, failure->at, failure->after);
-}
+#if DL2C_NUMERIC_FLOWS
+#include "numeric.h"
+#elif DL2C_SAMPLED_FLOWS
+#include "stretch.h"
+#endif
 
 /* The curves of a flow from x over the time `length`, where they are polynomials. */
 static void dl2c_look(int flow, const real *x, const real *p, real length, dl2c_events *events)
@@ -68,41 +49,6 @@ static void dl2c_look(int flow, const real *x, const real *p, real length, dl2c_
   if (length > 0.0)
     events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
   if (events->count < 0) events->count = 0;
-}
-
-/* Whether a flow that ends at `stop` of a stretch got as far as a failure. */
-static bool dl2c_reached(const dl2c_exit *exit, real stop, bool included)
-{
-  return exit->found
-         && (exit->at < stop || (exit->at == stop && (included || !exit->holds)));
-}
-
-/*
- * What the watches say of a stretch on which the domain lets the flow go as far as `limit`.
- * Returns where a violation cuts it, or 2.
- */
-static real dl2c_watch(int flow, const dl2c_events *events, real limit, uint8_t *watch)
-{
-  dl2c_failure failures[NWATCH + 1];
-  real stop = 2.0;
-  for (int w = 0; w < NWATCH; w++) {
-    if (watch[w] != DL2C_WATCHING) continue;
-    dl2c_fails(flow, 1 + 3 * w, events, &failures[w]);
-    const dl2c_exit *exit = &failures[w].exit;
-    if (WATCH_CUTS[w] && dl2c_reached(exit, limit, false) && exit->at < stop) stop = exit->at;
-  }
-  for (int w = 0; w < NWATCH; w++) {
-    if (watch[w] != DL2C_WATCHING) continue;
-    const dl2c_exit *exit = &failures[w].exit;
-    if (!dl2c_reached(exit, limit, false)) continue;
-    if (stop <= 1.0 && !dl2c_reached(exit, stop, WATCH_CUTS[w])) continue;
-    const int8_t *signs = exit->holds ? failures[w].after : failures[w].at;
-    if (model_holds(flow, 3 + 3 * w, signs))
-      watch[w] = DL2C_MET;
-    else if (model_holds(flow, 2 + 3 * w, signs))
-      watch[w] = DL2C_FAILED;
-  }
-  return stop;
 }
 
 /* Rounding put the end of a motion from x outside the domain: steps back until it is inside. */
@@ -163,15 +109,35 @@ static dl2c_motion dl2c_roam(int flow, const real *x, const real *p, real *y, re
 static inline dl2c_motion dl2c_longest(int flow, const real *x, const real *p, real *y,
                                        real *duration)
 {
-  if (FLOW_KERNEL[flow] != DL2C_QUICK) return dl2c_roam(flow, x, p, y, duration);
+  if (FLOW_KERNEL[flow] == DL2C_POLYNOMIAL) return dl2c_roam(flow, x, p, y, duration);
   const dl2c_motion motion = model_motion(flow, x, p, y, duration);
   if (motion == DL2C_OUTSIDE) dl2c_retreat(flow, x, p, *duration, y, duration);
   return motion == DL2C_UNDEFINED ? DL2C_UNDEFINED : DL2C_SETTLED;
 }
 
-/* Moves y along a flow. What is left of y is meaningless where a value is undefined. */
+/* What the watches say of a motion from x. Returns the part of it after which it is cut, or 2. */
+static real dl2c_watch_motion(int flow, const real *x, const real *p, real length, uint8_t *watch)
+{
+#if DL2C_SAMPLED_FLOWS
+  if (FLOW_KERNEL[flow] == DL2C_QUICK_SAMPLED) {
+    dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .length = length};
+    int8_t sign[NMARGIN];
+    real s;
+    if (dl2c_look_along(&stretch, false, watch, &s, sign) != DL2C_CUT) return 2.0;
+    return stretch.low + stretch.width * s;
+  }
+#endif
+  dl2c_events events;
+  dl2c_look(flow, x, p, length, &events);
+  return dl2c_watch(flow, &events, 1.0, watch);
+}
+
+/* Moves y along a flow. What is left of y is meaningless unless it settled. */
 static inline dl2c_motion dl2c_flow(int flow, dl2c_travel *travel, real *y)
 {
+#if DL2C_NUMERIC_FLOWS
+  if (FLOW_KERNEL[flow] == DL2C_NUMERIC) return dl2c_flow_numeric(flow, travel, y);
+#endif
   const real *p = travel->p;
   real x[NX];
   memcpy(x, y, sizeof x);
@@ -181,9 +147,7 @@ static inline dl2c_motion dl2c_flow(int flow, dl2c_travel *travel, real *y)
   if (NWATCH == 0 || motion != DL2C_SETTLED || model_quiet(flow, x, p, travel->duration))
     return motion;
   const real length = travel->duration;
-  dl2c_events events;
-  dl2c_look(flow, x, p, length, &events);
-  const real stop = dl2c_watch(flow, &events, 1.0, travel->watch);
+  const real stop = dl2c_watch_motion(flow, x, p, length, travel->watch);
   if (stop < 1.0) motion = dl2c_stop(flow, x, p, stop * length, y, &travel->duration);
   return motion;
 }

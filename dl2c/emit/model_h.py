@@ -2,6 +2,7 @@
 
 import textwrap
 
+from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import comment, enumeration
 from dl2c.emit.judge_c import fact_names, observed
 from dl2c.emit.names import file_stem, index
@@ -62,5 +63,20 @@ def _sizes(environment: Environment) -> str:
         + textwrap.fill(f"enum {{ {', '.join(f'{k} = {v}' for k, v in sizes.items())} }};", 96)
         + "\n"
         + f"#define DL2C_LANE_FLOW ({next((p.flow for p in paths.paths if p.flow is not None), -1)})\n"
+        + _kernels(environment)
         + f"typedef {kind} dl2c_obs;\n"
     )
+
+
+def _kernels(environment: Environment) -> str:
+    """Which parts of the runtime the flows need, and the tolerances of the solver."""
+    options = environment.options
+    numeric = any(f.kernel == "cvodes" for f in environment.flows)
+    sampled = any(f.kernel == "exact" and f.curves is None for f in environment.flows)
+    text = f"#define DL2C_NUMERIC_FLOWS {int(numeric)}\n#define DL2C_SAMPLED_FLOWS {int(sampled)}\n"
+    if numeric:
+        stiff = {"auto": "AUTO", "true": "YES", "false": "NO"}[options.stiff]
+        text += f"#define DL2C_RTOL {number(float(options.rtol))}\n"
+        text += f"#define DL2C_ATOL {number(float(options.atol))}\n"
+        text += f"#define DL2C_STIFF DL2C_STIFF_{stiff}\n"
+    return text

@@ -1,0 +1,103 @@
+/*
+ * numeric.h -- flows without a closed form: the solver's steps, and what happens along them.
+ */
+#ifndef DL2C_NUMERIC_H
+#define DL2C_NUMERIC_H
+
+#include "flow_cvodes.h"
+#include "stretch.h"
+
+/* A track that stays in x, for what is watched where a flow has no time. */
+static void dl2c_rest(const real *x, dl2c_track *track)
+{
+  memset(track, 0, sizeof *track);
+  for (int k = 0; k < NX; k++) track->c[k][0] = track->end[k] = x[k];
+}
+
+/*
+ * The state at s of a stretch, as the end of a flow that began in x: invariants and bounds that
+ * were met hold exactly. Where that is outside the domain by rounding, an earlier one.
+ */
+static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real s, bool settled, real time,
+                               const int8_t *sign, real *y, real *duration)
+{
+  const int flow = stretch->flow;
+  const real *p = stretch->p;
+  dl2c_stretch_at(stretch, s, y);
+  model_project(flow, p, y);
+  if (settled) model_settle(flow, stretch->x, p, time, sign, y);
+  if (!dl2c_all_finite(y, NX)) return DL2C_UNDEFINED;
+  *duration = time;
+  if (model_inside(flow, y, p)) return DL2C_SETTLED;
+  real part = DL2C_RETREAT_FIRST;
+  for (int k = 0; k < DL2C_RETREATS; k++, part *= 4.0) {
+    const real earlier = s - s * part;
+    dl2c_stretch_at(stretch, earlier, y);
+    model_project(flow, p, y);
+    *duration = dl2c_stretch_time(stretch, earlier);
+    if (model_inside(flow, y, p)) return DL2C_SETTLED;
+  }
+  for (int j = 0; j < NX; j++) y[j] = stretch->track->c[j][0];
+  *duration = stretch->from;
+  if (model_inside(flow, y, p)) return DL2C_SETTLED;
+  memcpy(y, stretch->x, sizeof(real) * NX);
+  *duration = 0.0;
+  return DL2C_SETTLED;
+}
+
+/*
+ * Follows a flow from x for `cap` at most, with an eye on the watches that are open.
+ *   watch: (NWATCH) updated   y: (NX) where it ends
+ */
+static dl2c_motion dl2c_sail(dl2c_solver *solver, int flow, const real *x, const real *p, real cap,
+                             uint8_t *watch, real *y, real *duration)
+{
+  real horizon;
+  dl2c_track track;
+  int8_t sign[NMARGIN];
+  real s = 1.0;
+  memcpy(y, x, sizeof(real) * NX);
+  *duration = 0.0;
+  if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
+  const real stop = horizon < cap ? horizon : cap;
+  dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .track = &track};
+  if (!(stop > 0.0)) {
+    dl2c_rest(x, &track);
+    (void)dl2c_look_along(&stretch, false, watch, &s, sign);
+    return DL2C_SETTLED;
+  }
+  if (!dl2c_solver_start(solver, flow, x, p, stop)) return DL2C_UNSOLVED;
+  dl2c_halt halt = DL2C_NO_HALT;
+  while (halt == DL2C_NO_HALT && !dl2c_solver_done(solver)) {
+    if (!dl2c_solver_step(solver, &track)) return DL2C_UNSOLVED;
+    stretch.from = track.from;
+    stretch.length = track.length;
+    halt = dl2c_look_along(&stretch, true, watch, &s, sign);
+  }
+  if (halt == DL2C_NO_HALT) {
+    s = 1.0;
+    stretch.low = 0.0;
+    stretch.width = 1.0;
+  }
+  const real time = halt == DL2C_NO_HALT ? stop : dl2c_stretch_time(&stretch, s);
+  return dl2c_arrive(&stretch, s, halt != DL2C_CUT, time, sign, y, duration);
+}
+
+/* Moves y along a flow that only the solver can follow. */
+static dl2c_motion dl2c_flow_numeric(int flow, dl2c_travel *travel, real *y)
+{
+  real x[NX];
+  memcpy(x, y, sizeof x);
+  real cap = (real)INFINITY;
+  if (travel->part < 1.0) {
+    uint8_t closed[NWATCH + 1];
+    memset(closed, DL2C_MET, sizeof closed);
+    const dl2c_motion longest = dl2c_sail(travel->solver, flow, x, travel->p, cap, closed, y,
+                                          &travel->duration);
+    if (longest != DL2C_SETTLED) return longest;
+    cap = travel->duration * travel->part;
+  }
+  return dl2c_sail(travel->solver, flow, x, travel->p, cap, travel->watch, y, &travel->duration);
+}
+
+#endif

@@ -1,0 +1,170 @@
+/*
+ * stretch.h -- what is watched along motion whose margins are no polynomials of time.
+ *
+ * Margins are sampled at the nodes of pieces.h, stretch by stretch, and taken for the polynomials
+ * through the samples. A stretch on which such a curve misses the margin elsewhere is halved.
+ */
+#ifndef DL2C_STRETCH_H
+#define DL2C_STRETCH_H
+
+#include "events.h"
+#include "pieces.h"
+
+/* Part of a motion from x: of a solver's track, or, without one, of a solution in closed form. */
+typedef struct dl2c_stretch {
+  int flow;
+  const real *x, *p;
+  const dl2c_track *track;
+  real from, length; /* of the whole motion or track, since the flow began */
+  real low, width;   /* the part of it, within [0, 1] */
+} dl2c_stretch;
+
+/* Stretches are not halved below this part of a track. */
+#define DL2C_NARROWEST 0x1p-7
+/* How far a curve may miss a margin between nodes, relative to its largest sample. */
+#define DL2C_MISSES 0x1p-34
+/* A polynomial of degree 12 stays this many times their spread around its values at the nodes. */
+#define DL2C_OVERSHOOT 1.3
+
+static real dl2c_stretch_time(const dl2c_stretch *stretch, real s)
+{
+  return stretch->from + stretch->length * (stretch->low + stretch->width * s);
+}
+
+/* The state at s in [0,1] of the stretch.   y: (NX) */
+static void dl2c_stretch_at(const dl2c_stretch *stretch, real s, real *y)
+{
+  if (stretch->track != NULL) {
+    dl2c_track_at(stretch->track, stretch->low + stretch->width * s, y);
+  } else {
+    memcpy(y, stretch->x, sizeof(real) * NX);
+    model_at(stretch->flow, stretch->x, stretch->p, dl2c_stretch_time(stretch, s), y);
+  }
+}
+
+/* Margins at s; 0 where one has no finite value.   g: (NMARGIN) */
+static void dl2c_margins_at(const dl2c_stretch *stretch, real s, real *g)
+{
+  real y[NX];
+  dl2c_stretch_at(stretch, s, y);
+  model_margins(stretch->flow, y, stretch->p, g);
+  for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++) g[j] = isfinite(g[j]) ? g[j] : 0.0;
+}
+
+/* Signs just after the start of a stretch: where a margin is zero there, those of its Lie derivatives. */
+static void dl2c_begin_signs(const dl2c_stretch *stretch, const real *g, dl2c_events *events)
+{
+  const int n = FLOW_MARGINS[stretch->flow];
+  bool on_edge = false;
+  for (int j = 0; j < n; j++) {
+    events->at_start[j] = events->after_start[j] = dl2c_sign_of(g[j]);
+    on_edge |= g[j] == 0.0;
+  }
+  if (!on_edge) return;
+  real y[NX];
+  real lie[DL2C_LIE_ORDERS][NMARGIN];
+  dl2c_stretch_at(stretch, 0.0, y);
+  model_lie(stretch->flow, y, stretch->p, lie);
+  for (int k = 0; k < DL2C_LIE_ORDERS; k++)
+    for (int j = 0; j < n; j++)
+      if (events->after_start[j] == 0) events->after_start[j] = dl2c_sign_of(lie[k][j]);
+}
+
+/* Whether the polynomial through the values plainly has no zero.   values: (DL2C_NODES) */
+static bool dl2c_plain(const real *values)
+{
+  real least = values[0];
+  real largest = values[0];
+  for (int k = 1; k < DL2C_NODES; k++) {
+    least = dl2c_min(least, values[k]);
+    largest = dl2c_max(largest, values[k]);
+  }
+  return fabs(0.5 * (least + largest)) > DL2C_OVERSHOOT * (largest - least);
+}
+
+/*
+ * The events of a stretch. False where a curve misses its margin between the nodes, so that the
+ * stretch should be halved.
+ */
+static bool dl2c_sample(const dl2c_stretch *stretch, dl2c_events *events)
+{
+  const int n = FLOW_MARGINS[stretch->flow];
+  real values[NMARGIN][DL2C_NODES];
+  dl2c_curve curves[NMARGIN];
+  for (int k = 0; k < DL2C_NODES; k++) {
+    real g[NMARGIN];
+    dl2c_margins_at(stretch, DL2C_NODE[k], g);
+    if (k == 0) dl2c_begin_signs(stretch, g, events);
+    for (int j = 0; j < n; j++) values[j][k] = g[j];
+  }
+  bool all_plain = true;
+  for (int j = 0; j < n; j++) {
+    curves[j].degree = 0;
+    curves[j].b[0] = values[j][0];
+    if (dl2c_plain(values[j])) continue;
+    all_plain = false;
+    dl2c_fit(values[j], &curves[j]);
+  }
+  events->count = 0;
+  if (all_plain) return true;
+  bool close = true;
+  for (int side = 0; side < 2; side++) {
+    const real s = side == 0 ? 0.31 : 0.79;
+    real g[NMARGIN];
+    dl2c_margins_at(stretch, s, g);
+    for (int j = 0; j < n; j++) {
+      if (curves[j].degree == 0) continue;
+      real largest = 0.0;
+      for (int k = 0; k < DL2C_NODES; k++) largest = dl2c_max(largest, fabs(values[j][k]));
+      close &= fabs(dl2c_curve_at(&curves[j], s) - g[j]) <= DL2C_MISSES * largest;
+    }
+  }
+  events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
+  if (events->count < 0) events->count = 0;
+  return close;
+}
+
+/* Where and why a motion ends within a track. */
+typedef enum dl2c_halt {
+  DL2C_NO_HALT = 0,
+  DL2C_LEAVES = 1, /* its domain ends it */
+  DL2C_CUT = 2,    /* a violation does */
+} dl2c_halt;
+
+/*
+ * Looks along a track, or a whole solution, for the end of the flow, stretch by stretch. On a
+ * halt *stretch is where that is, *s the place in it; sign: (NMARGIN) the signs there, else at the
+ * end. `bounded`: the domain has not been considered before.
+ */
+static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *watch, real *s,
+                                 int8_t *sign)
+{
+  dl2c_events events;
+  dl2c_failure failure;
+  stretch->low = 0.0;
+  stretch->width = 1.0;
+  while (stretch->low < 1.0) {
+    if (!dl2c_sample(stretch, &events) && stretch->width > DL2C_NARROWEST) {
+      stretch->width *= 0.5;
+      continue;
+    }
+    dl2c_fails(stretch->flow, 0, &events, &failure);
+    const bool leaves = bounded && failure.exit.found;
+    const real limit = leaves ? failure.exit.at : 1.0;
+    const real stop = dl2c_watch(stretch->flow, &events, limit, watch);
+    if (NWATCH > 0 && stop <= 1.0) {
+      *s = stop;
+      return DL2C_CUT;
+    }
+    memcpy(sign, failure.at, sizeof failure.at);
+    if (leaves) {
+      *s = failure.exit.holds || !(limit > 0.0) ? limit : dl2c_before(limit);
+      return DL2C_LEAVES;
+    }
+    stretch->low += stretch->width;
+    if (stretch->low + stretch->width > 1.0) stretch->width = 1.0 - stretch->low;
+  }
+  return DL2C_NO_HALT;
+}
+
+#endif
