@@ -15,6 +15,7 @@ ActionFormat: TypeAlias = Literal["auto", "dict", "box", "discrete", "multidiscr
 ActionMap: TypeAlias = Literal["project", "squash"]
 ObservationDtype: TypeAlias = Literal["float32", "float64"]
 ObservationBounds: TypeAlias = Literal["declared", "unbounded"]
+Provider: TypeAlias = Literal["casadi", "system"]
 ProgressFailure: TypeAlias = Literal["due", "literal"]
 
 DEFAULT_DT = Fraction(1, 10)
@@ -44,6 +45,7 @@ class Options:
     max_episode_steps: int = 1000
     stall_limit: int = 0
     native: bool = False
+    sundials: Provider = "casadi"
     given: frozenset[str] = field(default=frozenset(), repr=False)
     """The options that were given in code, which `@episode` does not change."""
 
