@@ -19,6 +19,7 @@ Duration: TypeAlias = Literal["max", "sample", "agent"]
 SafetyCheck: TypeAlias = Literal["auto", "continuous", "step"]
 Integrator: TypeAlias = Literal["auto", "exact", "cvodes"]
 Stiff: TypeAlias = Literal["auto", "true", "false"]
+Provider: TypeAlias = Literal["casadi", "system"]
 ProgressFailure: TypeAlias = Literal["due", "literal"]
 
 DEFAULT_DT = Fraction(1, 10)
@@ -56,6 +57,7 @@ class Options:
     rtol: Fraction = Fraction(1, 10**9)
     atol: Fraction = Fraction(1, 10**11)
     native: bool = False
+    sundials: Provider = "casadi"
     given: frozenset[str] = field(default=frozenset(), repr=False)
     """The options that were given in code, which `@episode` does not change."""
 

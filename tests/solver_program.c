@@ -28,16 +28,26 @@ static inline void model_jacobian(int flow, const real *x, const real *p, real *
 
 #include <time.h>
 
-enum { DECAY, OSCILLATOR, ROBERTSON, ROCKET, BALL, BLOW_UP, UNDEFINED, DUBINS, STIFF_DECAY, LATE };
+enum {
+  DECAY,
+  OSCILLATOR,
+  ROBERTSON,
+  ROCKET,
+  BALL,
+  BLOW_UP,
+  UNDEFINED,
+  DUBINS,
+  STIFF,
+  DRAIN,
+  PENDULUM
+};
 
-/* SUNDIALS's rocket: height, speed; the engine burns as long as p[0] is 1. */
+/* SUNDIALS's cvRocket: height, speed, fuel; the engine burns where p[0] is 1. */
 static void rocket(const real *x, const real *p, real *dx)
 {
-  const real force = p[0] > 0.5 ? 2200.0 : 0.0;
-  const real mass = p[0] > 0.5 ? 10.0 + 50.0 - x[2] : 10.0;
   dx[0] = x[1];
-  dx[1] = force / mass - 0.3 * x[1] - 32.0;
-  dx[2] = p[0] > 0.5 ? 4.0 : 0.0;
+  dx[1] = p[0] * 2200.0 / (10.0 + x[2]) - 0.3 * x[1] - 32.0;
+  dx[2] = p[0] * -0.1;
 }
 
 static inline void model_rates(int flow, const real *x, const real *p, real *dx)
@@ -69,11 +79,15 @@ static inline void model_rates(int flow, const real *x, const real *p, real *dx)
     dx[4] = 1.3;
     dx[5] = 1.0;
     break;
-  case STIFF_DECAY:
+  case STIFF:
     dx[0] = -1e5 * (x[0] - x[1]);
     dx[1] = 1.0;
     break;
-  case LATE: dx[0] = -sqrt(x[0]) - 0.1; break;
+  case DRAIN: dx[0] = -sqrt(x[0]) - 0.1; break;
+  case PENDULUM:
+    dx[0] = x[1];
+    dx[1] = -sin(x[0]) - 0.1 * x[1];
+    break;
   default: break;
   }
 }
@@ -96,7 +110,13 @@ static inline void model_jacobian(int flow, const real *x, const real *p, real *
     for (int k = 0; k < 3; k++) jac[1 * NX + k] = -jac[0 * NX + k] - jac[2 * NX + k];
     break;
   case BLOW_UP: jac[0] = 2.0 * x[0]; break;
-  case STIFF_DECAY:
+  case DRAIN: jac[0] = -0.5 / sqrt(x[0]); break;
+  case PENDULUM:
+    jac[0 * NX + 1] = 1.0;
+    jac[1 * NX + 0] = -cos(x[0]);
+    jac[1 * NX + 1] = -0.1;
+    break;
+  case STIFF:
     jac[0] = -1e5;
     jac[1] = 1e5;
     break;

@@ -10,7 +10,7 @@
  * on U. False: it is singular or a value is not a number.
  *   a: (n, n) row-major   pivot: (n) the row exchanged with row k
  */
-static bool dl2c_factor(real *a, int32_t *pivot, int n)
+static bool dl2c_lu_factor(real *a, int32_t *pivot, int n)
 {
   for (int k = 0; k < n; k++) {
     int best = k;
@@ -35,7 +35,7 @@ static bool dl2c_factor(real *a, int32_t *pivot, int n)
 }
 
 /* Solves the factored system in place.   x: (n) the right-hand side, then the solution */
-static void dl2c_solve(const real *a, const int32_t *pivot, int n, real *x)
+static void dl2c_lu_solve(const real *a, const int32_t *pivot, int n, real *x)
 {
   for (int k = 0; k < n; k++) {
     const real moved = x[pivot[k]];

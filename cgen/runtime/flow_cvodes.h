@@ -47,7 +47,7 @@ typedef struct dl2c_solver {
 } dl2c_solver;
 
 /* The rates. A state in which one has no value makes the solver try a shorter step. */
-static int dl2c_rates(real t, N_Vector y, N_Vector dy, void *data)
+static int dl2c_solver_rates(real t, N_Vector y, N_Vector dy, void *data)
 {
   const dl2c_solver *const solver = data;
   (void)t;
@@ -57,8 +57,8 @@ static int dl2c_rates(real t, N_Vector y, N_Vector dy, void *data)
 }
 
 /* Factors I - gamma * J; `known`: J may stay what it is. */
-static int dl2c_prepare(real t, N_Vector y, N_Vector dy, int known, int *fresh, real gamma,
-                        void *data)
+static int dl2c_newton_setup(real t, N_Vector y, N_Vector dy, int known, int *fresh, real gamma,
+                             void *data)
 {
   dl2c_solver *const solver = data;
   (void)t, (void)dy;
@@ -67,23 +67,23 @@ static int dl2c_prepare(real t, N_Vector y, N_Vector dy, int known, int *fresh, 
   if (!known && !dl2c_all_finite(solver->jacobian, NX * NX)) return 1;
   for (int k = 0; k < NX * NX; k++) solver->factors[k] = -gamma * solver->jacobian[k];
   for (int k = 0; k < NX; k++) solver->factors[k * NX + k] += 1.0;
-  return dl2c_factor(solver->factors, solver->pivot, NX) ? 0 : 1;
+  return dl2c_lu_factor(solver->factors, solver->pivot, NX) ? 0 : 1;
 }
 
 /* z = (I - gamma * J)^-1 r */
-static int dl2c_precondition(real t, N_Vector y, N_Vector dy, N_Vector r, N_Vector z, real gamma,
+static int dl2c_newton_solve(real t, N_Vector y, N_Vector dy, N_Vector r, N_Vector z, real gamma,
                              real delta, int side, void *data)
 {
   const dl2c_solver *const solver = data;
   (void)t, (void)y, (void)dy, (void)gamma, (void)delta, (void)side;
   memcpy(dl2c_values(z), dl2c_values(r), sizeof solver->y);
-  dl2c_solve(solver->factors, solver->pivot, NX, dl2c_values(z));
+  dl2c_lu_solve(solver->factors, solver->pivot, NX, dl2c_values(z));
   return 0;
 }
 
 /* jv = J v, with the Jacobian that the factors were made of. */
-static int dl2c_times(N_Vector v, N_Vector jv, real t, N_Vector y, N_Vector dy, void *data,
-                      N_Vector work)
+static int dl2c_newton_times(N_Vector v, N_Vector jv, real t, N_Vector y, N_Vector dy, void *data,
+                             N_Vector work)
 {
   const dl2c_solver *const solver = data;
   (void)t, (void)y, (void)dy, (void)work;
@@ -107,8 +107,8 @@ static bool dl2c_solver_engine(dl2c_solver *solver, dl2c_engine *engine, bool st
                                real atol)
 {
   const real scale = sqrt((real)NX);
-  return dl2c_engine_create(engine, stiff, solver->y, solver->derivative, dl2c_rates, dl2c_times)
-         && DL2C_SUN(CVodeSetUserData)(engine->memory, solver) == CV_SUCCESS
+  return dl2c_engine_create(engine, stiff, solver->y, solver->derivative, dl2c_solver_rates,
+                            dl2c_newton_times, solver)
          && DL2C_SUN(CVodeSStolerances)(engine->memory, rtol / scale, atol / scale) == CV_SUCCESS
          && DL2C_SUN(CVodeSetMaxOrd)(engine->memory, stiff ? DL2C_BDF_ORDER : DL2C_ADAMS_ORDER)
                 == CV_SUCCESS;

@@ -43,9 +43,9 @@ typedef struct dl2c_engine {
   SUNNonlinearSolver fixed_point;
 } dl2c_engine;
 
-static int dl2c_prepare(real t, N_Vector y, N_Vector dy, int known, int *fresh, real gamma,
-                        void *data);
-static int dl2c_precondition(real t, N_Vector y, N_Vector dy, N_Vector r, N_Vector z, real gamma,
+static int dl2c_newton_setup(real t, N_Vector y, N_Vector dy, int known, int *fresh, real gamma,
+                             void *data);
+static int dl2c_newton_solve(real t, N_Vector y, N_Vector dy, N_Vector r, N_Vector z, real gamma,
                              real delta, int side, void *data);
 
 static void dl2c_engine_free(dl2c_engine *engine)
@@ -71,15 +71,19 @@ static SUNContext dl2c_system_context(void)
 }
 
 #if SUNDIALS_VERSION_MAJOR < 7
-static void dl2c_silent(int code, const char *module, const char *function, char *text, void *data)
+static void dl2c_solver_silent(int code, const char *module, const char *function, char *text,
+                               void *data)
 {
   (void)code, (void)module, (void)function, (void)text, (void)data;
 }
 #endif
 
-/* Vectors and memory for one method; the linear solver of a stiff one. False: out of memory. */
+/*
+ * Vectors and memory for one method; the linear solver of a stiff one. `data` is what rates and
+ * linear solver are called with. False: out of memory.
+ */
 static bool dl2c_engine_create(dl2c_engine *engine, bool stiff, real *y, real *derivative,
-                               dl2c_rates_fn rates, dl2c_times_fn times)
+                               dl2c_rates_fn rates, dl2c_times_fn times, void *data)
 {
   engine->context = dl2c_system_context();
   if (engine->context == NULL) return false;
@@ -89,9 +93,10 @@ static bool dl2c_engine_create(dl2c_engine *engine, bool stiff, real *y, real *d
   engine->memory = CVodeCreate(stiff ? CV_BDF : CV_ADAMS, engine->context);
   if (engine->memory == NULL) return false;
 #if SUNDIALS_VERSION_MAJOR < 7
-  if (CVodeSetErrHandlerFn(engine->memory, dl2c_silent, NULL) != CV_SUCCESS) return false;
+  if (CVodeSetErrHandlerFn(engine->memory, dl2c_solver_silent, NULL) != CV_SUCCESS) return false;
 #endif
   if (CVodeInit(engine->memory, rates, 0.0, engine->y) != CV_SUCCESS) return false;
+  if (CVodeSetUserData(engine->memory, data) != CV_SUCCESS) return false;
   if (!stiff) {
     engine->fixed_point = SUNNonlinSol_FixedPoint(engine->y, 0, engine->context);
     return engine->fixed_point != NULL
@@ -100,7 +105,8 @@ static bool dl2c_engine_create(dl2c_engine *engine, bool stiff, real *y, real *d
   engine->linear = SUNLinSol_SPGMR(engine->y, SUN_PREC_LEFT, 0, engine->context);
   return engine->linear != NULL
          && CVodeSetLinearSolver(engine->memory, engine->linear, NULL) == CV_SUCCESS
-         && CVodeSetPreconditioner(engine->memory, dl2c_prepare, dl2c_precondition) == CV_SUCCESS
+         && CVodeSetPreconditioner(engine->memory, dl2c_newton_setup, dl2c_newton_solve)
+                == CV_SUCCESS
          && CVodeSetJacTimes(engine->memory, NULL, times) == CV_SUCCESS;
 }
 

@@ -129,7 +129,8 @@ static bool dl2c_sundials_ready(void)
 }
 
 /* CVODES would write to stderr by itself. */
-static void dl2c_silent(int code, const char *module, const char *function, char *text, void *data)
+static void dl2c_solver_silent(int code, const char *module, const char *function, char *text,
+                               void *data)
 {
   (void)code, (void)module, (void)function, (void)text, (void)data;
 }
@@ -144,23 +145,23 @@ typedef struct dl2c_engine {
 } dl2c_engine;
 
 /* What a stiff engine calls, with the parameters of newer versions. */
-static int dl2c_prepare(real t, N_Vector y, N_Vector dy, int known, int *fresh, real gamma,
-                        void *data);
-static int dl2c_precondition(real t, N_Vector y, N_Vector dy, N_Vector r, N_Vector z, real gamma,
+static int dl2c_newton_setup(real t, N_Vector y, N_Vector dy, int known, int *fresh, real gamma,
+                             void *data);
+static int dl2c_newton_solve(real t, N_Vector y, N_Vector dy, N_Vector r, N_Vector z, real gamma,
                              real delta, int side, void *data);
 
 static int dl2c_wheel_setup(double t, N_Vector y, N_Vector dy, int known, int *fresh, double gamma,
                             void *data, N_Vector work1, N_Vector work2, N_Vector work3)
 {
   (void)work1, (void)work2, (void)work3;
-  return dl2c_prepare(t, y, dy, known, fresh, gamma, data);
+  return dl2c_newton_setup(t, y, dy, known, fresh, gamma, data);
 }
 
 static int dl2c_wheel_solve(double t, N_Vector y, N_Vector dy, N_Vector r, N_Vector z, double gamma,
                             double delta, int side, void *data, N_Vector work)
 {
   (void)work;
-  return dl2c_precondition(t, y, dy, r, z, gamma, delta, side, data);
+  return dl2c_newton_solve(t, y, dy, r, z, gamma, delta, side, data);
 }
 
 static void dl2c_engine_free(dl2c_engine *engine)
@@ -179,9 +180,12 @@ static N_Vector dl2c_wheel_vector(real *values)
   return NULL;
 }
 
-/* Vectors and memory for one method; the linear solver of a stiff one. False: out of memory. */
+/*
+ * Vectors and memory for one method; the linear solver of a stiff one. `data` is what rates and
+ * linear solver are called with. False: out of memory.
+ */
 static bool dl2c_engine_create(dl2c_engine *engine, bool stiff, real *y, real *derivative,
-                               dl2c_rates_fn rates, dl2c_times_fn times)
+                               dl2c_rates_fn rates, dl2c_times_fn times, void *data)
 {
   engine->y = dl2c_wheel_vector(y);
   engine->derivative = dl2c_wheel_vector(derivative);
@@ -189,8 +193,11 @@ static bool dl2c_engine_create(dl2c_engine *engine, bool stiff, real *y, real *d
   engine->memory =
       DL2C_SUN(CVodeCreate)(stiff ? CV_BDF : CV_ADAMS, stiff ? CV_NEWTON : CV_FUNCTIONAL);
   if (engine->memory == NULL) return false;
-  if (DL2C_SUN(CVodeSetErrHandlerFn)(engine->memory, dl2c_silent, NULL) != CV_SUCCESS) return false;
+  if (DL2C_SUN(CVodeSetErrHandlerFn)(engine->memory, dl2c_solver_silent, NULL) != CV_SUCCESS)
+    return false;
   if (DL2C_SUN(CVodeInit)(engine->memory, rates, 0.0, engine->y) != CV_SUCCESS) return false;
+  /* CVSpgmr copies the pointer. */
+  if (DL2C_SUN(CVodeSetUserData)(engine->memory, data) != CV_SUCCESS) return false;
   if (!stiff) return true;
   return DL2C_SUN(CVSpgmr)(engine->memory, PREC_LEFT, 0) == CV_SUCCESS
          && DL2C_SUN(CVSpilsSetPreconditioner)(engine->memory, dl2c_wheel_setup, dl2c_wheel_solve)

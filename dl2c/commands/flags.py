@@ -25,6 +25,7 @@ HELP = {
     "max_episode_steps": "Truncate episodes after so many steps; 0: never.",
     "stall_limit": "Truncate after so many zero-duration steps in a row; 0: never.",
     "native": "Tune for this machine's CPU.",
+    "sundials": "Which SUNDIALS solves flows: that of casadi, or an installed one.",
 }
 
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from dl2c.native.compile import declarations
 from dl2c.native.errors import NativeError, ResetFailed
 from dl2c.native.manifest import Manifest
+from dl2c.native.sundials import load_solver
 
 AUTORESET = {"disabled": 0, "next_step": 1, "same_step": 2}
 ON_BLOCKED = {"fallback": 0, "truncate": 1, "terminate": 2}
@@ -287,6 +288,8 @@ def load_library(directory: Path) -> Library:
             f"the library of {manifest.name} has ABI and stream version {found}, its manifest says "
             f"{(manifest.abi_version, manifest.stream_version)}; build the model again"
         )
+    if any(flow.kernel == "cvodes" for flow in manifest.flows):
+        load_solver(ffi, lib, manifest.options["sundials"])
     raw = ffi.new("dl2c_sizes *")
     lib.dl2c_model_sizes(raw)
     sizes = Sizes(**{f.name: int(getattr(raw, f.name)) for f in fields(Sizes)})

@@ -25,6 +25,7 @@ from filelock import FileLock, Timeout
 
 from dl2c.native.code import code_digest
 from dl2c.native.errors import NativeError
+from dl2c.native.sundials import find_sundials
 from dl2c.native.toolchain import cpu_features, find_compiler, python_include
 from dl2c.options import Options
 
@@ -68,6 +69,7 @@ def build_key(sources: Mapping[str, str], options: Options) -> str:
         "flags": flags,
         "python": (sysconfig.get_config_var("SOABI"), bool(python_include())),
         "casadi": _version("casadi"),
+        "sundials": find_sundials("system", compiler).version if options.sundials == "system" else "",
         "cpu": cpu_features() if any("native" in flag for flag in flags) else "",
     }
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:KEY_LENGTH]

@@ -10,6 +10,7 @@ import sysconfig
 import tempfile
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import cffi  # pyright: ignore[reportMissingTypeStubs]  # cffi publishes no type
 
 from dl2c.native.code import cgen_dir
 from dl2c.native.errors import CompilerFailed
+from dl2c.native.sundials import Sundials
 from dl2c.native.toolchain import (
     STRICT_FLAGS,
     Compiler,
@@ -31,11 +33,17 @@ CDEF = Path(__file__).with_name("dl2c.cdef")
 
 
 def compile_library(
-    sources: Mapping[str, str], module: str, directory: Path, *, native: bool = False
+    sources: Mapping[str, str],
+    module: str,
+    directory: Path,
+    *,
+    native: bool = False,
+    sundials: Sundials | None = None,
 ) -> Path:
     """Write `sources` into `directory`, compile `<module>.c` there and return the library.
 
-    `native` tunes for this machine's CPU. Raises `CompilerMissing`, `CompilerFailed`.
+    `native` tunes for this machine's CPU; `sundials` is what flows are solved with. Raises
+    `CompilerMissing`, `CompilerFailed`.
     """
     assert module.isidentifier() and f"{module}.c" in sources
     compiler = find_compiler()
@@ -43,9 +51,10 @@ def compile_library(
     for name, text in sources.items():
         (directory / name).write_text(text, encoding="utf-8")
     with tempfile.TemporaryDirectory(prefix="objects-", dir=directory) as scratch:
+        job = _Job(compiler, module, directory, Path(scratch), native, sundials)
         if include := python_include():
-            return _extension(compiler, module, directory, Path(scratch), include, native)
-        return _shared(compiler, module, directory, Path(scratch), native)
+            return _extension(job, include)
+        return _shared(job)
 
 
 def declarations() -> Any:
@@ -60,48 +69,61 @@ def library_names(module: str) -> tuple[str, str]:
     return f"_{module}{sysconfig.get_config_var('EXT_SUFFIX')}", f"lib{module}.so"
 
 
-def _extension(
-    compiler: Compiler, module: str, directory: Path, scratch: Path, include: tuple[str, ...], native: bool
-) -> Path:
-    glue = scratch / f"_{module}.c"
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """One call of `compile_library`; objects go to `scratch`."""
+
+    compiler: Compiler
+    module: str
+    directory: Path
+    scratch: Path
+    native: bool
+    sundials: Sundials | None
+
+
+def _extension(job: _Job, include: tuple[str, ...]) -> Path:
+    glue = job.scratch / f"_{job.module}.c"
     ffi = declarations()
-    ffi.set_source(f"_{module}", '#include "dl2c.h"\n', compiler_verbose=False)
+    ffi.set_source(f"_{job.module}", '#include "dl2c.h"\n', compiler_verbose=False)
     ffi.emit_c_code(str(glue))
     headers = (*_includes(), *include)
     lenient = ("-std=c11", "-O1", "-w", "-fPIC", "-fvisibility=hidden", *user_flags())
-    model_o, glue_o = str(scratch / "model.o"), str(scratch / "glue.o")
+    model_o, glue_o = str(job.scratch / "model.o"), str(job.scratch / "glue.o")
     commands = (
-        _strict(compiler, module, native, model_o),
-        (*compiler.command, *lenient, *headers, "-c", str(glue), "-o", glue_o),
+        _strict(job, model_o),
+        (*job.compiler.command, *lenient, *headers, "-c", str(glue), "-o", glue_o),
     )
     with ThreadPoolExecutor(len(commands)) as pool:
-        for done in [pool.submit(run, command, directory) for command in commands]:
+        for done in [pool.submit(run, command, job.directory) for command in commands]:
             done.result()
-    return _link(compiler, (model_o, glue_o), directory / library_names(module)[0], scratch)
+    return _link(job, (model_o, glue_o), library_names(job.module)[0])
 
 
-def _shared(compiler: Compiler, module: str, directory: Path, scratch: Path, native: bool) -> Path:
-    model_o = str(scratch / "model.o")
-    run((*_strict(compiler, module, native, model_o), "-DDL2C_SHARED"), directory)
-    return _link(compiler, (model_o,), directory / library_names(module)[1], scratch)
+def _shared(job: _Job) -> Path:
+    model_o = str(job.scratch / "model.o")
+    run((*_strict(job, model_o), "-DDL2C_SHARED"), job.directory)
+    return _link(job, (model_o,), library_names(job.module)[1])
 
 
-def _strict(compiler: Compiler, module: str, native: bool, output: str) -> tuple[str, ...]:
+def _strict(job: _Job, output: str) -> tuple[str, ...]:
     """The command for generated code: every warning is an error, as for the runtime it includes."""
-    flags = (*compiler.flags(native), *STRICT_FLAGS, *_includes())
-    return (*compiler.command, *flags, "-c", f"{module}.c", "-o", output)
+    chosen = job.sundials.flags if job.sundials else ()
+    flags = (*job.compiler.flags(job.native), *STRICT_FLAGS, *chosen, *_includes())
+    return (*job.compiler.command, *flags, "-c", f"{job.module}.c", "-o", output)
 
 
 def _includes() -> tuple[str, ...]:
     return (f"-I{cgen_dir() / 'include'}", f"-I{cgen_dir() / 'runtime'}")
 
 
-def _link(compiler: Compiler, objects: tuple[str, ...], library: Path, scratch: Path) -> Path:
+def _link(job: _Job, objects: tuple[str, ...], name: str) -> Path:
     """Link beside and rename, so that a process which has the old library loaded keeps it whole."""
-    linked = scratch / library.name
-    run((*compiler.command, *objects, *user_flags(), *link_flags(), "-o", str(linked)), library.parent)
+    library, linked = job.directory / name, job.scratch / name
+    solver = job.sundials.link_flags if job.sundials else ()
+    flags = (*user_flags(), *link_flags(), *solver)
+    run((*job.compiler.command, *objects, *flags, "-o", str(linked)), job.directory)
     try:
         os.replace(linked, library)
     except OSError as problem:
-        raise CompilerFailed(f"cannot write {library.name}: {problem.strerror}") from None
+        raise CompilerFailed(f"cannot write {name}: {problem.strerror}") from None
     return library

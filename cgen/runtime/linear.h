@@ -1,0 +1,91 @@
+/*
+ * linear.h -- flows with linear equations by their power series.
+ *
+ * Where x' = J*x + c with J and c constant along the flow (rotations, decay, springs, and what
+ * integrates them), the coefficients of the solution's power series follow from each other by one
+ * product with J. A series of degree 12 is used as far as its last terms are below the rounding
+ * of the state, then begun anew: no tolerance is involved.
+ */
+#ifndef DL2C_LINEAR_H
+#define DL2C_LINEAR_H
+
+#include "pieces.h"
+
+typedef struct dl2c_linear {
+  real jacobian[NX * NX];
+  real now, stop;
+  real last[NX]; /* the state at `now` */
+} dl2c_linear;
+
+/* The last two terms of a series are at most this, relative to the largest one. */
+#define DL2C_SERIES_REST 0x1p-56
+
+static void dl2c_linear_start(dl2c_linear *linear, int flow, const real *x, const real *p,
+                              real stop)
+{
+  linear->now = 0.0;
+  linear->stop = stop;
+  memcpy(linear->last, x, sizeof linear->last);
+  model_jacobian(flow, x, p, linear->jacobian);
+}
+
+static bool dl2c_linear_done(const dl2c_linear *linear) { return linear->now >= linear->stop; }
+
+/* The last two terms after the time h, relative to the largest one of their variable. */
+static real dl2c_linear_rest(const real (*c)[NX], real h)
+{
+  real rest = 0.0;
+  for (int k = 0; k < NX; k++) {
+    real power = 1.0;
+    real largest = 0.0;
+    real last = 0.0;
+    for (int i = 0; i <= DL2C_TRACK_DEGREE; i++, power *= h) {
+      const real term = fabs(c[i][k] * power);
+      largest = dl2c_max(term, largest);
+      if (i >= DL2C_TRACK_DEGREE - 1) last = dl2c_max(term, last);
+    }
+    if (last > 0.0) rest = dl2c_max(rest, last / largest);
+  }
+  return rest;
+}
+
+/* The next track, as long as a series of degree 12 gives every digit. False: not a finite one. */
+static bool dl2c_linear_step(dl2c_linear *linear, int flow, const real *p, dl2c_track *track)
+{
+  enum { DEGREE = DL2C_TRACK_DEGREE };
+  real c[DEGREE + 1][NX];
+  memcpy(c[0], linear->last, sizeof c[0]);
+  model_rates(flow, linear->last, p, c[1]);
+  for (int i = 1; i < DEGREE; i++)
+    for (int k = 0; k < NX; k++) {
+      real sum = 0.0;
+      for (int j = 0; j < NX; j++) sum += linear->jacobian[k * NX + j] * c[i][j];
+      c[i + 1][k] = sum / (real)(i + 1);
+    }
+  bool finite = true;
+  for (int i = 0; i <= DEGREE; i++) finite &= dl2c_all_finite(c[i], NX);
+  if (!finite) return false;
+
+  real h = linear->stop - linear->now;
+  while (dl2c_linear_rest((const real(*)[NX])c, h) > DL2C_SERIES_REST) {
+    h *= 0.5;
+    if (!(linear->now + 0.5 * h > linear->now)) return false;
+  }
+  const bool whole = h == linear->stop - linear->now;
+  track->from = linear->now;
+  track->length = h;
+  track->degree = DEGREE;
+  real scale = 1.0;
+  for (int i = 0; i <= DEGREE; i++, scale *= h)
+    for (int k = 0; k < NX; k++) track->c[k][i] = c[i][k] * scale;
+  for (int k = 0; k < NX; k++) {
+    real value = track->c[k][DEGREE];
+    for (int i = DEGREE - 1; i >= 0; i--) value += track->c[k][i];
+    track->end[k] = value;
+  }
+  memcpy(linear->last, track->end, sizeof linear->last);
+  linear->now = whole ? linear->stop : linear->now + h;
+  return dl2c_all_finite(linear->last, NX);
+}
+
+#endif
