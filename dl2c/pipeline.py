@@ -213,12 +213,16 @@ def _build(problem: Problem, options: Options, key: str, folder: Path, progress:
     from dl2c.emit.names import file_stem
     from dl2c.native.compile import compile_library
     from dl2c.native.describe import manifest_of
+    from dl2c.native.sundials import find_sundials
+    from dl2c.native.toolchain import find_compiler
 
     environment, warnings = _environment(problem, options, progress)
     if progress is not None:
         progress("compiling C")
     stem = file_stem(environment.model.name)
-    compile_library(model_sources(environment), stem, folder, native=options.native)
+    numeric = any(f.kernel == "cvodes" for f in environment.flows)
+    sundials = find_sundials(options.sundials, find_compiler()) if numeric else None
+    compile_library(model_sources(environment), stem, folder, native=options.native, sundials=sundials)
     manifest = manifest_of(environment, key, {"machine": platform.machine(), "system": platform.system()})
     (folder / "manifest.json").write_text(manifest.to_json(), encoding="utf-8")
     (folder / "model.ir").write_text(print_model(environment.model), encoding="utf-8")

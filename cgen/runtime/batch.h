@@ -51,7 +51,7 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
     dl2c_batch_free(b);
     return DL2C_ERR_NOMEM;
   }
-#if DL2C_NUMERIC_FLOWS
+#if DL2C_SOLVED_FLOWS
   const dl2c_status solver = dl2c_solver_create(DL2C_RTOL, DL2C_ATOL, DL2C_STIFF, &b->solver);
   if (solver != DL2C_OK) {
     dl2c_batch_free(b);
@@ -65,7 +65,7 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
 void dl2c_batch_free(dl2c_batch *b)
 {
   if (b == NULL) return;
-#if DL2C_NUMERIC_FLOWS
+#if DL2C_SOLVED_FLOWS
   dl2c_solver_free(b->solver);
 #endif
   free(b->x);
@@ -161,7 +161,7 @@ dl2c_status dl2c_flow_roots(int32_t flow, const double *x, const double *p, doub
   return DL2C_OK;
 }
 
-#ifndef DL2C_SUNDIALS_H
+#if !DL2C_SOLVED_FLOWS
 /* No flow of this model needs a solver. */
 dl2c_status dl2c_solver_library(const char *path, char *problem, size_t room)
 {

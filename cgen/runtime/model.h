@@ -31,6 +31,9 @@
  *   void model_polynomials(int flow, x, p, real (*c)[NDEGREE + 1], int32_t *degree)   of margins
  *   void model_margins(int flow, x, p, real *g)                  where they are no polynomials
  *   bool model_holds(int flow, int formula, const int8_t *sign)  formulas over signs of margins
+ *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) of the rates; kernels LINEAR, NUMERIC
+ *   void model_lie(int flow, x, p, real *lie)                    (3, NMARGIN) where margins are sampled
+ *   void model_project(int flow, p, real *y)                     back onto what the flow leaves invariant
  *   bool model_quiet(int flow, x, p, real duration)              plainly no watch fails
  *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE
  *   void model_roots(int flow, x, p, real *g, real *dg)          margins of its domain, their Lie derivatives
@@ -84,7 +87,8 @@ typedef enum dl2c_kernel {
   DL2C_QUICK = 0,         /* straight-line motion */
   DL2C_QUICK_SAMPLED = 1, /* the same, but watches whose margins are no polynomials of time */
   DL2C_POLYNOMIAL = 2,    /* motion and margins are polynomials of time */
-  DL2C_NUMERIC = 3,       /* CVODES */
+  DL2C_LINEAR = 3,        /* linear equations: power series */
+  DL2C_NUMERIC = 4,       /* CVODES */
 } dl2c_kernel;
 
 /* What became of a watch in a step: a safety predicate that was violated on the way has failed. */

@@ -1,11 +1,48 @@
 /*
- * numeric.h -- flows without a closed form: the solver's steps, and what happens along them.
+ * numeric.h -- flows that are followed track by track, by power series or by the solver.
  */
 #ifndef DL2C_NUMERIC_H
 #define DL2C_NUMERIC_H
 
-#include "flow_cvodes.h"
+#include "linear.h"
 #include "stretch.h"
+#if DL2C_SOLVED_FLOWS
+#include "flow_cvodes.h"
+#endif
+
+/* What makes the tracks of a flow. */
+typedef struct dl2c_motor {
+  struct dl2c_solver *solver; /* for flows of kernel NUMERIC */
+  dl2c_linear linear;         /* for flows of kernel LINEAR */
+  int flow;
+  const real *p;
+} dl2c_motor;
+
+static bool dl2c_motor_start(dl2c_motor *motor, const real *x, real stop)
+{
+#if DL2C_SOLVED_FLOWS
+  if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC)
+    return dl2c_solver_start(motor->solver, motor->flow, x, motor->p, stop);
+#endif
+  dl2c_linear_start(&motor->linear, motor->flow, x, motor->p, stop);
+  return true;
+}
+
+static bool dl2c_motor_step(dl2c_motor *motor, dl2c_track *track)
+{
+#if DL2C_SOLVED_FLOWS
+  if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC) return dl2c_solver_step(motor->solver, track);
+#endif
+  return dl2c_linear_step(&motor->linear, motor->flow, motor->p, track);
+}
+
+static bool dl2c_motor_done(const dl2c_motor *motor)
+{
+#if DL2C_SOLVED_FLOWS
+  if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC) return dl2c_solver_done(motor->solver);
+#endif
+  return dl2c_linear_done(&motor->linear);
+}
 
 /* A track that stays in x, for what is watched where a flow has no time. */
 static void dl2c_rest(const real *x, dl2c_track *track)
@@ -49,9 +86,11 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real s, bool settled
  * Follows a flow from x for `cap` at most, with an eye on the watches that are open.
  *   watch: (NWATCH) updated   y: (NX) where it ends
  */
-static dl2c_motion dl2c_sail(dl2c_solver *solver, int flow, const real *x, const real *p, real cap,
-                             uint8_t *watch, real *y, real *duration)
+static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, uint8_t *watch, real *y,
+                             real *duration)
 {
+  const int flow = motor->flow;
+  const real *p = motor->p;
   real horizon;
   dl2c_track track;
   int8_t sign[NMARGIN];
@@ -66,10 +105,10 @@ static dl2c_motion dl2c_sail(dl2c_solver *solver, int flow, const real *x, const
     (void)dl2c_look_along(&stretch, false, watch, &s, sign);
     return DL2C_SETTLED;
   }
-  if (!dl2c_solver_start(solver, flow, x, p, stop)) return DL2C_UNSOLVED;
+  if (!dl2c_motor_start(motor, x, stop)) return DL2C_UNSOLVED;
   dl2c_halt halt = DL2C_NO_HALT;
-  while (halt == DL2C_NO_HALT && !dl2c_solver_done(solver)) {
-    if (!dl2c_solver_step(solver, &track)) return DL2C_UNSOLVED;
+  while (halt == DL2C_NO_HALT && !dl2c_motor_done(motor)) {
+    if (!dl2c_motor_step(motor, &track)) return DL2C_UNSOLVED;
     stretch.from = track.from;
     stretch.length = track.length;
     halt = dl2c_look_along(&stretch, true, watch, &s, sign);
@@ -83,21 +122,21 @@ static dl2c_motion dl2c_sail(dl2c_solver *solver, int flow, const real *x, const
   return dl2c_arrive(&stretch, s, halt != DL2C_CUT, time, sign, y, duration);
 }
 
-/* Moves y along a flow that only the solver can follow. */
-static dl2c_motion dl2c_flow_numeric(int flow, dl2c_travel *travel, real *y)
+/* Moves y along a flow that is followed track by track. */
+static dl2c_motion dl2c_flow_tracks(int flow, dl2c_travel *travel, real *y)
 {
   real x[NX];
   memcpy(x, y, sizeof x);
+  dl2c_motor motor = {.solver = travel->solver, .flow = flow, .p = travel->p};
   real cap = (real)INFINITY;
   if (travel->part < 1.0) {
     uint8_t closed[NWATCH + 1];
     memset(closed, DL2C_MET, sizeof closed);
-    const dl2c_motion longest = dl2c_sail(travel->solver, flow, x, travel->p, cap, closed, y,
-                                          &travel->duration);
+    const dl2c_motion longest = dl2c_sail(&motor, x, cap, closed, y, &travel->duration);
     if (longest != DL2C_SETTLED) return longest;
     cap = travel->duration * travel->part;
   }
-  return dl2c_sail(travel->solver, flow, x, travel->p, cap, travel->watch, y, &travel->duration);
+  return dl2c_sail(&motor, x, cap, travel->watch, y, &travel->duration);
 }
 
 #endif

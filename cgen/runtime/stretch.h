@@ -22,7 +22,7 @@ typedef struct dl2c_stretch {
 /* Stretches are not halved below this part of a track. */
 #define DL2C_NARROWEST 0x1p-7
 /* How far a curve may miss a margin between nodes, relative to its largest sample. */
-#define DL2C_MISSES 0x1p-34
+#define DL2C_MISSES 0x1p-40
 /* A polynomial of degree 12 stays this many times their spread around its values at the nodes. */
 #define DL2C_OVERSHOOT 1.3
 
@@ -62,12 +62,13 @@ static void dl2c_begin_signs(const dl2c_stretch *stretch, const real *g, dl2c_ev
   }
   if (!on_edge) return;
   real y[NX];
-  real lie[DL2C_LIE_ORDERS][NMARGIN];
+  real lie[3 * NMARGIN];
   dl2c_stretch_at(stretch, 0.0, y);
   model_lie(stretch->flow, y, stretch->p, lie);
-  for (int k = 0; k < DL2C_LIE_ORDERS; k++)
+  for (int k = 0; k < 3; k++)
     for (int j = 0; j < n; j++)
-      if (events->after_start[j] == 0) events->after_start[j] = dl2c_sign_of(lie[k][j]);
+      if (events->after_start[j] == 0)
+        events->after_start[j] = dl2c_sign_of(lie[k * NMARGIN + j]);
 }
 
 /* Whether the polynomial through the values plainly has no zero.   values: (DL2C_NODES) */

@@ -21,7 +21,7 @@ typedef struct dl2c_travel {
   uint8_t *watch;             /* (NWATCH) dl2c_watched of this step so far; updated */
 } dl2c_travel;
 
-#if DL2C_NUMERIC_FLOWS
+#if DL2C_TRACKED_FLOWS
 #include "numeric.h"
 #elif DL2C_SAMPLED_FLOWS
 #include "stretch.h"
@@ -135,8 +135,8 @@ static real dl2c_watch_motion(int flow, const real *x, const real *p, real lengt
 /* Moves y along a flow. What is left of y is meaningless unless it settled. */
 static inline dl2c_motion dl2c_flow(int flow, dl2c_travel *travel, real *y)
 {
-#if DL2C_NUMERIC_FLOWS
-  if (FLOW_KERNEL[flow] == DL2C_NUMERIC) return dl2c_flow_numeric(flow, travel, y);
+#if DL2C_TRACKED_FLOWS
+  if (FLOW_KERNEL[flow] >= DL2C_LINEAR) return dl2c_flow_tracks(flow, travel, y);
 #endif
   const real *p = travel->p;
   real x[NX];

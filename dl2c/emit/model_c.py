@@ -10,6 +10,7 @@ from dl2c.emit.judge_c import judge_functions
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.model_h import model_h, title_of
 from dl2c.emit.names import file_stem
+from dl2c.emit.ode_c import jacobian_function, lie_function
 from dl2c.emit.paths_c import path_functions, path_tables
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import rate_functions
@@ -38,6 +39,7 @@ def model_c(environment: Environment) -> str:
         *flow_functions(environment, leaves),
         *watch_functions(environment, leaves),
         *rate_functions(environment, leaves),
+        *_track_functions(environment, leaves),
         *path_functions(environment, leaves),
         *judge_functions(environment, leaves),
         *sampler_functions(environment, leaves),
@@ -51,6 +53,17 @@ def model_c(environment: Environment) -> str:
         _runtime(),
     ]
     return "\n".join(sections)
+
+
+def _track_functions(environment: Environment, leaves: Leaves) -> list[str]:
+    """What following flows track by track needs."""
+    plans = dict(enumerate(environment.flows))
+    tracked = [k for k, plan in plans.items() if plan.kernel != "exact"]
+    sampled = {k: plan.margins for k, plan in plans.items() if plan.curves is None}
+    return [
+        *([jacobian_function(environment, leaves, tracked)] if tracked else []),
+        *([lie_function(environment, leaves, sampled)] if sampled else []),
+    ]
 
 
 def _head(environment: Environment) -> str:

@@ -71,10 +71,15 @@ def _sizes(environment: Environment) -> str:
 def _kernels(environment: Environment) -> str:
     """Which parts of the runtime the flows need, and the tolerances of the solver."""
     options = environment.options
-    numeric = any(f.kernel == "cvodes" for f in environment.flows)
+    kernels = {f.kernel for f in environment.flows}
     sampled = any(f.kernel == "exact" and f.curves is None for f in environment.flows)
-    text = f"#define DL2C_NUMERIC_FLOWS {int(numeric)}\n#define DL2C_SAMPLED_FLOWS {int(sampled)}\n"
-    if numeric:
+    needs = {
+        "SOLVED": "cvodes" in kernels,
+        "TRACKED": bool(kernels - {"exact"}),
+        "SAMPLED": sampled or bool(kernels - {"exact"}),
+    }
+    text = "".join(f"#define DL2C_{name}_FLOWS {int(value)}\n" for name, value in needs.items())
+    if needs["SOLVED"]:
         stiff = {"auto": "AUTO", "true": "YES", "false": "NO"}[options.stiff]
         text += f"#define DL2C_RTOL {number(float(options.rtol))}\n"
         text += f"#define DL2C_ATOL {number(float(options.atol))}\n"

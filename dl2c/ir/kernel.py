@@ -5,24 +5,40 @@ conditions, the kernel that moves the state, and, where motion and margins are p
 time, their coefficients. Interpreter and code generator read the same plan.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from dl2c.ir.exact import ExactPlan, Snap, plan
 from dl2c.ir.flow import NotPolynomial, Solution, moving, solve
-from dl2c.ir.logic import conjunction, conjuncts
+from dl2c.ir.logic import conjunction, conjuncts, operands
 from dl2c.ir.margins import Moves, TooManyCases, margin_of, margins_of, smooth
-from dl2c.ir.model import Compare, Flow, Formula, Symbol, Term
+from dl2c.ir.model import (
+    ZERO,
+    Add,
+    Compare,
+    Div,
+    Flow,
+    Formula,
+    Mul,
+    Neg,
+    Pow,
+    Sub,
+    Symbol,
+    Term,
+)
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.watch import Watch
 from dl2c.source import Span
 
-Kernel: TypeAlias = Literal["exact", "cvodes"]
+Kernel: TypeAlias = Literal["exact", "linear", "cvodes"]
 Integrator: TypeAlias = Literal["auto", "exact", "cvodes"]
 
 QUICK_DEGREE = 2
 """Straight-line code proves of margins of this degree that they keep their sign."""
+
+NO_DEGREE = 1000
+"""Stands for the degree of a term that is no polynomial."""
 
 MAX_MARGIN_DEGREE = 24
 """Margins of higher degree in time are sampled (DL2C_MAX_DEGREE in cgen/runtime/roots.h)."""
@@ -83,8 +99,13 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
         return Refused("its conditions have too many cases of abs, min and max", flow.span)
     margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
     solved, why = _solved(flow, domain, integrator)
-    if solved is None and integrator == "exact":
+    kernel: Kernel = "exact"
+    if solved is None and integrator != "cvodes" and is_linear(flow):
+        kernel, why = "linear", "its equations are linear: power series to the last digit"
+    elif solved is None and integrator == "exact":
         return Refused(why, flow.span)
+    elif solved is None:
+        kernel = "cvodes"
     quick = plan(flow) if solved is not None else None
     still_margins = margins_of([still])
     still_curves = None if solved is None else _curves(solved, still_margins)
@@ -92,7 +113,7 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
     curves = None if solved is None else _curves(solved, margins)
     return FlowPlan(
         flow=flow,
-        kernel="cvodes" if solved is None else "exact",
+        kernel=kernel,
         reason=why,
         solution=solved,
         quick=quick if isinstance(quick, ExactPlan) else None,
@@ -148,6 +169,31 @@ def _snaps(flow: Flow, margins: Sequence[Term]) -> list[tuple[int, Snap]]:
                 if margin in margins:
                     found.append((margins.index(margin), Snap(variable.name, target)))
     return found
+
+
+def is_linear(flow: Flow) -> bool:
+    """Whether the rates are linear in what evolves, with coefficients constant along the flow."""
+    rates = dict(flow.equations)
+    return all(_degree(rate, rates) <= 1 for rate in rates.values())
+
+
+def _degree(term: Term, rates: Mapping[str, Term]) -> int:
+    """The degree in the variables that evolve, as written; `NO_DEGREE` for what is no polynomial of them."""
+    match term:
+        case Symbol(name, kind):
+            return int(kind == "variable" and rates.get(name, ZERO) != ZERO)
+        case Add(left, right) | Sub(left, right):
+            return max(_degree(left, rates), _degree(right, rates))
+        case Mul(left, right):
+            return _degree(left, rates) + _degree(right, rates)
+        case Pow(base, exponent):
+            return _degree(base, rates) * exponent
+        case Div(left, right) if _degree(right, rates) == 0:
+            return _degree(left, rates)
+        case Neg(child):
+            return _degree(child, rates)
+        case _:
+            return max((_degree(t, rates) for t in operands(term)), default=0) * NO_DEGREE
 
 
 def constant_along(term: Term, flow: Flow) -> bool:
