@@ -12,7 +12,7 @@ from dl2c.emit import names
 from dl2c.emit.cexpr import Printed, print_tape
 from dl2c.emit.cfile import function, wrapped
 from dl2c.ir.model import Flow, Formula, Symbol, Term
-from dl2c.symbolic.lie import lie_tape
+from dl2c.symbolic.lie import lie_tape, partial_tape
 from dl2c.symbolic.tape import Tape, defined_tape, formula_tape, term_tape
 from dl2c.symbolic.terms import Builder
 
@@ -41,9 +41,18 @@ class Leaves:
         tape = defined_tape(self.builder, terms)
         return None if tape is None else self._leaf(name, tape, "bool", about, place)
 
-    def lie(self, name: str, term: Term, flow: Flow, about: str, place: Place = names.slot) -> str:
-        """An expression for how fast a term changes along a flow."""
-        return self._leaf(name, lie_tape(self.builder, term, flow.equations), "real", about, place)
+    def lie(
+        self, name: str, term: Term, flow: Flow, about: str, place: Place = names.slot, order: int = 1
+    ) -> str:
+        """An expression for how fast a term changes along a flow, or for a higher derivative."""
+        return self._leaf(name, lie_tape(self.builder, term, flow.equations, order), "real", about, place)
+
+    def partial(
+        self, name: str, term: Term, symbol: Symbol, about: str, place: Place = names.slot
+    ) -> str | None:
+        """An expression for the derivative of a term by a symbol; None if it is always zero."""
+        tape = partial_tape(self.builder, term, symbol)
+        return None if tape is None else self._leaf(name, tape, "real", about, place)
 
     def call(self, name: str, inputs: tuple[Symbol, ...], place: Place = names.slot) -> str:
         """A call of a leaf with its arguments read from the arrays."""

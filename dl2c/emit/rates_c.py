@@ -35,7 +35,7 @@ def _rates(environment: Environment, leaves: Leaves) -> str:
             about = f"{place(flow.span)}  {variable}' = {print_term(rate)}"
             value = leaves.term(f"flow{k}_rate_{variable}", rate, about)
             lines += wrapped(f"dx[{index(Symbol(variable, 'variable'))}] = {value};")
-        body += _selected(k, lines)
+        body += selected(k, lines)
     return function(
         f"static inline void model_rates(int flow, {STATE}, real *dx)",
         body,
@@ -46,7 +46,7 @@ def _rates(environment: Environment, leaves: Leaves) -> str:
 def _roots(environment: Environment, leaves: Leaves) -> str:
     body = ["for (int k = 0; k < NROOT; k++) {", "  g[k] = 1.0;", "  dg[k] = 0.0;", "}"]
     for k, flow in enumerate(environment.model.flows):
-        body += _selected(k, _margins(k, flow, leaves))
+        body += selected(k, _margins(k, flow, leaves))
     return function(
         f"static inline void model_roots(int flow, {STATE}, real *g, real *dg)",
         body if root_count(environment) else [],
@@ -66,6 +66,6 @@ def _margins(k: int, flow: Flow, leaves: Leaves) -> list[str]:
     return lines
 
 
-def _selected(k: int, lines: list[str]) -> list[str]:
+def selected(k: int, lines: list[str]) -> list[str]:
     """Statements for flow k alone; nothing where there are none."""
     return [f"if (flow == {k}) {{", *(f"  {line}" for line in lines), "}"] if lines else []

@@ -1,9 +1,9 @@
-"""Lie derivatives: how fast a term changes along an ODE, as a tape.
+"""Derivatives of terms, along an ODE or by one symbol, as tapes.
 
 CasADi differentiates the graph of the term. Its result is full of zeros and ones, since
 simplification is switched off; they are removed from the tape. That may change rounding
 and drop undefined factors of zero, which is allowed here and nowhere else: no other part
-of the meaning computes a Lie derivative. Where a term has a kink (`abs`, `min`, `max`) the
+of the meaning computes a derivative. Where a term has a kink (`abs`, `min`, `max`) the
 result is the mean of both sides.
 """
 
@@ -17,11 +17,23 @@ from dl2c.symbolic.terms import Builder, casadi
 ZERO = Instruction("constant", value=0.0)
 
 
-def lie_tape(builder: Builder, term: Term, equations: Sequence[tuple[str, Term]]) -> Tape:
-    """The tape of d/dt `term` along the ODE `equations`, pairs of a variable and its rate."""
+def lie_tape(builder: Builder, term: Term, equations: Sequence[tuple[str, Term]], order: int = 1) -> Tape:
+    """The tape of d^order/dt^order `term` along the ODE `equations`, pairs of a variable and its rate."""
     variables = casadi.vertcat(*(builder.term(Symbol(x, "variable")) for x, _ in equations))
     rates = casadi.vertcat(*(builder.term(rate) for _, rate in equations))
-    return tidied(tape_of(builder, casadi.densify(casadi.jtimes(builder.term(term), variables, rates))))
+    graph = builder.term(term)
+    for _ in range(order):
+        graph = casadi.densify(casadi.jtimes(graph, variables, rates))
+    return tidied(tape_of(builder, graph))
+
+
+def partial_tape(builder: Builder, term: Term, symbol: Symbol) -> Tape | None:
+    """The tape of d `term` / d `symbol`; None where it is zero whatever the values are."""
+    graph = casadi.jacobian(builder.term(term), builder.term(symbol))
+    if graph.nnz() == 0:
+        return None
+    tape = tidied(tape_of(builder, graph))
+    return None if tape.instructions[tape.result] == ZERO else tape
 
 
 def tidied(tape: Tape) -> Tape:
