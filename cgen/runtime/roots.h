@@ -51,6 +51,7 @@ static inline bool model_holds(int flow, int formula, const int8_t *sign);
 #define DL2C_START_NOISE 0x1p-20
 /* Parts that wait: near 0 parts become no shorter than 2^-63, elsewhere doubles are the limit. */
 enum { DL2C_PARTS = 64 };
+
 /* A search from left to right. While `open`, the other side of the zero [from, to] is not known. */
 typedef struct dl2c_search {
   int32_t margin;
