@@ -33,11 +33,11 @@ def jacobian_function(environment: Environment, leaves: Leaves, flows: Collectio
 
 
 def lie_function(environment: Environment, leaves: Leaves, margins: Mapping[int, Sequence[Term]]) -> str:
-    """`model_lie`; `margins` are the terms watched along each flow, by its index, at most NROOT.
+    """`model_lie`; `margins` are the terms watched along each flow, by its index, at most NMARGIN.
 
     Margin j of flow k shares its first derivative with what else calls itself `flowK_lieJ`.
     """
-    body = [f"for (int k = 0; k < {ORDERS} * NROOT; k++) lie[k] = 0.0;"] if any(margins.values()) else []
+    body = [f"for (int k = 0; k < {ORDERS} * NMARGIN; k++) lie[k] = 0.0;"] if any(margins.values()) else []
     for k, terms in sorted(margins.items()):
         lines: list[str] = []
         for j, term in enumerate(terms):
@@ -46,8 +46,8 @@ def lie_function(environment: Environment, leaves: Leaves, margins: Mapping[int,
     return function(
         f"static inline void model_lie(int flow, {STATE}, real *lie)",
         body,
-        f"Lie derivatives of order 1 to {ORDERS} of what is watched along a flow, ({ORDERS}, NROOT); "
-        "0 where it has fewer than NROOT.",
+        f"Lie derivatives of order 1 to {ORDERS} of what is watched along a flow, ({ORDERS}, NMARGIN); "
+        "0 where it has fewer than NMARGIN.",
     )
 
 
@@ -69,6 +69,6 @@ def _derivatives(k: int, j: int, term: Term, flow: Flow, leaves: Leaves) -> list
         suffix, power = (f"_{order}", f"^{order}") if order > 1 else ("", "")
         about = f"{place(flow.span)}  d{power}/dt{power} ({print_term(term)}) along {print_flow(flow)}"
         value = leaves.lie(f"flow{k}_lie{j}{suffix}", term, flow, about, order=order)
-        row = f"{order - 1} * NROOT + " if order > 1 else ""
+        row = f"{order - 1} * NMARGIN + " if order > 1 else ""
         lines += wrapped(f"lie[{row}{j}] = {value};")
     return lines
