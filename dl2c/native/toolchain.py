@@ -24,6 +24,8 @@ STRICT_FLAGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Wvla"),
     "-Werror",
 )
+"""For generated code and runtime, where DL2C_STRICT=1 is set; what is new in a compiler stops no user."""
+
 EXACT_FLAGS = ("-ffp-contract=off",)
 """Last on the command line, so that CFLAGS cannot undo them."""
 
@@ -82,6 +84,11 @@ def find_compiler(environment: Mapping[str, str] | None = None) -> Compiler:
     if importlib.util.find_spec("ziglang") is not None:
         return _compiler([sys.executable, "-m", "ziglang", "cc"])
     raise CompilerMissing(f"no C compiler was found: {INSTALL_HINT}")
+
+
+def warning_flags() -> tuple[str, ...]:
+    """`STRICT_FLAGS` where the environment asks for them, as the tests do, else none."""
+    return STRICT_FLAGS if os.environ.get("DL2C_STRICT") == "1" else ("-w",)
 
 
 def user_flags() -> tuple[str, ...]:
