@@ -31,7 +31,7 @@ def test_casadi_has_cvodes_and_its_version_is_known() -> None:
 def test_a_casadi_without_cvodes_is_reported(monkeypatch: Any, tmp_path: Path) -> None:
     for spec in (None, SimpleNamespace(origin=None), SimpleNamespace(origin=str(tmp_path / "__init__.py"))):
         with monkeypatch.context() as patch:
-            patch.setattr(importlib.util, "find_spec", lambda _, spec=spec: spec)
+            patch.setattr(importlib.util, "find_spec", {"casadi": spec}.get)
             with pytest.raises(NativeError, match="--sundials system"):
                 casadi_library()
 
