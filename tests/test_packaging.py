@@ -66,7 +66,9 @@ def test_wheel_names_its_command_and_licence(wheel: Path) -> None:
             if ".dist-info/" in name
         }
     assert "dl2c = dl2c.cli:main" in texts["entry_points.txt"]
+    assert "License-Expression: MIT AND MIT-0" in texts["METADATA"]
     assert "MIT License" in texts["licenses/LICENSE"] and "licenses/THIRD_PARTY.md" in texts
+    assert "MIT No Attribution" in texts["licenses/cgen/LICENSE"]
 
 
 def test_wheel_of_the_sdist_is_the_same(wheel: Path, tmp_path: Path) -> None:
