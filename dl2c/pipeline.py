@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dl2c.configuration import configured
 from dl2c.diagnostics import CompileError, Diagnostic, error, in_source_order, warning
 from dl2c.ir.lower import lower
 from dl2c.ir.model import Predicate
@@ -49,8 +50,14 @@ class Compiled:
 
 
 def resolve_options(given: Mapping[str, Any]) -> Options:
-    """Options from names and values. Raises `UnknownOption`."""
-    return with_options(Options(), given)
+    """Options from names and values, under them those of the project's `[tool.dl2c]`.
+
+    Raises `UnknownOption`, and `CompileError` for a mistake in the project's file.
+    """
+    defaults = configured(Options())
+    options = with_options(defaults, given)
+    constants = dict(defaults.constants) | dict(options.constants)
+    return replace(options, constants=tuple(sorted(constants.items())))
 
 
 def compile_model(source: Source, options: Options, *, progress: Progress | None = None) -> Compiled:
