@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 LAYERS = (
-    *("version", "source", "diagnostics", "options", "configuration"),
+    *("version", "source", "diagnostics", "options", "configuration", "progress"),
     *("parse", "resolve", "ir", "interval", "paths", "smt", "sampling", "symbolic", "monitor", "emit"),
     *("native", "pipeline", "env", "training", "lint", "bench", "report", "commands", "cli", "__main__"),
 )
