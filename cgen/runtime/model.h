@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * model.h -- what a generated model tells the runtime.
  *
