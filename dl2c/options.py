@@ -26,10 +26,11 @@ class Options:
     """Every option of an environment; see semantics for what each one means.
 
     `dt` None means: the model's own horizon, else `DEFAULT_DT`. `constants` fixes episode
-    constants by name, `entry` selects an archive entry.
+    constants by name, `entry` selects an archive entry, `loop` one of several top-level loops (from 1).
     """
 
     entry: str | None = None
+    loop: int | None = None
     constants: tuple[tuple[str, Fraction], ...] = ()
     dt: Fraction | None = None
     tolerance: Fraction = Fraction(1, 10**9)
@@ -43,6 +44,8 @@ class Options:
     blocked_penalty: float = 0.0
     max_episode_steps: int = 1000
     stall_limit: int = 0
+    max_loop: int = 10_000
+    max_repeat: int = 8
     native: bool = False
     given: frozenset[str] = field(default=frozenset(), repr=False)
     """The options that were given in code, which `@episode` does not change."""
@@ -88,10 +91,12 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return None if value is None else str(value)
         case "blocked_penalty":
             return float(_exact(name, value))
-        case "max_episode_steps" | "stall_limit":
-            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-                raise UnknownOption(f"`{name}` takes a whole number >= 0, not {value!r}")
-            return value
+        case "max_episode_steps" | "stall_limit" | "max_repeat":
+            return _whole(name, value, 0)
+        case "max_loop":
+            return _whole(name, value, 1)
+        case "loop":
+            return None if value is None else _whole(name, value, 1)
         case "observe_constants" | "native":
             if not isinstance(value, bool):
                 raise UnknownOption(f"`{name}` takes True or False, not {value!r}")
@@ -101,6 +106,12 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             if value not in allowed:
                 raise UnknownOption(f"`{name}` takes {', '.join(map(repr, allowed))}, not {value!r}")
             return value
+
+
+def _whole(name: str, value: Any, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise UnknownOption(f"`{name}` takes a whole number >= {least}, not {value!r}")
+    return value
 
 
 def _exact(name: str, value: Any) -> Fraction:

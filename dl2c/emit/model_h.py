@@ -1,6 +1,7 @@
 """The header of one environment: indices of its variables, and the sizes of everything."""
 
 import textwrap
+from collections import Counter
 
 from dl2c.emit.cfile import comment, enumeration
 from dl2c.emit.judge_c import fact_names, observed
@@ -9,6 +10,7 @@ from dl2c.emit.paths_c import steps_in_lanes
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import root_count
 from dl2c.ir.model import Symbol
+from dl2c.paths.path import Decision, Input
 
 
 def model_h(environment: Environment) -> str:
@@ -34,9 +36,17 @@ def _sizes(environment: Environment) -> str:
     variables = [index(Symbol(v.name, "variable")) for v in model.variables]
     constants = [index(Symbol(c.name, "constant")) for c in model.constants]
     inputs = [index(i.symbol) for i in paths.inputs]
+    counts = Counter((type(d), d.role) for d in (*paths.decisions, *paths.inputs))
+    drawn = sum(count for _, count in paths.draws)
     sizes = {
-        "NCHOICE": len(paths.decisions),
-        "NMASK": sum(len(d.alternatives) for d in paths.decisions),
+        "NINPUT": counts[Input, "agent"],
+        "NENVINPUT": counts[Input, "env"],
+        "NDECISION": len(paths.decisions),
+        "NCHOICE": counts[Decision, "agent"],
+        "NENVCHOICE": counts[Decision, "env"],
+        "NMASK": sum(len(d.alternatives) for d in paths.decisions if d.role == "agent"),
+        "NSTEPDRAW": drawn,
+        "NDRAW": drawn + sum(count for _, count in paths.reset_draws),
         "NPRED": len(model.predicates),
         "NOBS": len(observed(model, environment.options)),
         "NPOINT": paths.points,
@@ -47,6 +57,10 @@ def _sizes(environment: Environment) -> str:
         "NBOX": 0 if sampling is None else len(sampling.boxes),
         "DL2C_LOOPS": int(model.loops),
         "DL2C_STEPS_IN_LANES": int(steps_in_lanes(environment)),
+        "DL2C_LOOKS_AHEAD": int(paths.looks_ahead),
+        "DL2C_MAX_LOOP": model.max_loop,
+        "DL2C_POINT_LEAD": paths.lead or 0,
+        "DL2C_POINT_PREFIX": paths.prefix or 0,
     }
     kind = "float" if environment.options.obs_dtype == "float32" else "double"
     return (
