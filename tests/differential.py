@@ -24,9 +24,10 @@ from dl2c.ir import model as ir
 from dl2c.ir.evaluate import evaluate, truth
 from dl2c.ir.exact import Motion
 from dl2c.ir.follow import follow
-from dl2c.ir.interp import Interpreter, Settings, Step, runs
+from dl2c.ir.interp import Interpreter
 from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.logic import operands
+from dl2c.ir.transition import Openings, Request, Settings, Start, Step
 from dl2c.ir.watch import watches_of
 from dl2c.native.binding import Batch, Library, Sizes
 from dl2c.native.code import cgen_dir
@@ -125,11 +126,11 @@ class Pair:
         inputs = {i.key: rng.uniform(float(i.low) - 1, float(i.high) + 1) for i in paths.inputs}
         self.batch.set_state(0, list(state.values()), list(constants.values()))
         interpreter = self.interpreter(constants)
-        self._check_mask(interpreter.enabled(state), final=False)
+        self._check_mask(interpreter.openings(Start(state)), final=False)
         self.batch.choices[0, :] = list(choices.values())
         self.batch.inputs[0, :] = list(inputs.values())
         self.batch.step()
-        step = interpreter.step(state, choices, inputs)
+        step = interpreter.step(Start(state), Request(choices, inputs))
         self._check(step, interpreter, (state, constants, choices, inputs))
         self._count(step)
 
@@ -165,20 +166,16 @@ class Pair:
         if model.postcondition is not None:
             holds = truth(model.postcondition, interpreter.environment(step.state))
             assert bool(b.postcondition[0]) == holds
-        self._check_mask(step.mask, final=step.terminated or step.truncated)
+        self._check_mask(step.openings, final=step.terminated or step.truncated)
 
-    def _check_mask(self, enabled: tuple[bool, ...], final: bool) -> None:
+    def _check_mask(self, openings: Openings, final: bool) -> None:
         got = self.batch.mask[0].tolist()
-        want: list[int] = []
-        all_runs = list(runs(self.model.body))
-        for decision in self.environment.paths.decisions:
-            taken = [
-                dict(r.decisions)[decision.key]
-                for r, e in zip(all_runs, enabled, strict=True)
-                if e and not final and decision.key in dict(r.decisions)
-            ]
-            n = len(decision.alternatives)
-            want += [int(not taken or k in taken) for k in range(n)]
+        want = [
+            int(final or not openings.mask or openings.mask[d.key][k])
+            for d in self.environment.paths.decisions
+            if d.role == "agent"
+            for k in range(len(d.alternatives))
+        ]
         assert got == want, f"{self.model.name}: mask {got}, should be {want}"
 
     def _count(self, step: Step) -> None:
