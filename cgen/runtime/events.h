@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * events.h -- what happens along a stretch of a flow: where its conditions first fail.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * stretch.h -- what is watched along motion whose margins are no polynomials of time.
  *

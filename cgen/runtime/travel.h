@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * travel.h -- following a flow: how long its domain lets it last, what is watched on the way.
  *
