@@ -138,7 +138,7 @@ class Interpreter:
         inputs: Mapping[str, Value],
         late: bool = False,
     ) -> Step:
-        """One step from a state in which some run is enabled; `late` where the time limit ends the episode."""
+        """One step from a state in which some run is enabled; `late` if the time limit ends the episode."""
         ranked = self._ranked(state, choices)
         requested = self._requested(choices)
         blocked = True

@@ -109,9 +109,9 @@ def _branches(call: Call) -> tuple[Term, Term]:
 
 
 def _kink(term: Term, moves: Moves, direction: int | None) -> tuple[Call, int | None] | None:
-    """The first `abs`, `min` or `max` without one inside, and whether the term grows (1) or falls (-1) with it.
+    """The first `abs`, `min` or `max` without one inside, and whether the term grows with it.
 
-    The direction is None where that depends on the state.
+    1 if it grows, -1 if it falls, None where that depends on the state.
     """
     if not moves(term):
         return None
