@@ -17,6 +17,12 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
 HELP = {
     "entry": "Entry of a KeYmaera X archive that holds several.",
     "dt": "Longest time of a continuous evolution, in seconds.",
+    "duration": "How long a continuous evolution lasts: as long as it may, or a random time.",
+    "safety_check": "Watch safety predicates along the motion, or after each step.",
+    "integrator": "How a differential equation is solved.",
+    "stiff": "Solve with the method for stiff equations; auto: as the model suggests.",
+    "rtol": "Relative tolerance of CVODES.",
+    "atol": "Absolute tolerance of CVODES.",
     "tolerance": "Relative tolerance of annotated predicates.",
     "progress_failure": "When a progress predicate with on_failure fails.",
     "observe_constants": "Observe the sampled constants too.",
