@@ -31,8 +31,8 @@ typedef struct dl2c_travel {
 /* The curves of a flow from x over the time `length`, where they are polynomials. */
 static void dl2c_see_curves(int flow, const real *x, const real *p, real length, dl2c_events *events)
 {
-  real c[NMARGIN][NDEGREE + 1];
-  int32_t degree[NMARGIN];
+  real c[NMARGIN][NDEGREE + 1] = {{0.0}};
+  int32_t degree[NMARGIN] = {0};
   dl2c_curve curves[NMARGIN];
   const int n = FLOW_MARGINS[flow];
   model_polynomials(flow, x, p, c, degree);
