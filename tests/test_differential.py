@@ -8,7 +8,21 @@ import pytest
 from differential import Pair, run_models
 
 from dl2c.ir.logic import atoms, operands
-from dl2c.ir.model import And, Block, Call, Choice, Compare, Formula, If, Model, Or, Term, Truth
+from dl2c.ir.model import (
+    And,
+    Block,
+    Call,
+    Choice,
+    Compare,
+    Formula,
+    If,
+    Model,
+    Or,
+    Repeat,
+    Term,
+    Truth,
+    While,
+)
 
 STATEMENTS = {"Assign", "AssignAny", "Test", "Choice", "If", "Evolve"}
 TERMS = {"Number", "Symbol", "Neg", "Add", "Sub", "Mul", "Div", "Pow", "Call"}
@@ -27,6 +41,16 @@ def test_interpreter_and_compiled_code_agree(tmp_path: Path) -> None:
 def test_models_that_once_disagreed(seed: int, tmp_path: Path) -> None:
     """10893: two tests that leave one value of an input, each root rounded to the wrong side."""
     run_models(range(seed, seed + 1), 400, tmp_path)
+
+
+def test_interpreter_and_compiled_code_agree_on_every_form_of_program(tmp_path: Path) -> None:
+    pairs, seen = run_models(range(90), 25, tmp_path, programs=True)
+    kinds = {kind for pair in pairs for kind in _kinds(pair.model)}
+    assert kinds >= STATEMENTS | {"While", "Repeat"}
+    assert sum(bool(pair.model.prefix) for pair in pairs) >= 5
+    assert sum(bool(pair.model.lead) for pair in pairs) >= 5
+    assert sum(bool(pair.environment.paths.draws) and not pair.model.lead for pair in pairs) >= 3
+    assert min(seen["steps"], seen["blocked"], seen["diverged"], seen["refused"]) > 0
 
 
 @pytest.mark.slow
@@ -58,7 +82,7 @@ def _assert_coverage(pairs: list[Pair], seen: Counter[str]) -> None:
 
 
 def _kinds(model: Model) -> Iterator[str]:
-    yield from _block(model.body)
+    yield from _block((*model.prefix, *model.lead, *model.body))
     for flow in model.flows:
         yield from _formula(flow.domain)
         for _, rate in flow.equations:
@@ -74,6 +98,8 @@ def _block(block: Block) -> Iterator[str]:
     for statement in block:
         yield type(statement).__name__
         match statement:
+            case While(body=body) | Repeat(body=body):
+                yield from _block(body)
             case Choice(_, alternatives):
                 for alternative in alternatives:
                     yield from _block(alternative.body)

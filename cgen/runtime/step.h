@@ -94,7 +94,7 @@ static inline void dl2c_open(const dl2c_trial *trial, const real *p, uint8_t *en
       const int met = PATHS[k].met[j];
       open = trial->taken[met] < 0 || trial->taken[met] == DECISIONS[k][met];
     }
-    for (int j = 0; j < PATHS[k].ninput && open; j++) {
+    for (int j = 0; NU > 0 && j < PATHS[k].ninput && open; j++) {
       const int input = PATHS[k].inputs[j];
       open = trial->given[input] ? model_admits(k, input, trial->x, p, trial->value[input])
                                  : !dl2c_admissible(k, input, trial->x, p).empty;
@@ -180,7 +180,7 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
   }
   for (int j = 0; j < taken->nmet; j++)
     trial->taken[taken->met[j]] = DECISIONS[path][taken->met[j]];
-  for (int j = 0; j < taken->ninput; j++)
+  for (int j = 0; NU > 0 && j < taken->ninput; j++)
     if (!trial->given[taken->inputs[j]]) dl2c_give(request, trial, path, taken->inputs[j]);
   real y[NX];
   memcpy(y, trial->x, sizeof y);
