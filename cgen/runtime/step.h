@@ -117,7 +117,7 @@ static inline bool dl2c_rank(const dl2c_request *request, const dl2c_trial *tria
     const int met = PATHS[path].met[j];
     const int alternative = DECISIONS[path][met];
     if (trial->taken[met] >= 0) continue;
-    if (met >= NCHOICE) {
+    if (NDECISION > NCHOICE && met >= NCHOICE) {
       rank[n] = request->draws[CHOICE_DRAW[met] + alternative];
     } else if (left || request->choices[met] == alternative) {
       rank[n] = left ? (real)alternative : 0.0;

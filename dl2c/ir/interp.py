@@ -281,6 +281,7 @@ class Interpreter:
         if done.left:
             reward = reward + literal(Fraction(self.settings.blocked_penalty), self.exact)
         return Step(
+            judged=after,
             start=upcoming or Start(after),
             decisions={**request.choices, **done.taken},
             values={**request.inputs, **done.values},
@@ -300,6 +301,7 @@ class Interpreter:
         outcome = judge(self.model, self.environment(start.state), self.exact)
         penalty = literal(Fraction(self.settings.blocked_penalty), self.exact)
         return Step(
+            judged=start.state,
             start=start,
             decisions={**request.choices, **start.taken},
             values={**request.inputs, **start.values},

@@ -59,12 +59,14 @@ class Openings:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What a step did. `start` is where the next one starts, `openings` what is enabled there.
+    """What a step did. `judged` is the state that it led to, `start` where the next one starts,
+    `openings` what is enabled there.
 
     `reason` is empty while the episode goes on; else a predicate's name, or blocked, deadlock,
     numerical, diverged, end. `decisions` and `values` are those in effect, by key.
     """
 
+    judged: Mapping[str, Value]
     start: Start
     decisions: dict[str, int]
     values: dict[str, Value]
