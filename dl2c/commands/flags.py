@@ -24,6 +24,12 @@ HELP = {
     "blocked_penalty": "Added to the reward of such a step.",
     "max_episode_steps": "Truncate episodes after so many steps; 0: never.",
     "stall_limit": "Truncate after so many zero-duration steps in a row; 0: never.",
+    "duration": "How long a continuous evolution lasts.",
+    "safety_check": "Where @safety predicates are checked.",
+    "integrator": "How continuous evolutions are followed.",
+    "stiff": "Whether the solver expects stiff equations.",
+    "rtol": "Relative tolerance of the solver.",
+    "atol": "Absolute tolerance of the solver.",
     "native": "Tune for this machine's CPU.",
     "sundials": "Which SUNDIALS solves flows: that of casadi, or an installed one.",
 }

@@ -14,6 +14,7 @@ from typing import Literal, TypeAlias, assert_never
 from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal, truth
 from dl2c.ir.exact import Motion
 from dl2c.ir.inputs import Range, admissible
+from dl2c.ir.judge import Happened, judge
 from dl2c.ir.model import (
     Assign,
     AssignAny,
@@ -22,7 +23,6 @@ from dl2c.ir.model import (
     Evolve,
     If,
     Model,
-    Predicate,
     Symbol,
     Term,
     Test,
@@ -138,7 +138,7 @@ class Interpreter:
         inputs: Mapping[str, Value],
         late: bool = False,
     ) -> Step:
-        """One step from a state in which some run is enabled; `late` where the time limit ends the episode."""
+        """One step from a state in which some run is enabled; `late` where it is the last allowed."""
         ranked = self._ranked(state, choices)
         requested = self._requested(choices)
         blocked = True
@@ -317,85 +317,6 @@ class _Done:
     duration: Value
     failed: frozenset[int] = frozenset()
     met: frozenset[int] = frozenset()
-
-
-@dataclass(frozen=True, slots=True)
-class Happened:
-    """What a post-state does not show: the watches that failed or were met on the way, by number, and
-    whether the step is the last that the time limit allows."""
-
-    failed: frozenset[int] = frozenset()
-    met: frozenset[int] = frozenset()
-    late: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What the annotated predicates say of a state. `ends` is the winning end action, if any."""
-
-    reward: Value
-    cost: int
-    ends: str | None
-    status: str
-    reason: str
-    undefined: bool
-
-
-NOTHING = Happened()
-
-
-def judge(model: Model, env: Environment, exact: bool = False, happened: Happened = NOTHING) -> Outcome:
-    """Evaluate every predicate on a post-state; of those that end the episode one wins."""
-    reward: Value = literal(Fraction(0), exact)
-    cost = 0
-    undefined = False
-    continued = "none"
-    firings: list[tuple[int, int, int, str, str, str]] = []
-    for k, predicate in enumerate(model.predicates):
-        own = _watch_of(model, k)
-        good = truth(predicate.relaxed, env, exact)
-        if predicate.category == "safety":
-            good = good and own not in happened.failed
-            cost += not good
-        for term in (predicate.reward if good else predicate.penalty, predicate.shape):
-            if term is not None:
-                try:
-                    reward = reward + evaluate(term, env, exact)
-                except Undefined:
-                    undefined = True
-        fails = _fails(predicate, good, env, exact, own, happened)
-        for trigger, fires in ((predicate.on_success, good), (predicate.on_failure, fails)):
-            if trigger is None or not fires:
-                continue
-            if trigger.action == "continue":
-                continued = trigger.status
-            else:
-                status = ("failure", "success", "none").index(trigger.status)
-                category = ("safety", "progress", "stability").index(predicate.category)
-                firings.append((status, category, k, trigger.action, trigger.status, predicate.name))
-    if not firings:
-        return Outcome(reward, cost, None, continued, "", undefined)
-    *_, ends, status, name = min(firings)
-    return Outcome(reward, cost, ends, status, name, undefined)
-
-
-def _watch_of(model: Model, predicate: int) -> int | None:
-    """The number of the watch of a predicate, if it has one."""
-    found = [w for w, watch in enumerate(watches_of(model)) if watch.predicate == predicate]
-    return found[0] if found else None
-
-
-def _fails(
-    predicate: Predicate, good: bool, env: Environment, exact: bool, watch: int | None, happened: Happened
-) -> bool:
-    """Whether a predicate counts as failed: a progress predicate only when its obligation falls due."""
-    if predicate.category != "progress":
-        return not good
-    if watch is not None and watch in happened.failed:
-        return True
-    if predicate.due is None:
-        return not good and happened.late
-    return not good and watch not in happened.met and truth(predicate.due, env, exact)
 
 
 def _first_part(model: Model, run: Run) -> tuple[Straight, ...]:
