@@ -7,7 +7,6 @@ Results go to stdout, messages and progress bars to stderr. Exit codes: see `com
 import csv
 import math
 import shutil
-import sys
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
@@ -20,8 +19,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from dl2c.commands.cache import app as cache_app
+from dl2c.commands.completion import models, words
 from dl2c.commands.failures import CommandError, as_json, report, show, to_json
-from dl2c.commands.flags import model_options
+from dl2c.commands.flags import Json, model_options
+from dl2c.commands.verbosity import begin, detailed, quiet, talkative
 from dl2c.diagnostics import CompileError
 from dl2c.version import __version__
 
@@ -41,10 +42,24 @@ INTERNAL = ("sealed.json", "warnings.json")
 
 app.add_typer(cache_app, name="cache")
 
-Model = Annotated[str, typer.Argument(help="A .kyx file, or example:NAME.", show_default=False)]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show the traceback of an internal error.")]
-PolicyName = Annotated[str, typer.Option("--policy", help="random, first, or a policy's zip file.")]
+Model = Annotated[
+    str, typer.Argument(help="A .kyx file, or example:NAME.", show_default=False, autocompletion=models)
+]
+PolicyName = Annotated[
+    str,
+    typer.Option(
+        "--policy", help="random, first, or a policy's zip file.", autocompletion=words("random", "first")
+    ),
+]
+Algorithm = Annotated[
+    str, typer.Option(help="ppo or maskable-ppo.", autocompletion=words("ppo", "maskable-ppo"))
+]
+Stage = Annotated[
+    str,
+    typer.Option(
+        help="tree, expanded, ir, paths or c.", autocompletion=words("tree", "expanded", "ir", "paths", "c")
+    ),
+]
 Episodes = Annotated[int, typer.Option(min=1, help="How many episodes.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the first episode; the next ones count up.")]
 Masked = Annotated[bool, typer.Option("--masked/--unmasked", help="Keep the policy to enabled alternatives.")]
@@ -52,10 +67,11 @@ Masked = Annotated[bool, typer.Option("--masked/--unmasked", help="Keep the poli
 
 def main() -> None:
     """Run the command line; the only place where exceptions become messages and exit codes."""
+    begin()
     try:
-        app()
+        app(prog_name="dl2c")
     except Exception as failure:
-        raise SystemExit(report(failure, bool({"-v", "--verbose"} & set(sys.argv)))) from None
+        raise SystemExit(report(failure)) from None
 
 
 def _version(wanted: bool) -> None:
@@ -65,6 +81,7 @@ def _version(wanted: bool) -> None:
 
 
 @app.callback()
+@talkative
 def options_of_dl2c(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
@@ -81,14 +98,15 @@ def build(
         "build"
     ),
     json: Json = False,
-    verbose: Verbose = False,
     *,
     options: Mapping[str, Any],
 ) -> None:
     """Compile a model and write its C, library and manifest to a folder."""
+    from dl2c.emit.names import file_stem
+
     compiled = _compile(model, options)
     show(compiled.warnings)
-    target = output / compiled.library.manifest.name
+    target = output / file_stem(compiled.library.manifest.name)
     shutil.copytree(compiled.directory, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*INTERNAL))
     files = sorted(path.name for path in compiled.directory.iterdir() if path.name not in INTERNAL)
     print(to_json({"directory": str(target), "files": files}) if json else target)
@@ -96,7 +114,7 @@ def build(
 
 @app.command()
 @model_options
-def check(model: Model, json: Json = False, verbose: Verbose = False, *, options: Mapping[str, Any]) -> None:
+def check(model: Model, json: Json = False, *, options: Mapping[str, Any]) -> None:
     """Report every error and warning in a model."""
     from dl2c.env.opening import source_of
     from dl2c.pipeline import check_model, resolve_options
@@ -112,13 +130,13 @@ def check(model: Model, json: Json = False, verbose: Verbose = False, *, options
         show(found)
     if failed:
         raise typer.Exit(1)
-    if not json:
+    if not (json or quiet()):
         print(f"{model}: no errors, {len(found)} warning{'s' * (len(found) != 1)}")
 
 
 @app.command()
 @model_options
-def info(model: Model, json: Json = False, verbose: Verbose = False, *, options: Mapping[str, Any]) -> None:
+def info(model: Model, json: Json = False, *, options: Mapping[str, Any]) -> None:
     """Describe a model's environment: spaces, decisions, bounds, kernels, predicates, options."""
     from dl2c.commands.describe import describe
 
@@ -133,8 +151,8 @@ def info(model: Model, json: Json = False, verbose: Verbose = False, *, options:
 @model_options
 def emit(
     model: Model,
-    stage: Annotated[str, typer.Option(help="tree, expanded, ir, paths or c.")] = "c",
-    verbose: Verbose = False,
+    stage: Stage = "c",
+    json: Json = False,
     *,
     options: Mapping[str, Any],
 ) -> None:
@@ -143,7 +161,8 @@ def emit(
     from dl2c.pipeline import emit as emitted
     from dl2c.pipeline import resolve_options
 
-    print(emitted(source_of(model), stage, resolve_options(options)).rstrip("\n"))
+    text = emitted(source_of(model), stage, resolve_options(options))
+    print(to_json({"stage": stage, "text": text}) if json else text.rstrip("\n"))
 
 
 @app.command()
@@ -156,7 +175,6 @@ def rollout(
     masked: Masked = True,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every step to this file.")] = None,
     json: Json = False,
-    verbose: Verbose = False,
     *,
     options: Mapping[str, Any],
 ) -> None:
@@ -193,14 +211,14 @@ def rollout(
 @model_options
 def train(
     model: Model,
-    algo: Annotated[str, typer.Option(help="ppo or maskable-ppo.")] = "ppo",
+    algo: Algorithm = "ppo",
     steps: Annotated[int, typer.Option(min=1, help="Environment steps.")] = 400_000,
     n_envs: Annotated[int, typer.Option(min=1, help="Environments stepped together.")] = 64,
     seed: Seed = 0,
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")] = Path(
         "build/train"
     ),
-    verbose: Verbose = False,
+    json: Json = False,
     *,
     options: Mapping[str, Any],
 ) -> None:
@@ -216,7 +234,10 @@ def train(
     with _progress(steps) as note:
         run = learn(model, algo, seed=seed, directory=output, settings=settings, progress=note, **options)
     plot_curves({algo: [run.curve]}, output / "curve.png")
-    print(f"{run.policy}: {_sentence(evaluate(run.policy, model, masked=algo == 'maskable-ppo', **options))}")
+    found = evaluate(run.policy, model, masked=algo == "maskable-ppo", **options)
+    print(
+        to_json({"policy": str(run.policy)} | asdict(found)) if json else f"{run.policy}: {_sentence(found)}"
+    )
 
 
 @app.command()
@@ -228,7 +249,6 @@ def bench(
         list[str] | None, typer.Option(metavar="ROW=RATIO", help="Exit with 1 if a row is slower than this.")
     ] = None,
     json: Json = False,
-    verbose: Verbose = False,
     *,
     options: Mapping[str, Any],
 ) -> None:
@@ -246,7 +266,8 @@ def bench(
 
 
 @app.command()
-def demo(verbose: Verbose = False) -> None:
+@talkative
+def demo() -> None:
     """Train on the waypoint example and compare with policies that do not learn (some minutes)."""
     from dl2c.training.demo import main as run
 
@@ -263,9 +284,9 @@ def _compile(model: str, options: Mapping[str, Any]) -> "Compiled":
 
 @contextmanager
 def _working(what: str) -> Generator[Callable[[str], None]]:
-    """A spinner on a terminal's stderr, nothing elsewhere; yields what changes its text."""
+    """A spinner on a terminal's stderr, nothing elsewhere or with -v, -q; yields what changes its text."""
     console = Console(stderr=True)
-    if not console.is_terminal:
+    if not console.is_terminal or detailed() or quiet():
         yield lambda _: None
         return
     with console.status(what) as status:
@@ -278,7 +299,10 @@ def _progress(steps: int) -> Generator[Any]:
     console = Console(stderr=True)
     columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
     with Progress(
-        *columns, TextColumn("{task.description}"), console=console, disable=not console.is_terminal
+        *columns,
+        TextColumn("{task.description}"),
+        console=console,
+        disable=quiet() or not console.is_terminal,
     ) as bar:
         task = bar.add_task("", total=steps)
 

@@ -1,14 +1,14 @@
 """What a user may choose about an environment, with one name everywhere.
 
 The same names serve the command line (`--on-blocked`), Python (`on_blocked=`) and
-`@episode` annotations. Values given in code win over `@episode`, which wins over the
-defaults here (semantics 9).
+`@episode` annotations. Values given in code win over `@episode`, which wins over
+`[tool.dl2c]` of a project (configuration.py), which wins over the defaults here (semantics 9).
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from fractions import Fraction
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, cast, get_args
 
 OnBlocked: TypeAlias = Literal["fallback", "truncate", "terminate"]
 ActionFormat: TypeAlias = Literal["auto", "dict", "box", "discrete", "multidiscrete"]
@@ -92,7 +92,9 @@ def under(options: Options, episode: Mapping[str, Any]) -> Options:
 def _converted(name: str, value: Any, kind: Any) -> Any:
     match name:
         case "constants":
-            given: dict[str, Any] = dict(value)
+            if not isinstance(value, Mapping):
+                raise UnknownOption(f"`constants` takes names with values, not {value!r}")
+            given = cast("Mapping[str, Any]", value)
             return tuple(sorted((name, _exact(f"constants[{name}]", v)) for name, v in given.items()))
         case "dt":
             return None if value is None else _positive(name, _exact(name, value))

@@ -7,11 +7,12 @@ source --read_entry--> entry --resolve--> problem --lower--> step model
 
 import json
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dl2c.configuration import configured
 from dl2c.diagnostics import CompileError, Diagnostic, error, in_source_order, warning
 from dl2c.ir.lower import lower
 from dl2c.ir.printer import print_model
@@ -21,6 +22,7 @@ from dl2c.parse.annotations import EpisodeAnnotation
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_archive, print_formula
 from dl2c.parse.tree import Archive, Entry
+from dl2c.progress import LOG, Progress, silent, stages
 from dl2c.resolve.expand import expanded_formula
 from dl2c.resolve.problem import Problem, resolve
 from dl2c.source import Source, Span
@@ -32,9 +34,6 @@ if TYPE_CHECKING:
     from dl2c.ir.model import Model
     from dl2c.native.binding import Library
     from dl2c.paths.path import Paths
-
-Progress = Callable[[str], None]
-"""Called with what the pipeline is about to do."""
 
 STAGES = ("tree", "expanded", "ir", "paths", "c")
 
@@ -49,20 +48,30 @@ class Compiled:
 
 
 def resolve_options(given: Mapping[str, Any]) -> Options:
-    """Options from names and values. Raises `UnknownOption`."""
-    return with_options(Options(), given)
+    """Options from names and values, under them those of the project's `[tool.dl2c]`.
+
+    Raises `UnknownOption`, and `CompileError` for a mistake in the project's file.
+    """
+    defaults = configured(Options())
+    options = with_options(defaults, given)
+    constants = dict(defaults.constants) | dict(options.constants)
+    return replace(options, constants=tuple(sorted(constants.items())))
 
 
-def compile_model(source: Source, options: Options, *, progress: Progress | None = None) -> Compiled:
+def compile_model(source: Source, options: Options, *, progress: Progress = silent) -> Compiled:
     """Build a model, or take it from the cache, and load it.
 
     Raises `CompileError` for a mistake in the model, `NativeError` where C cannot be compiled.
     """
     from dl2c.native.binding import load_library
 
-    problem, options, warnings = _front(source, options)
-    key = build_key({source.name: source.text}, options)
-    directory = cached(key, lambda folder: _build(problem, options, key, folder, progress))
+    with stages(progress) as say:
+        say("reading the model")
+        problem, options, warnings = _front(source, options)
+        say("looking for an earlier build")
+        key = build_key({source.name: source.text}, options)
+        directory = cached(key, lambda folder: _build(problem, options, key, folder, say))
+    LOG.info("files: %s", directory)
     found = json.loads((directory / "warnings.json").read_text(encoding="utf-8"))
     later = tuple(_restored(w, source) for w in found)
     return Compiled(load_library(directory), directory, in_source_order((*warnings, *later)))
@@ -73,8 +82,10 @@ def check_model(source: Source, options: Options) -> tuple[Diagnostic, ...]:
 
     Raises `CompileError` for its errors.
     """
-    problem, options, warnings = _front(source, options)
-    _, later = _environment(problem, options, None)
+    with stages() as say:
+        say("reading the model")
+        problem, options, warnings = _front(source, options)
+        _, later = _environment(problem, options, say)
     return in_source_order((*warnings, *later))
 
 
@@ -91,7 +102,7 @@ def emit(source: Source, stage: str, options: Options) -> str:
         return print_formula(expanded) + "\n"
     if stage == "ir":
         return print_model(lower(problem, options))
-    environment, _ = _environment(problem, options, None)
+    environment, _ = _environment(problem, options, silent)
     if stage == "paths":
         from dl2c.paths.printer import print_paths
 
@@ -153,7 +164,7 @@ def entry_of(archive: Archive, options: Options) -> Entry:
 
 
 def _environment(
-    problem: Problem, options: Options, progress: Progress | None
+    problem: Problem, options: Options, say: Progress
 ) -> tuple["Environment", tuple[Diagnostic, ...]]:
     """Everything that code is generated from, and warnings."""
     from dl2c.emit.plan import Environment
@@ -163,10 +174,7 @@ def _environment(
     from dl2c.sampling.plan import NoSampler, plan_sampling
     from dl2c.smt.precondition import decide
 
-    def say(what: str) -> None:
-        if progress is not None:
-            progress(what)
-
+    say("lowering")
     model = lower(problem, options)
     say("enumerating paths")
     paths = enumerate_paths(model)
@@ -207,7 +215,7 @@ def _refused(refused: "Refused") -> Diagnostic:
     )
 
 
-def _build(problem: Problem, options: Options, key: str, folder: Path, progress: Progress | None) -> None:
+def _build(problem: Problem, options: Options, key: str, folder: Path, say: Progress) -> None:
     """Fill a folder with everything that `dl2c build` writes."""
     from dl2c.emit.model_c import model_sources
     from dl2c.emit.names import file_stem
@@ -216,13 +224,13 @@ def _build(problem: Problem, options: Options, key: str, folder: Path, progress:
     from dl2c.native.sundials import find_sundials
     from dl2c.native.toolchain import find_compiler
 
-    environment, warnings = _environment(problem, options, progress)
-    if progress is not None:
-        progress("compiling C")
-    stem = file_stem(environment.model.name)
+    environment, warnings = _environment(problem, options, say)
+    say("writing C")
+    stem, sources = file_stem(environment.model.name), model_sources(environment)
+    say("compiling C")
     numeric = any(f.kernel == "cvodes" for f in environment.flows)
     sundials = find_sundials(options.sundials, find_compiler()) if numeric else None
-    compile_library(model_sources(environment), stem, folder, native=options.native, sundials=sundials)
+    compile_library(sources, stem, folder, native=options.native, sundials=sundials)
     manifest = manifest_of(environment, key, {"machine": platform.machine(), "system": platform.system()})
     (folder / "manifest.json").write_text(manifest.to_json(), encoding="utf-8")
     (folder / "model.ir").write_text(print_model(environment.model), encoding="utf-8")

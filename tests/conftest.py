@@ -10,6 +10,9 @@ from hypothesis import settings
 settings.register_profile("dl2c", deadline=None)
 settings.load_profile("dl2c")
 
+os.environ["DL2C_STRICT"] = "1"
+"""Warnings about generated code are errors."""
+
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 

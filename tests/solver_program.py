@@ -82,7 +82,7 @@ def ask(program: Path, *commands: str, library: Path | None = None, **environmen
                 flows.append(tuple(tracks))
                 done.append(how == "done")
                 tracks = []
-            case ["fit" | "time" | "samples", *rest]:
+            case ["fit" | "time" | "samples" | "cross", *rest]:
                 numbers.append(tuple(float.fromhex(w) for w in rest))
             case _:
                 pass
@@ -94,10 +94,12 @@ def solver(stiff: int = NOT_STIFF, rtol: float = 1e-8, atol: float = 1e-10) -> s
     return f"new {stiff} {rtol.hex()} {atol.hex()}"
 
 
-def flow(kind: int, stop: float, x: Sequence[float], p: float = 0.0, command: str = "run") -> str:
-    """The command that follows a flow from x; variables after those given are 0."""
+def flow(
+    kind: int, stop: float, x: Sequence[float], p: float = 0.0, command: str = "run", extra: str = ""
+) -> str:
+    """A command for a flow from x; variables after those given are 0, `extra` comes before them."""
     state = [*x, *[0.0] * (NX - len(x)), p]
-    return f"{command} {kind} {float(stop).hex()} " + " ".join(float(v).hex() for v in state)
+    return f"{command} {kind} {float(stop).hex()} {extra} " + " ".join(float(v).hex() for v in state)
 
 
 def _track(start: str, length: str, size: int, values: list[float]) -> Track:

@@ -26,7 +26,6 @@ from solver_program import (
     ROCKET,
     STIFF,
     UNDEFINED,
-    Answer,
     Track,
     ask,
     build,
@@ -276,6 +275,21 @@ def test_samples_are_states_of_the_track(program: Path) -> None:
     assert answer.numbers == ((0.0,),)
 
 
+def test_crossings_are_found_on_the_curves_of_a_term(program: Path) -> None:
+    answer = ask(
+        program,
+        solver(NOT_STIFF, 1e-10, 1e-12),
+        flow(OSCILLATOR, 28.0, [1.0, 0.0], command="cross", extra="0 0x0p+0"),
+        flow(BALL, 0.5, [1.0, 0.0], command="cross", extra="0 0x0p+0"),
+        solver(ALWAYS_STIFF, 1e-8, 1e-14),
+        flow(ROBERTSON, 1.0, [1.0, 0.0, 0.0], command="cross", extra=f"2 {(0.01).hex()}"),
+    )
+    zeros, falls, robertson = answer.numbers
+    assert zeros == pytest.approx([pi * (k + 0.5) for k in range(9)], abs=1e-7)
+    assert falls == pytest.approx([0.4515236409857309], abs=1e-9)
+    assert robertson == pytest.approx([0.264019078188], rel=1e-6)
+
+
 def refusal(program: Path, library: Path) -> str:
     result = subprocess.run((program, library), input="", capture_output=True, text=True, check=False)
     assert result.returncode == 1
@@ -334,9 +348,7 @@ def test_a_short_flow_takes_microseconds(program: Path, capsys: Any) -> None:
     start = [0.3, -0.2, 0.6, 0.8, 1.5, 0.1]
     times: list[float] = []
     for stop in (0.1, 0.5):
-        probe = flow(DUBINS, stop, start, command="time").split(" ")
-        probe.insert(3, "3000")
-        answer: Answer = ask(program, solver(), " ".join(probe))
+        answer = ask(program, solver(), flow(DUBINS, stop, start, command="time", extra="3000"))
         times.append(answer.numbers[0][0])
     with capsys.disabled():
         print(f"\n  {program.parent.name}: {times[0]:.1f} us for 0.1 s, {times[1]:.1f} us for 0.5 s")

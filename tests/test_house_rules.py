@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 LAYERS = (
-    *("version", "source", "diagnostics", "options"),
+    *("version", "source", "diagnostics", "options", "configuration", "progress"),
     *("parse", "resolve", "ir", "interval", "paths", "smt", "sampling", "symbolic", "monitor", "emit"),
     *("native", "pipeline", "env", "training", "lint", "bench", "report", "commands", "cli", "__main__"),
 )
@@ -35,6 +35,9 @@ MAX_C_FUNCTION = 80
 MAX_EXAMPLE = 120
 
 PYTHON = sorted((ROOT / "dl2c").rglob("*.py"))
+LICENCE = "/* SPDX-License-Identifier: MIT-0 */\n"
+"""The first line of all C: the runtime becomes part of what users build."""
+
 C = sorted(path for path in (ROOT / "cgen").rglob("*.[ch]"))
 OTHER = sorted(path for folder in ("tests", "examples") for path in (ROOT / folder).rglob("*.py"))
 
@@ -200,3 +203,9 @@ def test_rules_see_what_they_look_for() -> None:
     lines = ["def f(x):", '    """Doc."""', *["    x += 1"] * MAX_FUNCTION]
     assert list(too_long(ast.parse("\n".join(lines)))) == ["1 f has 41 lines"]
     assert list(too_long(ast.parse("\n".join(lines[:-1])))) == []
+
+
+def test_c_files_say_under_which_licence_they_are() -> None:
+    generated = sorted((ROOT / "tests" / "golden" / "c").glob("*.c"))
+    assert generated
+    assert not [p for p in (*C, *generated) if not p.read_text(encoding="utf-8").startswith(LICENCE)]

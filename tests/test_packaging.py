@@ -1,11 +1,17 @@
 """What an installed dl2c consists of: the wheel, the way over an sdist, and a checkout."""
 
+import json
+import os
 import subprocess
 import sys
+import sysconfig
+import venv
 import zipfile
 from pathlib import Path
 
 import pytest
+
+from dl2c.version import __version__
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -66,7 +72,9 @@ def test_wheel_names_its_command_and_licence(wheel: Path) -> None:
             if ".dist-info/" in name
         }
     assert "dl2c = dl2c.cli:main" in texts["entry_points.txt"]
+    assert "License-Expression: MIT AND MIT-0" in texts["METADATA"]
     assert "MIT License" in texts["licenses/LICENSE"] and "licenses/THIRD_PARTY.md" in texts
+    assert "MIT No Attribution" in texts["licenses/cgen/LICENSE"]
 
 
 def test_wheel_of_the_sdist_is_the_same(wheel: Path, tmp_path: Path) -> None:
@@ -82,3 +90,29 @@ def test_hand_written_c_is_found_from_anywhere(wheel: Path, tmp_path: Path) -> N
     for installed, where in ((tmp_path / "site", "dl2c/cgen"), (ROOT, "cgen")):
         found = Path(run("-c", code, installed, cwd=tmp_path))
         assert found == installed / where and (found / "include" / "dl2c.h").is_file()
+
+
+def test_an_installed_wheel_builds_its_examples(wheel: Path, tmp_path: Path) -> None:
+    """What `pip install .` and `pipx install .` give: the command, the examples, the runtime in C.
+
+    The libraries dl2c needs come from this interpreter, so that nothing is fetched.
+    """
+    venv.create(tmp_path / "venv")
+    python = tmp_path / "venv" / "bin" / "python"
+    run("-m", "pip", "--python", python, "install", "-q", "--no-deps", "--no-index", wheel, cwd=tmp_path)
+    (site,) = (tmp_path / "venv").glob("lib/python*/site-packages")
+    (site / "others.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
+
+    def dl2c(*arguments: str) -> str:
+        environment = os.environ | {"DL2C_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": ""}
+        command = [tmp_path / "venv" / "bin" / "dl2c", *arguments]
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert dl2c("--version") == f"dl2c {__version__}\n"
+    ends = json.loads(dl2c("rollout", "example:watertank", "--max-episode-steps", "5", "--json"))
+    assert ends["steps"] == 5
+    assert next(site.glob("dl2c/py.typed"), None) is not None

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * dl2c.h -- run compiled dL models: many environments, one call.
  *

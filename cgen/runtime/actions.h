@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /* actions.h -- which paths are open, which values of an input pass, which path a request takes. */
 #ifndef DL2C_ACTIONS_H
 #define DL2C_ACTIONS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /* batch.h -- the calls of dl2c.h. Compiled with one model. */
 #ifndef DL2C_BATCH_H
 #define DL2C_BATCH_H

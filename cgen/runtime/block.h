@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /* block.h -- a step of a block of environments: move all, judge all, begin the episodes that follow. */
 #ifndef DL2C_BLOCK_H
 #define DL2C_BLOCK_H

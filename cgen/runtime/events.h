@@ -49,7 +49,7 @@ static bool dl2c_reached(const dl2c_exit *exit, real stop, bool included)
  */
 static real dl2c_watch(int flow, const dl2c_events *events, real limit, uint8_t *watch)
 {
-  dl2c_failure failures[NWATCH + 1];
+  dl2c_failure failures[NWATCH + 1] = {0};
   real stop = 2.0;
   for (int w = 0; w < NWATCH; w++) {
     if (watch[w] != DL2C_WATCHING) continue;

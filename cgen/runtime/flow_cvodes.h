@@ -115,7 +115,7 @@ static bool dl2c_solver_engine(dl2c_solver *solver, dl2c_engine *engine, bool st
 }
 
 /*
- * A solver with tolerances >= 0, not both 0.   stiff: DL2C_STIFF_*
+ * A solver with tolerances rtol >= 0 and atol > 0.   stiff: DL2C_STIFF_*
  * DL2C_ERR_SOLVER: there is no SUNDIALS, see dl2c_solver_library.
  */
 static dl2c_status dl2c_solver_create(real rtol, real atol, int stiff, dl2c_solver **out)

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * flow_exact.h -- when a polynomial motion leaves its domain.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /* judge.h -- rewards, endings, observations and masks of a block. */
 #ifndef DL2C_JUDGE_H
 #define DL2C_JUDGE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * lanes.h -- a step of many environments at once, for models whose step has no inputs and one flow.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * model.h -- what a generated model tells the runtime.
  *
@@ -37,6 +38,8 @@
  *   bool model_quiet(int flow, x, p, real duration)              plainly no watch fails
  *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE
  *   void model_roots(int flow, x, p, real *g, real *dg)          margins of its domain, their Lie derivatives
+ *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) how its rates depend on x
+ *   void model_lie(int flow, x, p, real *lie)                    (3, NROOT) Lie derivatives of what is watched
  *   void model_facts(x, p, stride, count, row, uint8_t *facts)   conditions of predicates, F_postcondition
  *   void model_revise(count, watch, late, row, uint8_t *facts)   facts that a post-state does not show
  *   void model_judge(x, p, stride, count, facts, row, dl2c_judgement *judged)   rewards and endings

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /* move.h -- moving the environments of a block as requested. */
 #ifndef DL2C_MOVE_H
 #define DL2C_MOVE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /* numbers.h -- small exact operations on doubles that models and runtime share. */
 #ifndef DL2C_NUMBERS_H
 #define DL2C_NUMBERS_H

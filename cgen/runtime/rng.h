@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * rng.h -- xoshiro256++ (Blackman and Vigna), one stream per environment and episode.
  *

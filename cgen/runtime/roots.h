@@ -172,10 +172,7 @@ static inline bool dl2c_later(const dl2c_crossing *a, const dl2c_crossing *b)
 static inline int dl2c_crossings(const dl2c_curve *curves, int n, const int8_t *start,
                                  dl2c_crossing *out, int room)
 {
-  dl2c_hunt search;
-  search.out = out;
-  search.room = room;
-  search.count = 0;
+  dl2c_hunt search = {.out = out, .room = room};
   for (int32_t k = 0; k < n; k++) {
     search.margin = k;
     search.sign = start[k];

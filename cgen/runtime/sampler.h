@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * sampler.h -- initial states: a box by its share, a uniform point in it, then the rest of the precondition.
  */

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /* state.h -- what a batch keeps of its environments, and how their episodes begin. */
 #ifndef DL2C_STATE_H
 #define DL2C_STATE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /* step.h -- one step of one environment: decide, move, judge. A step is a whole run or no change. */
 #ifndef DL2C_STEP_H
 #define DL2C_STEP_H

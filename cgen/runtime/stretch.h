@@ -42,17 +42,30 @@ static void dl2c_stretch_at(const dl2c_stretch *stretch, real s, real *y)
   }
 }
 
-/* Margins at s; 0 where one has no finite value.   g: (NMARGIN) */
-static void dl2c_margins_at(const dl2c_stretch *stretch, real s, real *g)
+/* Margins in a state; 0 where one has no finite value.   g: (NMARGIN) */
+static void dl2c_margins(const dl2c_stretch *stretch, const real *y, real *g)
 {
-  real y[NX];
-  dl2c_stretch_at(stretch, s, y);
   model_margins(stretch->flow, y, stretch->p, g);
   for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++) g[j] = isfinite(g[j]) ? g[j] : 0.0;
 }
 
+/* The states at all nodes.   rows: (NX, DL2C_NODES) */
+static void dl2c_stretch_samples(const dl2c_stretch *stretch, real *rows)
+{
+  if (stretch->track != NULL && stretch->width >= 1.0) {
+    dl2c_track_samples(stretch->track, rows);
+    return;
+  }
+  for (int k = 0; k < DL2C_NODES; k++) {
+    real y[NX];
+    dl2c_stretch_at(stretch, DL2C_NODE[k], y);
+    for (int j = 0; j < NX; j++) rows[j * DL2C_NODES + k] = y[j];
+  }
+}
+
 /* Signs just after the start of a stretch: where a margin is zero there, those of its Lie derivatives. */
-static void dl2c_begin_signs(const dl2c_stretch *stretch, const real *g, dl2c_events *events)
+static void dl2c_begin_signs(const dl2c_stretch *stretch, const real *y, const real *g,
+                             dl2c_events *events)
 {
   const int n = FLOW_MARGINS[stretch->flow];
   bool on_edge = false;
@@ -61,9 +74,7 @@ static void dl2c_begin_signs(const dl2c_stretch *stretch, const real *g, dl2c_ev
     on_edge |= g[j] == 0.0;
   }
   if (!on_edge) return;
-  real y[NX];
   real lie[3 * NMARGIN];
-  dl2c_stretch_at(stretch, 0.0, y);
   model_lie(stretch->flow, y, stretch->p, lie);
   for (int k = 0; k < 3; k++)
     for (int j = 0; j < n; j++)
@@ -87,15 +98,19 @@ static bool dl2c_plain(const real *values)
  * The events of a stretch. False where a curve misses its margin between the nodes, so that the
  * stretch should be halved.
  */
-static bool dl2c_sample(const dl2c_stretch *stretch, dl2c_events *events)
+static bool dl2c_sample_margins(const dl2c_stretch *stretch, dl2c_events *events)
 {
   const int n = FLOW_MARGINS[stretch->flow];
   real values[NMARGIN][DL2C_NODES];
   dl2c_curve curves[NMARGIN];
+  real rows[NX * DL2C_NODES];
+  dl2c_stretch_samples(stretch, rows);
   for (int k = 0; k < DL2C_NODES; k++) {
+    real y[NX];
     real g[NMARGIN];
-    dl2c_margins_at(stretch, DL2C_NODE[k], g);
-    if (k == 0) dl2c_begin_signs(stretch, g, events);
+    for (int j = 0; j < NX; j++) y[j] = rows[j * DL2C_NODES + k];
+    dl2c_margins(stretch, y, g);
+    if (k == 0) dl2c_begin_signs(stretch, y, g, events);
     for (int j = 0; j < n; j++) values[j][k] = g[j];
   }
   bool all_plain = true;
@@ -111,8 +126,10 @@ static bool dl2c_sample(const dl2c_stretch *stretch, dl2c_events *events)
   bool close = true;
   for (int side = 0; side < 2; side++) {
     const real s = side == 0 ? 0.31 : 0.79;
+    real y[NX];
     real g[NMARGIN];
-    dl2c_margins_at(stretch, s, g);
+    dl2c_stretch_at(stretch, s, y);
+    dl2c_margins(stretch, y, g);
     for (int j = 0; j < n; j++) {
       if (curves[j].degree == 0) continue;
       real largest = 0.0;
@@ -141,11 +158,11 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
                                  int8_t *sign)
 {
   dl2c_events events;
-  dl2c_failure failure;
+  dl2c_failure failure = {0};
   stretch->low = 0.0;
   stretch->width = 1.0;
   while (stretch->low < 1.0) {
-    if (!dl2c_sample(stretch, &events) && stretch->width > DL2C_NARROWEST) {
+    if (!dl2c_sample_margins(stretch, &events) && stretch->width > DL2C_NARROWEST) {
       stretch->width *= 0.5;
       continue;
     }

@@ -88,7 +88,7 @@ static dl2c_motion dl2c_roam(int flow, const real *x, const real *p, real *y, re
   if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
   if (!(horizon > 0.0)) return DL2C_SETTLED;
   dl2c_events events;
-  dl2c_failure failure;
+  dl2c_failure failure = {0};
   dl2c_look(flow, x, p, horizon, &events);
   dl2c_fails(flow, 0, &events, &failure);
   real end = horizon;

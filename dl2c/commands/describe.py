@@ -58,7 +58,7 @@ def _constants(manifest: Manifest) -> list[tuple[str, ...]]:
 
 def _choices(manifest: Manifest) -> list[tuple[str, ...]]:
     return [
-        (c.key if k == 0 else "", str(k), text)
+        ((c.key + (f" {c.name}" if c.name else "")) if k == 0 else "", str(k), text)
         for c in manifest.choices
         for k, text in enumerate(c.alternatives)
     ]

@@ -4,14 +4,16 @@ Exit code 1: the model, an option, a file or the machine. Exit code 70: a bug of
 """
 
 import json
+import math
 import sys
 import traceback
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, cast
 
 from rich.console import Console
 from rich.text import Text
 
+from dl2c.commands.verbosity import detailed, quiet
 from dl2c.diagnostics import CompileError, Diagnostic, render
 from dl2c.native.errors import NativeError
 from dl2c.options import UnknownOption
@@ -31,7 +33,7 @@ class CommandError(Exception):
     """Something a command cannot do; the message says why."""
 
 
-def report(failure: BaseException, verbose: bool) -> int:
+def report(failure: BaseException) -> int:
     """Say on stderr what went wrong; the exit code."""
     match failure:
         case CompileError(diagnostics=diagnostics):
@@ -50,7 +52,7 @@ def report(failure: BaseException, verbose: bool) -> int:
             _line(f"this needs {name}; install it with `pip install dl2c[train]`")
             return USER
         case _:
-            if verbose:
+            if detailed():
                 traceback.print_exception(failure)
             _line(f"internal error: {type(failure).__name__}: {failure}")
             advice = "with the model and the output of the same command with -v"
@@ -59,9 +61,10 @@ def report(failure: BaseException, verbose: bool) -> int:
 
 
 def show(diagnostics: Iterable[Diagnostic]) -> None:
-    """Diagnostics on stderr, in colour on a terminal."""
+    """Diagnostics on stderr, in colour on a terminal; of warnings none with -q."""
     console = Console(stderr=True, highlight=False)
-    for k, diagnostic in enumerate(diagnostics):
+    shown = (d for d in diagnostics if d.severity == "error" or not quiet())
+    for k, diagnostic in enumerate(shown):
         text = render(diagnostic)
         if k:
             print(file=sys.stderr)
@@ -97,5 +100,17 @@ def _plain(d: Diagnostic) -> Mapping[str, Any]:
 
 
 def to_json(value: Any) -> str:
-    """JSON as every command prints it."""
-    return json.dumps(value, indent=1, sort_keys=True)
+    """JSON as every command prints it; numbers that JSON has not are null."""
+    return json.dumps(_finite(value), indent=1, sort_keys=True, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    match value:
+        case dict():
+            return {key: _finite(part) for key, part in cast("dict[str, Any]", value).items()}
+        case list() | tuple():
+            return [_finite(part) for part in cast("Iterable[Any]", value)]
+        case float() if not math.isfinite(value):
+            return None
+        case _:
+            return value

@@ -8,7 +8,11 @@ from typing import Annotated, Any, get_args
 
 import typer
 
+from dl2c.commands.completion import words
+from dl2c.commands.verbosity import FLAGS, with_parameters
 from dl2c.options import Options, UnknownOption
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
 
 HELP = {
     "entry": "Entry of a KeYmaera X archive that holds several.",
@@ -40,7 +44,10 @@ UNFLAGGED = ("constants", "given")
 
 
 def model_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command a flag for every option; it receives those given as the mapping `options`."""
+    """Give a command a flag for every option; it receives those given as the mapping `options`.
+
+    Gives it those of verbosity.py too.
+    """
     given_names = [f.name for f in fields(Options) if f.name not in UNFLAGGED]
     own = [p for p in inspect.signature(command).parameters.values() if p.name != "options"]
     flags = [_flag(f) for f in fields(Options) if f.name in given_names]
@@ -51,12 +58,11 @@ def model_options(command: Callable[..., None]) -> Callable[..., None]:
         options = {name: value for name in given_names if (value := arguments.pop(name)) is not None}
         if constants := arguments.pop("set_"):
             options["constants"] = dict(map(_constant, constants))
+        for flag in FLAGS:
+            arguments.pop(flag.name)
         command(**arguments, options=options)
 
-    signature = inspect.Signature([*own, settable, *flags])
-    run.__signature__ = signature  # pyright: ignore[reportAttributeAccessIssue] # read by inspect.signature
-    run.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
-    return run
+    return with_parameters(run, (*own, *FLAGS, settable, *flags))
 
 
 _SET = "Fix a constant of the model. May be repeated."
@@ -73,9 +79,11 @@ def _flag(option: "Field[Any]") -> inspect.Parameter:
         case "max_episode_steps" | "stall_limit":
             return _parameter(option.name, int | None, typer.Option(name, help=text))
         case _:
-            words = get_args(option.type)
-            metavar = "|".join(words) if words and all(isinstance(w, str) for w in words) else None
-            return _parameter(option.name, str | None, typer.Option(name, metavar=metavar, help=text))
+            known = get_args(option.type)
+            if not (known and all(isinstance(w, str) for w in known)):
+                return _parameter(option.name, str | None, typer.Option(name, help=text))
+            listed = typer.Option(name, metavar="|".join(known), help=text, autocompletion=words(*known))
+            return _parameter(option.name, str | None, listed)
 
 
 def _parameter(name: str, kind: Any, option: Any) -> inspect.Parameter:

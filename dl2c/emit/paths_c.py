@@ -127,8 +127,10 @@ LANE_PATHS = 16
 
 
 def steps_in_lanes(environment: Environment) -> bool:
-    """Whether whole steps can be made for many environments at once: no inputs, one flow at most."""
+    """Whether whole steps can be made for many environments at once: no inputs, one simple flow at most."""
     paths = environment.paths
+    if any(plan.quick is None for plan in environment.flows):
+        return False
     simple = not paths.inputs and paths.points == 1 and len(paths.paths) <= LANE_PATHS
     return simple and len({p.flow for p in paths.paths}) == 1
 

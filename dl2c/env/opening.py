@@ -4,11 +4,12 @@ Goes in: a path, a text or a `Source`, and options by name. Comes out: the `Sour
 built library. The pipeline is imported on first use, so that importing dl2c stays cheap.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from dl2c.native.manifest import Manifest
+from dl2c.progress import Progress, silent
 from dl2c.source import Source
 
 if TYPE_CHECKING:
@@ -45,9 +46,7 @@ def source_of(model: Model) -> Source:
             return Source.read(model)
 
 
-def build(
-    source: Source, options: Mapping[str, Any], progress: Callable[[str], None] | None = None
-) -> "Compiled":
+def build(source: Source, options: Mapping[str, Any], progress: Progress = silent) -> "Compiled":
     """A model with these options, built or taken from the cache.
 
     `max_steps`, as in `@episode`, is another name of `max_episode_steps`, which `gym.make` keeps

@@ -5,14 +5,27 @@ import gymnasium as gym
 ENTRY_POINT = "dl2c.env.single:Dl2cEnv"
 VECTOR_ENTRY_POINT = "dl2c.env.vector:Dl2cVectorEnv"
 
+EXAMPLES = {
+    "Waypoint": "waypoint",
+    "StaticSafetyLine": "static_safety_line",
+    "ForcedAcceleration": "forced_acceleration",
+    "BouncingBall": "bouncing_ball",
+    "Pendulum": "pendulum",
+    "Dubins": "dubins",
+    "Acc": "acc",
+    "WaterTank": "watertank",
+    "Thermostat": "thermostat",
+}
+"""The models that come with dl2c: `dl2c/<key>-v0` is `examples/<value>.kyx`."""
+
 
 def register() -> None:
-    """`dl2c/Model-v0` takes `model=`; the others are examples that come with dl2c.
+    """`dl2c/Model-v0` takes `model=`; the others are `EXAMPLES`.
 
     No wrappers: the environments truncate by themselves (option `max_episode_steps`), refuse a
     step before the first reset by themselves, and pass the checker, which would slow every step.
     """
-    for name, model in (("Model", None), ("Waypoint", "example:waypoint")):
+    for name, model in {"Model": None, **EXAMPLES}.items():
         identifier = f"dl2c/{name}-v0"
         if identifier not in gym.registry:
             gym.register(  # pyright: ignore[reportUnknownMemberType] # a bare dict in its signature
@@ -21,5 +34,5 @@ def register() -> None:
                 vector_entry_point=VECTOR_ENTRY_POINT,
                 order_enforce=False,
                 disable_env_checker=True,
-                kwargs={} if model is None else {"model": model},
+                kwargs={} if model is None else {"model": f"example:{model}"},
             )

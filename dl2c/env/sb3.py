@@ -31,7 +31,7 @@ class Dl2cVecEnv(VecEnv):
     def __init__(
         self, model: Model, num_envs: int = 1, *, render_mode: str | None = None, **options: Any
     ) -> None:
-        self._source, self._given, self._render_mode = source_of(model), options, render_mode
+        self._source, self._render_mode = source_of(model), render_mode
         library = open_library(self._source, options)
         self.manifest = library.manifest
         self.batch = library.batch(num_envs, autoreset="same_step", **batch_options(self.manifest))
@@ -131,7 +131,7 @@ class Dl2cVecEnv(VecEnv):
 
     def __getstate__(self) -> dict[str, Any]:
         given = {"model": self._source, "num_envs": self.num_envs, "render_mode": self._render_mode}
-        return given | {"options": self._given}
+        return given | {"options": self.manifest.options}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(state["model"], state["num_envs"], render_mode=state["render_mode"], **state["options"])

@@ -47,7 +47,6 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
             raise ValueError(f"no render mode {render_mode!r}; there is 'ansi'")
         self.render_mode = render_mode
         self._source = source_of(model)
-        self._given = options
         library = open_library(self._source, options)
         self.manifest = library.manifest
         self._batch = library.batch(1, autoreset="disabled", **batch_options(self.manifest))
@@ -161,7 +160,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         return {
             "model": self._source,
             "render_mode": self.render_mode,
-            "options": self._given,
+            "options": self.manifest.options,
             "spec": self.spec,
         }
 

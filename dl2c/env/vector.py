@@ -56,7 +56,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": ["ansi"], "render_fps": 10, "autoreset_mode": self.autoreset_mode}
         self.num_envs, self.copy, self.render_mode = num_envs, copy, render_mode
-        self._source, self._given = source_of(model), options
+        self._source = source_of(model)
         library = open_library(self._source, options)
         self.manifest = library.manifest
         self.batch = library.batch(
@@ -182,7 +182,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         return {
             "model": self._source,
             "arguments": (self.num_envs, self.autoreset_mode, self.copy, self.render_mode),
-            "options": self._given,
+            "options": self.manifest.options,
             "spec": self.spec,
         }
 

@@ -20,13 +20,13 @@ from dl2c.native.code import cgen_dir
 from dl2c.native.errors import CompilerFailed
 from dl2c.native.sundials import Sundials
 from dl2c.native.toolchain import (
-    STRICT_FLAGS,
     Compiler,
     find_compiler,
     link_flags,
     python_include,
     run,
     user_flags,
+    warning_flags,
 )
 
 CDEF = Path(__file__).with_name("dl2c.cdef")
@@ -90,7 +90,7 @@ def _extension(job: _Job, include: tuple[str, ...]) -> Path:
     lenient = ("-std=c11", "-O1", "-w", "-fPIC", "-fvisibility=hidden", *user_flags())
     model_o, glue_o = str(job.scratch / "model.o"), str(job.scratch / "glue.o")
     commands = (
-        _strict(job, model_o),
+        _model_command(job, model_o),
         (*job.compiler.command, *lenient, *headers, "-c", str(glue), "-o", glue_o),
     )
     with ThreadPoolExecutor(len(commands)) as pool:
@@ -101,14 +101,14 @@ def _extension(job: _Job, include: tuple[str, ...]) -> Path:
 
 def _shared(job: _Job) -> Path:
     model_o = str(job.scratch / "model.o")
-    run((*_strict(job, model_o), "-DDL2C_SHARED"), job.directory)
+    run((*_model_command(job, model_o), "-DDL2C_SHARED"), job.directory)
     return _link(job, (model_o,), library_names(job.module)[1])
 
 
-def _strict(job: _Job, output: str) -> tuple[str, ...]:
-    """The command for generated code: every warning is an error, as for the runtime it includes."""
+def _model_command(job: _Job, output: str) -> tuple[str, ...]:
+    """The command for generated code and the runtime that it includes."""
     chosen = job.sundials.flags if job.sundials else ()
-    flags = (*job.compiler.flags(job.native), *STRICT_FLAGS, *chosen, *_includes())
+    flags = (*job.compiler.flags(job.native), *warning_flags(), *chosen, *_includes())
     return (*job.compiler.command, *flags, "-c", f"{job.module}.c", "-o", output)
 
 

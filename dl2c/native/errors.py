@@ -5,6 +5,10 @@ class NativeError(RuntimeError):
     """A compiled library cannot be built, loaded or called; the message says what to do."""
 
 
+class PlatformUnsupported(NativeError):
+    """Libraries cannot be built for this operating system."""
+
+
 class CompilerMissing(NativeError):
     """No C compiler was found."""
 

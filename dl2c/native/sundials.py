@@ -6,6 +6,7 @@
 
 import importlib.metadata
 import importlib.util
+import os
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -75,7 +76,7 @@ def load_solver(ffi: Any, lib: Any, provider: str) -> None:
     """
     path = casadi_library() if provider == "casadi" else Path()
     problem = ffi.new("char[]", ROOM)
-    if lib.dl2c_solver_library(str(path).encode(), problem, ROOM):
+    if lib.dl2c_solver_library(os.fsencode(path), problem, ROOM):
         said = ffi.string(problem).decode(errors="replace")
         raise NativeError(f"cannot load the solver of casadi: {said}; try another version of casadi")
 

@@ -17,13 +17,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from dl2c.native.errors import CompilerFailed, CompilerMissing
+from dl2c.native.errors import CompilerFailed, CompilerMissing, PlatformUnsupported
+from dl2c.progress import LOG
 
 CODE_FLAGS = ("-std=c11", "-O3", "-fno-trapping-math", "-fno-math-errno", "-fvisibility=hidden", "-fPIC")
 STRICT_FLAGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Wvla"),
     "-Werror",
 )
+"""For generated code and runtime, where DL2C_STRICT=1 is set; what is new in a compiler stops no user."""
+
 EXACT_FLAGS = ("-ffp-contract=off",)
 """Last on the command line, so that CFLAGS cannot undo them."""
 
@@ -43,6 +46,11 @@ UNSAFE_FLAGS = frozenset(
 )
 
 INSTALL_HINT = "install one with `apt install gcc`, or use the compiler of `pip install dl2c[zig]`"
+
+NO_WINDOWS = (
+    "dl2c does not build models on Windows itself: install WSL (`wsl --install`), and dl2c inside it "
+    "as on Linux; see https://learn.microsoft.com/windows/wsl"
+)
 
 MAX_ERROR_LINES = 12
 
@@ -68,8 +76,10 @@ class Compiler:
 def find_compiler(environment: Mapping[str, str] | None = None) -> Compiler:
     """`$CC`, else cc, gcc or clang on the path, else the ziglang package.
 
-    Raises `CompilerMissing` if there is none, or if `$CC` names none.
+    Raises `CompilerMissing` if there is none, or if `$CC` names none; `PlatformUnsupported` on Windows.
     """
+    if platform.system() == "Windows":
+        raise PlatformUnsupported(NO_WINDOWS)
     env = os.environ if environment is None else environment
     path = env.get("PATH", os.defpath)
     if chosen := shlex.split(env.get("CC", "")):
@@ -82,6 +92,11 @@ def find_compiler(environment: Mapping[str, str] | None = None) -> Compiler:
     if importlib.util.find_spec("ziglang") is not None:
         return _compiler([sys.executable, "-m", "ziglang", "cc"])
     raise CompilerMissing(f"no C compiler was found: {INSTALL_HINT}")
+
+
+def warning_flags() -> tuple[str, ...]:
+    """`STRICT_FLAGS` where the environment asks for them, as the tests do, else none."""
+    return STRICT_FLAGS if os.environ.get("DL2C_STRICT") == "1" else ("-w",)
 
 
 def user_flags() -> tuple[str, ...]:
@@ -124,6 +139,7 @@ def run(command: tuple[str, ...], directory: Path) -> None:
 
     Raises `CompilerFailed` with the first useful lines of what it said.
     """
+    LOG.debug("%s", shlex.join(command))
     try:
         result = subprocess.run(
             command, cwd=directory, stdin=subprocess.DEVNULL, capture_output=True, check=False

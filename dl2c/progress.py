@@ -1,0 +1,41 @@
+"""What is being done, and how long it took: for whoever watches, and for the logger `dl2c`.
+
+Stages are logged at level INFO when they end, with their seconds; compiler commands at DEBUG.
+Python programs see them with `logging.basicConfig(level="INFO")`, the command line with -v.
+"""
+
+import logging
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from time import perf_counter
+from typing import TypeAlias
+
+LOG = logging.getLogger("dl2c")
+
+Progress: TypeAlias = Callable[[str], None]
+"""Called with what is about to be done."""
+
+
+def silent(_what: str) -> None:
+    """Progress that nobody watches."""
+
+
+@contextmanager
+def stages(progress: Progress = silent) -> Generator[Progress]:
+    """Yields what takes the name of the stage that begins, which ends the one before."""
+    running: list[tuple[str, float]] = []
+
+    def end() -> None:
+        if running:
+            name, began = running.pop()
+            LOG.info("%8.3f s  %s", perf_counter() - began, name)
+
+    def begin(name: str) -> None:
+        end()
+        running.append((name, perf_counter()))
+        progress(name)
+
+    try:
+        yield begin
+    finally:
+        end()

@@ -1,0 +1,128 @@
+"""The models that come with dl2c: other tools accept each of them, and it keeps its promise."""
+
+import functools
+import math
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import dl2c
+from dl2c.diagnostics import CompileError
+from dl2c.env.registration import EXAMPLES
+from dl2c.native.binding import Batch
+from dl2c.options import Options
+from dl2c.parse.parser import parse_archive
+from dl2c.pipeline import check_model
+from dl2c.source import Source
+
+FOLDER = Path(__file__).resolve().parent.parent / "examples"
+NAMES = sorted(path.stem for path in FOLDER.glob("*.kyx"))
+IDENTIFIERS = {model: f"dl2c/{name}-v0" for name, model in EXAMPLES.items()}
+UNPROVED = {"forced_acceleration"}
+
+
+@functools.cache
+def refused(name: str) -> bool:
+    """Whether a flow of the example cannot be integrated yet; every other mistake fails the test."""
+    try:
+        check_model(Source.read(FOLDER / f"{name}.kyx"), Options())
+    except CompileError as error:
+        assert {d.code for d in error.diagnostics} == {"flow-not-exact"}, error
+        return True
+    return False
+
+
+@pytest.fixture(params=NAMES)
+def name(request: pytest.FixtureRequest) -> str:
+    """The name of an example that can be built."""
+    found: str = request.param
+    if refused(found):
+        pytest.skip(f"the flow of {found} is not polynomial")
+    return found
+
+
+def seeded(batch: Batch) -> Batch:
+    batch.reset(seeds=np.arange(batch.n, dtype=np.uint64))
+    return batch
+
+
+def masked_step(batch: Batch, rng: np.random.Generator) -> None:
+    """Choose uniformly among the enabled alternatives, and inputs uniformly within their limits."""
+    start = 0
+    for column, choice in enumerate(batch.library.manifest.choices):
+        end = start + len(choice.alternatives)
+        enabled = batch.mask[:, start:end]
+        batch.choices[:, column] = (rng.random(enabled.shape) * enabled).argmax(axis=1)
+        start = end
+    for column, given in enumerate(batch.library.manifest.inputs):
+        batch.inputs[:, column] = rng.uniform(given.low, given.high, batch.n)
+    batch.step()
+
+
+def test_every_example_has_an_identifier_and_a_paragraph() -> None:
+    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert sorted(IDENTIFIERS) == NAMES
+    for name, identifier in IDENTIFIERS.items():
+        assert identifier in gym.registry
+        assert f"`{name}.kyx`" in text and f"`{identifier}`" in text
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_models_are_readable_by_keymaera_x(name: str) -> None:
+    """Comments `/* */` only, ASCII only, and nothing that dl2c warns of; bounds and units throughout."""
+    text = (FOLDER / f"{name}.kyx").read_text(encoding="ascii")
+    archive, warnings = parse_archive(Source(name, text))
+    assert not warnings and len(archive.entries) == 1
+    assert "//" not in text and text.startswith("/* ")
+    assert text.count("bound=") == text.count("def=")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_models_have_no_warnings(name: str) -> None:
+    if not refused(name):
+        assert check_model(Source.read(FOLDER / f"{name}.kyx"), Options()) == ()
+
+
+@pytest.mark.filterwarnings("ignore:.*normalized.*")
+def test_gymnasium_accepts_it(name: str) -> None:
+    check_env(gym.make(f"dl2c:{IDENTIFIERS[name]}").unwrapped, skip_render_check=True)
+
+
+def test_stable_baselines_accepts_it(name: str) -> None:
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    model = f"example:{name}"
+    env: Any = dl2c.make(model)
+    if isinstance(env.action_space, gym.spaces.Dict):
+        env = dl2c.make(model, action_format="box")
+    checker.check_env(env, warn=False)
+
+
+def test_what_is_proved_holds_in_every_run(name: str) -> None:
+    batch = seeded(dl2c.build(f"example:{name}").library.batch(20, autoreset="same_step"))
+    rng = np.random.default_rng(0)
+    violations = 0
+    for _ in range(100):
+        masked_step(batch, rng)
+        assert not batch.blocked.any()
+        violations += int(batch.cost.sum())
+    assert (violations > 0) == (name in UNPROVED)
+
+
+def test_forced_acceleration_ends_when_predicted() -> None:
+    env = dl2c.make("example:forced_acceleration")
+    action = env.action_space.sample()
+    for seed in range(20):
+        env.reset(seed=seed)
+        s = env.state
+        d, v, a, b = s["xo"] - s["x"], s["v"], s["A"], s["b"]
+        predicted = (math.sqrt((b * v**2 + 2 * a * b * d) / (a + b)) - v) / a
+        terminated, info = False, {"time": 0.0}
+        while not terminated:
+            before = info["time"]
+            _, _, terminated, _, info = env.step(action)
+        assert (info["reason"], info["status"]) == ("isSafe", "failure")
+        assert before - 1e-6 <= predicted <= info["time"] + 1e-6
