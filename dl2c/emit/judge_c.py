@@ -155,7 +155,7 @@ def _reward(name: str, term: Term, when: str, leaves: Leaves) -> list[str]:
 
 def _endings(model: Model) -> list[str]:
     """Triggers as selections, the least important first; a `continue` counts only where nothing ends."""
-    ending: list[tuple[tuple[int, int, int], str, str, str, str]] = []
+    ending: list[tuple[tuple[int, int, int, bool], str, str, str, str]] = []
     going_on: list[str] = []
     for k, predicate in enumerate(model.predicates):
         good = f"facts[F_{predicate.name}_holds * row + i]"
@@ -189,9 +189,11 @@ def _failed(predicate: Predicate, good: str) -> str:
     return f"facts[F_{predicate.name}_failed * row + i]" if predicate.category == "progress" else f"!{good}"
 
 
-def _rank(k: int, predicate: Predicate, trigger: Trigger) -> tuple[int, int, int]:
+def _rank(k: int, predicate: Predicate, trigger: Trigger) -> tuple[int, int, int, bool]:
+    """The place of an ending of predicate k among those that fire at once; the least wins."""
     status = ("failure", "success", "none").index(trigger.status)
-    return status, ("safety", "progress", "stability").index(predicate.category), k
+    category = ("safety", "progress", "stability").index(predicate.category)
+    return status, category, k, trigger != predicate.on_failure
 
 
 def observed(model: Model, options: Options) -> list[tuple[str, Symbol, Bound]]:

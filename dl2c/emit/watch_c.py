@@ -87,8 +87,7 @@ def _polynomials(environment: Environment, leaves: Leaves) -> str:
     return function(
         f"static inline void model_polynomials(int flow, {STATE}, real (*c)[NDEGREE + 1], int32_t *degree)",
         body,
-        "Margins along a flow: coefficients by powers of the time since it began.   "
-        "c: (NMARGIN, NDEGREE + 1)",
+        "Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE + 1)",
     )
 
 

@@ -1,10 +1,15 @@
-"""What the annotated predicates say of a step: reward, cost and how the episode stands (semantics 6)."""
+"""What the annotated predicates say of a step: rewards and the end of the episode (semantics 6).
+
+The reference of the compiled `model_judge`. Comes in: the state after a step, and what happened
+on the way that this state does not show. Numbers are doubles or exact rationals.
+"""
 
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TypeAlias
 
 from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, literal, truth
-from dl2c.ir.model import Model, Predicate
+from dl2c.ir.model import Model, Predicate, Trigger
 from dl2c.ir.watch import watches_of
 
 
@@ -39,7 +44,7 @@ def judge(model: Model, env: Environment, exact: bool = False, happened: Happene
     cost = 0
     undefined = False
     continued = "none"
-    firings: list[tuple[int, int, int, str, str, str]] = []
+    firings: list[tuple[_Rank, Trigger, str]] = []
     for k, predicate in enumerate(model.predicates):
         own = _watch_of(model, k)
         good = truth(predicate.relaxed, env, exact)
@@ -54,18 +59,27 @@ def judge(model: Model, env: Environment, exact: bool = False, happened: Happene
                     undefined = True
         fails = _fails(predicate, good, env, exact, own, happened)
         for trigger, fires in ((predicate.on_success, good), (predicate.on_failure, fails)):
-            if trigger is None or not fires:
-                continue
-            if trigger.action == "continue":
+            if trigger is not None and fires and trigger.action == "continue":
                 continued = trigger.status
-            else:
-                status = ("failure", "success", "none").index(trigger.status)
-                category = ("safety", "progress", "stability").index(predicate.category)
-                firings.append((status, category, k, trigger.action, trigger.status, predicate.name))
+            elif trigger is not None and fires:
+                firings.append((_rank(k, predicate, trigger), trigger, predicate.name))
     if not firings:
         return Outcome(reward, cost, None, continued, "", undefined)
-    *_, ends, status, name = min(firings)
-    return Outcome(reward, cost, ends, status, name, undefined)
+    _, winner, name = min(firings, key=lambda firing: firing[0])
+    return Outcome(reward, cost, winner.action, winner.status, name, undefined)
+
+
+_Rank: TypeAlias = tuple[int, int, int, bool]
+
+
+def _rank(k: int, predicate: Predicate, trigger: Trigger) -> _Rank:
+    """The place of an ending of predicate k among all that fire at once; the least wins.
+
+    Of one predicate both may fire: an obligation that failed on the way, met in the end.
+    """
+    status = ("failure", "success", "none").index(trigger.status)
+    category = ("safety", "progress", "stability").index(predicate.category)
+    return status, category, k, trigger != predicate.on_failure
 
 
 def _watch_of(model: Model, predicate: int) -> int | None:

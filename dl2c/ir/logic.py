@@ -152,12 +152,12 @@ def relaxed(formula: Formula, tolerance: Fraction) -> Formula:
             slack = folded(Mul(Number(tolerance), reduce(lambda a, b: folded(Add(a, b)), sizes, ONE)))
             match op:
                 case "=":
-                    difference = left if right == ZERO else Sub(left, right)
-                    return Compare("<=", Call("abs", (difference,)), slack, span=span)
+                    difference = left if right == ZERO else folded(Sub(left, right))
+                    return Compare("<=", folded(Call("abs", (difference,))), slack, span=span)
                 case "<" | "<=":
-                    return Compare(op, left, slack if right == ZERO else Add(right, slack), span=span)
+                    return Compare(op, left, slack if right == ZERO else folded(Add(right, slack)), span=span)
                 case ">" | ">=":
-                    return Compare(op, Add(left, slack), right, span=span)
+                    return Compare(op, folded(Add(left, slack)), right, span=span)
                 case _:
                     assert_never(op)
         case And(children):
@@ -179,13 +179,13 @@ def delta(formula: Formula) -> Term | None:
         case Compare(op, left, right):
             match op:
                 case "<" | "<=":
-                    return Sub(right, left)
+                    return folded(Sub(right, left))
                 case ">" | ">=":
-                    return Sub(left, right)
+                    return folded(Sub(left, right))
                 case "=":
-                    return Neg(Call("abs", (Sub(left, right),)))
+                    return folded(Neg(folded(Call("abs", (folded(Sub(left, right)),)))))
                 case "!=":
-                    return Call("abs", (Sub(left, right),))
+                    return folded(Call("abs", (folded(Sub(left, right)),)))
                 case _:
                     assert_never(op)
         case And(children) | Or(children):

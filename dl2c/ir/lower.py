@@ -13,9 +13,9 @@ from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir import model as ir
 from dl2c.ir.leading import leading
 from dl2c.ir.liveness import overwritten
-from dl2c.ir.logic import conjunction, disjunction, relaxed, symbols
+from dl2c.ir.logic import conjunction, disjunction, symbols
 from dl2c.ir.lower_program import ProgramLowering
-from dl2c.ir.lower_terms import Scope, lower_delta, lower_formula, lower_term
+from dl2c.ir.lower_terms import Scope, lower_delta, lower_formula, lower_predicate, lower_term
 from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.annotations import (
@@ -276,26 +276,26 @@ def _predicates(problem: Problem, scope: Scope, options: Options) -> tuple[ir.Pr
         return tuple(_predicate(p, scope, options) for p in problem.predicates)
     implied: list[ir.Predicate] = []
     if problem.shape.postcondition is not None:
-        formula = lower_formula(problem.shape.postcondition, scope)
+        formula, relaxed = lower_predicate(problem.shape.postcondition, scope, options.tolerance)
         implied.append(
             ir.Predicate(
                 name="postcondition",
                 category="safety",
                 formula=formula,
-                relaxed=relaxed(formula, options.tolerance),
+                relaxed=relaxed,
                 penalty=ir.Number(UNANNOTATED_PENALTY),
                 on_failure=ir.Trigger("terminate", "failure"),
                 span=problem.shape.postcondition.span,
             )
         )
     if problem.shape.progress is not None and problem.shape.postcondition is None:
-        formula = lower_formula(problem.shape.progress, scope)
+        formula, relaxed = lower_predicate(problem.shape.progress, scope, options.tolerance)
         implied.append(
             ir.Predicate(
                 name="progress",
                 category="progress",
                 formula=formula,
-                relaxed=relaxed(formula, options.tolerance),
+                relaxed=relaxed,
                 reward=ir.ONE,
                 on_success=ir.Trigger("terminate", "success"),
                 span=problem.shape.progress.span,
@@ -306,12 +306,12 @@ def _predicates(problem: Problem, scope: Scope, options: Options) -> tuple[ir.Pr
 
 def _predicate(predicate: AnnotatedPredicate, scope: Scope, options: Options) -> ir.Predicate:
     annotation = predicate.annotation
-    formula = lower_formula(predicate.formula, scope)
+    formula, relaxed = lower_predicate(predicate.formula, scope, options.tolerance)
     return ir.Predicate(
         name=predicate.declaration.name,
         category=annotation.category,
         formula=formula,
-        relaxed=relaxed(formula, options.tolerance),
+        relaxed=relaxed,
         reward=_value(predicate.reward, scope),
         penalty=_value(predicate.penalty, scope),
         shape=_value(predicate.shape, scope),
