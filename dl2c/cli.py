@@ -86,9 +86,11 @@ def build(
     options: Mapping[str, Any],
 ) -> None:
     """Compile a model and write its C, library and manifest to a folder."""
+    from dl2c.emit.names import file_stem
+
     compiled = _compile(model, options)
     show(compiled.warnings)
-    target = output / compiled.library.manifest.name
+    target = output / file_stem(compiled.library.manifest.name)
     shutil.copytree(compiled.directory, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*INTERNAL))
     files = sorted(path.name for path in compiled.directory.iterdir() if path.name not in INTERNAL)
     print(to_json({"directory": str(target), "files": files}) if json else target)

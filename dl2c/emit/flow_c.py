@@ -152,7 +152,7 @@ def _exit(k: int, j: int, watch: Watch, leaves: Leaves) -> list[str]:
     """When the motion leaves one condition of the domain."""
     if watch.kind == "equal":
         return [f"const real exit{j} = dl2c_exit_equal();"]
-    stem = f"flow{k}_margin{j}"
+    stem = f"flow{k}_domain_margin{j}"
     terms = _coefficients(stem, watch.margin, f"{place(watch.span)}  {watch.span.text}, margin", leaves)
     padded = [*terms, "0.0", "0.0"][:3]
     return wrapped(f"const real exit{j} = {EXITS[watch.kind]}({', '.join(padded)});")

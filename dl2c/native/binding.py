@@ -291,8 +291,10 @@ def load_library(directory: Path) -> Library:
     lib.dl2c_model_sizes(raw)
     sizes = Sizes(**{f.name: int(getattr(raw, f.name)) for f in fields(Sizes)})
     m, s = manifest, sizes
-    described = tuple(map(len, (m.variables, m.observations, m.choices, m.inputs, m.predicates, m.flows)))
-    if described != (s.nx, s.nobs, s.nchoice, s.ninput, s.npred, s.nflow):
+    counted = (m.variables, m.constants, m.observations, m.choices, m.inputs, m.predicates, m.flows)
+    masked = sum(len(choice.alternatives) for choice in m.choices)
+    described = (*map(len, counted), masked)
+    if described != (s.nx, s.np, s.nobs, s.nchoice, s.ninput, s.npred, s.nflow, s.nmask):
         raise NativeError(f"the manifest of {manifest.name} describes another library; build the model again")
     return Library(manifest, sizes, ffi, lib)
 
