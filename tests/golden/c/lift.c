@@ -32,13 +32,13 @@ static inline bool flow0_inside(real h, real t)
 }
 
 /* lift.kyx:47  h <= top, margin, coefficient of tau^0 */
-static inline real flow0_margin1_c0(real h)
+static inline real flow0_domain_margin1_c0(real h)
 {
   return 3.0 - h;
 }
 
 /* lift.kyx:47  h <= top, margin, coefficient of tau^1 */
-static inline real flow0_margin1_c1(real v)
+static inline real flow0_domain_margin1_c1(real v)
 {
   return -v;
 }
@@ -445,7 +445,7 @@ static inline bool delivered_due(real clock)
 }
 
 /* the problem's Q: (0 >= h | h >= 3 | door = 0) & (clock < 20 | (h >= 3 & load >= 1)) */
-static inline bool postcondition_holds(real h, real door, real load, real clock)
+static inline bool problem_postcondition(real h, real door, real load, real clock)
 {
   const bool t0 = h >= 3.0;
   return ((h <= 0.0) | t0 | (door == 0.0)) & ((clock < 20.0) | (t0 & (load >= 1.0)));
@@ -464,7 +464,7 @@ static inline real delivered_shape(real h, real load)
 }
 
 /* 0 <= h & h <= 3 & v = 0 & door = 0 & clock = 0 */
-static inline bool precondition_holds(real h, real v, real door, real clock)
+static inline bool problem_precondition(real h, real v, real door, real clock)
 {
   return (h >= 0.0) & (h <= 3.0) & (v == 0.0) & (door == 0.0) & (clock == 0.0);
 }
@@ -494,7 +494,8 @@ static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, re
   const real until0 = 0.5;
   const real left0 = until0 - x[X_t];
   const real exit0 = dl2c_exit_closed(x[X_h], x[X_v], 0.0);
-  const real exit1 = dl2c_exit_closed(flow0_margin1_c0(x[X_h]), flow0_margin1_c1(x[X_v]), 0.0);
+  const real exit1 = dl2c_exit_closed(flow0_domain_margin1_c0(x[X_h]),
+      flow0_domain_margin1_c1(x[X_v]), 0.0);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
   end = dl2c_select(exit1 < end, exit1, end);
@@ -905,7 +906,7 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++)
     facts[F_delivered_due * row + i] = delivered_due(x[X_clock * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = postcondition_holds(x[X_h * stride + i],
+    facts[F_postcondition * row + i] = problem_postcondition(x[X_h * stride + i],
         x[X_door * stride + i], x[X_load * stride + i], x[X_clock * stride + i]);
 }
 
@@ -974,7 +975,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
 static inline bool model_precondition(const real *x, const real *p)
 {
   (void)p;
-  return precondition_holds(x[X_h], x[X_v], x[X_door], x[X_clock]);
+  return problem_precondition(x[X_h], x[X_v], x[X_door], x[X_clock]);
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
@@ -1023,7 +1024,7 @@ static inline bool model_accept(const real *x, const real *p)
 
 static const int32_t POINT_START[3] = {0, 10, 11};
 static const int32_t MASK_START[3] = {0, 4, 6};
-static const int8_t DECISIONS[11][2] = {
+static const int16_t DECISIONS[11][2] = {
   {0, -1},
   {0, -1},
   {0, -1},
@@ -1038,39 +1039,39 @@ static const int8_t DECISIONS[11][2] = {
 };
 static const real INPUT_LOW[1] = {0.0};
 static const real INPUT_HIGH[1] = {0.0};
-static const int8_t PATH0_MET[] = {0};
-static const int8_t PATH0_MARKED[] = {0, 0};
-static const int8_t PATH0_INPUTS[] = {0};
-static const int8_t PATH1_MET[] = {0};
-static const int8_t PATH1_MARKED[] = {0, 0};
-static const int8_t PATH1_INPUTS[] = {0};
-static const int8_t PATH2_MET[] = {0};
-static const int8_t PATH2_MARKED[] = {0, 0};
-static const int8_t PATH2_INPUTS[] = {0};
-static const int8_t PATH3_MET[] = {0};
-static const int8_t PATH3_MARKED[] = {0, 0};
-static const int8_t PATH3_INPUTS[] = {0};
-static const int8_t PATH4_MET[] = {0};
-static const int8_t PATH4_MARKED[] = {0, 0};
-static const int8_t PATH4_INPUTS[] = {0};
-static const int8_t PATH5_MET[] = {0};
-static const int8_t PATH5_MARKED[] = {0, 0};
-static const int8_t PATH5_INPUTS[] = {0};
-static const int8_t PATH6_MET[] = {0};
-static const int8_t PATH6_MARKED[] = {1, 0};
-static const int8_t PATH6_INPUTS[] = {0};
-static const int8_t PATH7_MET[] = {0};
-static const int8_t PATH7_MARKED[] = {1, 0};
-static const int8_t PATH7_INPUTS[] = {0};
-static const int8_t PATH8_MET[] = {0, 1};
-static const int8_t PATH8_MARKED[] = {0, 0, 0};
-static const int8_t PATH8_INPUTS[] = {0};
-static const int8_t PATH9_MET[] = {0, 1};
-static const int8_t PATH9_MARKED[] = {0, 0, 0};
-static const int8_t PATH9_INPUTS[] = {0};
-static const int8_t PATH10_MET[] = {0};
-static const int8_t PATH10_MARKED[] = {0};
-static const int8_t PATH10_INPUTS[] = {0};
+static const int16_t PATH0_MET[] = {0};
+static const int16_t PATH0_MARKED[] = {0, 0};
+static const int16_t PATH0_INPUTS[] = {0};
+static const int16_t PATH1_MET[] = {0};
+static const int16_t PATH1_MARKED[] = {0, 0};
+static const int16_t PATH1_INPUTS[] = {0};
+static const int16_t PATH2_MET[] = {0};
+static const int16_t PATH2_MARKED[] = {0, 0};
+static const int16_t PATH2_INPUTS[] = {0};
+static const int16_t PATH3_MET[] = {0};
+static const int16_t PATH3_MARKED[] = {0, 0};
+static const int16_t PATH3_INPUTS[] = {0};
+static const int16_t PATH4_MET[] = {0};
+static const int16_t PATH4_MARKED[] = {0, 0};
+static const int16_t PATH4_INPUTS[] = {0};
+static const int16_t PATH5_MET[] = {0};
+static const int16_t PATH5_MARKED[] = {0, 0};
+static const int16_t PATH5_INPUTS[] = {0};
+static const int16_t PATH6_MET[] = {0};
+static const int16_t PATH6_MARKED[] = {1, 0};
+static const int16_t PATH6_INPUTS[] = {0};
+static const int16_t PATH7_MET[] = {0};
+static const int16_t PATH7_MARKED[] = {1, 0};
+static const int16_t PATH7_INPUTS[] = {0};
+static const int16_t PATH8_MET[] = {0, 1};
+static const int16_t PATH8_MARKED[] = {0, 0, 0};
+static const int16_t PATH8_INPUTS[] = {0};
+static const int16_t PATH9_MET[] = {0, 1};
+static const int16_t PATH9_MARKED[] = {0, 0, 0};
+static const int16_t PATH9_INPUTS[] = {0};
+static const int16_t PATH10_MET[] = {0};
+static const int16_t PATH10_MARKED[] = {0};
+static const int16_t PATH10_INPUTS[] = {0};
 static const dl2c_path PATHS[11] = {
   {0, 1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS},
   {1, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS},

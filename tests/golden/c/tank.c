@@ -126,7 +126,7 @@ static inline bool inside_holds(real x_v, real H)
 }
 
 /* the problem's Q: 0 <= x & x <= H */
-static inline bool postcondition_holds(real x_v, real H)
+static inline bool problem_postcondition(real x_v, real H)
 {
   return (x_v >= 0.0) & (x_v <= H);
 }
@@ -138,7 +138,7 @@ static inline real distance_shape(real x_v, real H)
 }
 
 /* 0 <= x & x <= H & f = 0 */
-static inline bool precondition_holds(real x_v, real f, real H)
+static inline bool problem_precondition(real x_v, real f, real H)
 {
   return (x_v >= 0.0) & (x_v <= H) & (f == 0.0);
 }
@@ -375,7 +375,8 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++)
     facts[F_distance_holds * row + i] = true;
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = postcondition_holds(x[X_x * stride + i], p[P_H * stride + i]);
+    facts[F_postcondition * row + i] = problem_postcondition(x[X_x * stride + i],
+        p[P_H * stride + i]);
 }
 
 /*
@@ -426,7 +427,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
 /* The problem's P, strict. */
 static inline bool model_precondition(const real *x, const real *p)
 {
-  return precondition_holds(x[X_x], x[X_f], p[P_H]);
+  return problem_precondition(x[X_x], x[X_f], p[P_H]);
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
@@ -467,12 +468,12 @@ static inline bool model_accept(const real *x, const real *p)
 
 static const int32_t POINT_START[2] = {0, 1};
 static const int32_t MASK_START[1] = {0};
-static const int8_t DECISIONS[1][1] = {{0}};
+static const int16_t DECISIONS[1][1] = {{0}};
 static const real INPUT_LOW[1] = {-0.8};
 static const real INPUT_HIGH[1] = {0.8};
-static const int8_t PATH0_MET[] = {0};
-static const int8_t PATH0_MARKED[] = {0};
-static const int8_t PATH0_INPUTS[] = {0};
+static const int16_t PATH0_MET[] = {0};
+static const int16_t PATH0_MARKED[] = {0};
+static const int16_t PATH0_INPUTS[] = {0};
 static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS}};
 static const uint8_t WATCH_CUTS[1] = {1};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};

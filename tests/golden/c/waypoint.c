@@ -1114,7 +1114,7 @@ static inline bool ensure_due(real T)
 }
 
 /* the problem's Q: xr < xg + GDelta & (T > 0 | (xg - GDelta < xr & vr = 0)) */
-static inline bool postcondition_holds(real xr, real vr, real xg, real T, real GDelta)
+static inline bool problem_postcondition(real xr, real vr, real xg, real T, real GDelta)
 {
   return (xr < xg + GDelta) & ((T > 0.0) | ((xg - GDelta < xr) & (vr == 0.0)));
 }
@@ -1123,8 +1123,8 @@ static inline bool postcondition_holds(real xr, real vr, real xg, real T, real G
  * A > 0 & b > 0 & ep > 0 & Vmax >= 2 * A * ep & GDelta > Vmax * ep + Vmax^2 / (2 * b) & vr = 0 &
  * xr < xg - GDelta & T > ep + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b
  */
-static inline bool precondition_holds(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                      real GDelta, real Vmax)
+static inline bool problem_precondition(real xr, real vr, real xg, real T, real ep, real b, real A,
+                                        real GDelta, real Vmax)
 {
   return (A > 0.0) & (b > 0.0) & (ep > 0.0) & (2.0 * A * ep <= Vmax)
       & (Vmax * ep + Vmax * Vmax / (2.0 * b) < GDelta) & (vr == 0.0) & (xr < xg - GDelta)
@@ -1572,8 +1572,8 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++)
     facts[F_ensure_due * row + i] = ensure_due(x[X_T * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = postcondition_holds(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], x[X_T * stride + i], p[P_GDelta * stride + i]);
+    facts[F_postcondition * row + i] = problem_postcondition(x[X_xr * stride + i],
+        x[X_vr * stride + i], x[X_xg * stride + i], x[X_T * stride + i], p[P_GDelta * stride + i]);
 }
 
 /*
@@ -1637,7 +1637,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
 /* The problem's P, strict. */
 static inline bool model_precondition(const real *x, const real *p)
 {
-  return precondition_holds(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]);
+  return problem_precondition(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]);
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
@@ -1699,21 +1699,21 @@ static inline bool model_accept(const real *x, const real *p)
 
 static const int32_t POINT_START[2] = {0, 4};
 static const int32_t MASK_START[2] = {0, 4};
-static const int8_t DECISIONS[4][1] = {{0}, {1}, {2}, {3}};
+static const int16_t DECISIONS[4][1] = {{0}, {1}, {2}, {3}};
 static const real INPUT_LOW[1] = {0.0};
 static const real INPUT_HIGH[1] = {0.0};
-static const int8_t PATH0_MET[] = {0};
-static const int8_t PATH0_MARKED[] = {0, 0};
-static const int8_t PATH0_INPUTS[] = {0};
-static const int8_t PATH1_MET[] = {0};
-static const int8_t PATH1_MARKED[] = {0, 0};
-static const int8_t PATH1_INPUTS[] = {0};
-static const int8_t PATH2_MET[] = {0};
-static const int8_t PATH2_MARKED[] = {0, 0};
-static const int8_t PATH2_INPUTS[] = {0};
-static const int8_t PATH3_MET[] = {0};
-static const int8_t PATH3_MARKED[] = {0, 0};
-static const int8_t PATH3_INPUTS[] = {0};
+static const int16_t PATH0_MET[] = {0};
+static const int16_t PATH0_MARKED[] = {0, 0};
+static const int16_t PATH0_INPUTS[] = {0};
+static const int16_t PATH1_MET[] = {0};
+static const int16_t PATH1_MARKED[] = {0, 0};
+static const int16_t PATH1_INPUTS[] = {0};
+static const int16_t PATH2_MET[] = {0};
+static const int16_t PATH2_MARKED[] = {0, 0};
+static const int16_t PATH2_INPUTS[] = {0};
+static const int16_t PATH3_MET[] = {0};
+static const int16_t PATH3_MARKED[] = {0, 0};
+static const int16_t PATH3_INPUTS[] = {0};
 static const dl2c_path PATHS[4] = {
   {0, -1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS},
   {0, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS},
