@@ -11,7 +11,8 @@
 
 #include "roots.h"
 
-enum { DL2C_ROOM = NMARGIN * (NDEGREE > 12 ? NDEGREE : 12) };
+/* Every margin may cross once for each degree, and once more at once. */
+enum { DL2C_ROOM = NMARGIN * ((NDEGREE > 12 ? NDEGREE : 12) + 1) };
 
 /* Signs of all margins over a stretch: at its start, just after, and where they change. */
 typedef struct dl2c_events {

@@ -139,7 +139,6 @@ static bool dl2c_sample_margins(const dl2c_stretch *stretch, dl2c_events *events
     }
   }
   events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
-  if (events->count < 0) events->count = 0;
   return close;
 }
 

@@ -49,7 +49,6 @@ static void dl2c_see_curves(int flow, const real *x, const real *p, real length,
   events->count = 0;
   if (length > 0.0)
     events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
-  if (events->count < 0) events->count = 0;
 }
 
 /* Rounding put the end of a motion from x outside the domain: steps back until it is inside. */

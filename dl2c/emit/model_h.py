@@ -24,7 +24,7 @@ def model_h(environment: Environment) -> str:
     guard = f"DL2C_{file_stem(environment.model.name).upper()}_H"
     return (
         f"{title_of(environment)}\n#ifndef {guard}\n#define {guard}\n\n"
-        f'#include "model.h"\n\n{_sizes(environment)}\n#endif\n'
+        f'#include "model.h"\n\n{_indices(environment)}{_sizes(environment)}\n#endif\n'
     )
 
 
@@ -35,12 +35,23 @@ def title_of(environment: Environment) -> str:
     return f"{LICENCE}\n{comment(title)}"
 
 
-def _sizes(environment: Environment) -> str:
-    """Indices and sizes as enumerations."""
-    model, paths, sampling = environment.model, environment.paths, environment.sampling
+def _indices(environment: Environment) -> str:
+    """Indices of variables, constants, inputs and facts as enumerations."""
+    model = environment.model
     variables = [index(Symbol(v.name, "variable")) for v in model.variables]
     constants = [index(Symbol(c.name, "constant")) for c in model.constants]
-    inputs = [index(i.symbol) for i in paths.inputs]
+    inputs = [index(i.symbol) for i in environment.paths.inputs]
+    return (
+        enumeration(variables, "NX", "state")
+        + enumeration(constants, "NP", "constants of the episode")
+        + enumeration(inputs, "NU", "inputs")
+        + enumeration(fact_names(model), "NFACT", "what a state is tested for")
+    )
+
+
+def _sizes(environment: Environment) -> str:
+    """Sizes as enumerations, and what else the runtime is told by name."""
+    model, paths, sampling = environment.model, environment.paths, environment.sampling
     counts = Counter((type(d), d.role) for d in (*paths.decisions, *paths.inputs))
     drawn = sum(count for _, count in paths.draws)
     sizes = {
@@ -72,11 +83,7 @@ def _sizes(environment: Environment) -> str:
     }
     kind = "float" if environment.options.obs_dtype == "float32" else "double"
     return (
-        enumeration(variables, "NX", "state")
-        + enumeration(constants, "NP", "constants of the episode")
-        + enumeration(inputs, "NU", "inputs")
-        + enumeration(fact_names(model), "NFACT", "what a state is tested for")
-        + textwrap.fill(f"enum {{ {', '.join(f'{k} = {v}' for k, v in sizes.items())} }};", 96)
+        textwrap.fill(f"enum {{ {', '.join(f'{k} = {v}' for k, v in sizes.items())} }};", 96)
         + "\n"
         + f"#define DL2C_LANE_FLOW ({next((p.flow for p in paths.paths if p.flow is not None), -1)})\n"
         + _kernels(environment)

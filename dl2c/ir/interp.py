@@ -214,11 +214,9 @@ class Interpreter:
                         raise Blocked
                     if not all(in_range(v) for s, v in env.items() if s.kind == "variable"):
                         return so_far("numerical")
-                    part = self._part(flow, values, request)
                     waiting = [w for w in self._watches if w not in failed | met]
-                    try:
-                        motion = self.flow(flow, env, self.exact, part, waiting)
-                    except Undefined:
+                    motion = self._moved(flow, env, self._part(flow, values, request), waiting)
+                    if motion is None:
                         return so_far("numerical")
                     failed, met = failed | {*motion.failed}, met | {*motion.met}
                     env |= {Symbol(x, "variable"): v for x, v in motion.values.items()}
@@ -227,6 +225,13 @@ class Interpreter:
                     assert_never(statement)
         whole = all(v is not None and in_range(v) for s, v in env.items() if s.kind == "variable")
         return so_far("" if whole else "numerical")
+
+    def _moved(self, flow: int, env: Environment, part: Value, waiting: Sequence[int]) -> Motion | None:
+        """Where a flow leads; None where a value is undefined."""
+        try:
+            return self.flow(flow, env, self.exact, part, waiting)
+        except Undefined:
+            return None
 
     @property
     def _watches(self) -> range:

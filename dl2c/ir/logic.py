@@ -20,6 +20,7 @@ from dl2c.ir.model import (
     Compare,
     Comparison,
     Div,
+    Flow,
     Formula,
     Mul,
     Neg,
@@ -102,6 +103,12 @@ def disjunction(formulas: Iterable[Formula]) -> Formula:
             case _:
                 parts.append(formula)
     return FALSE if not parts else parts[0] if len(parts) == 1 else Or(tuple(parts))
+
+
+def domain_at_end(flow: Flow) -> Formula:
+    """What must hold where a flow ends."""
+    clocks = [Compare("<=", Symbol(h.clock, "variable"), h.bound) for h in flow.horizons]
+    return conjunction([*clocks, flow.watched])
 
 
 def conjuncts(formula: Formula) -> tuple[Formula, ...]:

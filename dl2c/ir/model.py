@@ -268,14 +268,6 @@ class Flow:
     invariants: tuple[Compare, ...] = ()
     span: Span = _span()
 
-    @property
-    def inside(self) -> Formula:
-        """What must hold where the flow ends."""
-        clocks = [Compare("<=", Symbol(h.clock, "variable"), h.bound) for h in self.horizons]
-        parts = [*clocks, *(self.watched.children if isinstance(self.watched, And) else (self.watched,))]
-        kept = [p for p in parts if p != TRUE]
-        return TRUE if not kept else kept[0] if len(kept) == 1 else And(tuple(kept))
-
 
 # Annotated parts --------------------------------------------------------------
 
