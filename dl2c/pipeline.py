@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dl2c.diagnostics import CompileError, Diagnostic, error, in_source_order, warning
+from dl2c.ir.lints import program_warnings
 from dl2c.ir.lower import lower
 from dl2c.ir.model import Predicate
 from dl2c.ir.printer import print_model
@@ -178,6 +179,7 @@ def _environment(
     say("planning initial states")
     sampling = plan_sampling(model, decision=decision)
     warnings = tuple(_never_due(p) for p in model.predicates if _is_never_due(p))
+    warnings += program_warnings(model)
     if isinstance(sampling, NoSampler):
         if sampling.diagnostic.code in ("unsatisfiable-precondition", "unbounded-variable"):
             raise CompileError(sampling.diagnostic)

@@ -157,7 +157,7 @@ class Pair:
     def _begun(
         self, interpreter: Interpreter, state: dict[str, float], stream: Stream
     ) -> tuple[Start, dict[str, list[float]]] | None:
-        """Where the first step starts, and its draws; None after a few tries, where compiled code makes many."""
+        """Where the first step starts, and its draws; None after a few tries; C makes more."""
         paths = self.environment.paths
         for _ in range(TRIES if paths.draws or paths.reset_draws else 1):
             here: Any = state

@@ -117,7 +117,7 @@ static inline bool dl2c_rank(const dl2c_request *request, const dl2c_trial *tria
     const int met = PATHS[path].met[j];
     const int alternative = DECISIONS[path][met];
     if (trial->taken[met] >= 0) continue;
-    if (met >= NCHOICE) {
+    if (NDECISION > NCHOICE && met >= NCHOICE) {
       rank[n] = request->draws[CHOICE_DRAW[met] + alternative];
     } else if (left || request->choices[met] == alternative) {
       rank[n] = left ? (real)alternative : 0.0;
@@ -159,7 +159,7 @@ static inline void dl2c_give(const dl2c_request *request, dl2c_trial *trial, int
 {
   const dl2c_range range = dl2c_admissible(path, input, trial->x, request->p);
   trial->given[input] = true;
-  if (input < NINPUT) {
+  if ((int)NU == (int)NINPUT || (NINPUT > 0 && input < NINPUT)) {
     trial->value[input] =
         dl2c_resolve(request->map, range, request->inputs[input], &trial->executed[input]);
     return;
@@ -187,7 +187,7 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
   bool well = model_update(path, trial->x, request->p, trial->value, y) && dl2c_all_finite(y, NX);
   if (well && taken->flow != DL2C_NO_FLOW) {
     real duration = 0.0;
-    const int draw = FLOW_DRAW[taken->flow];
+    const int draw = NDRAW > NSTEPDRAW ? FLOW_DRAW[taken->flow] : -1;
     well = draw < 0 ? dl2c_flow(taken->flow, request->p, y, &duration)
                     : dl2c_flow_part(taken->flow, request->p, request->draws[draw], y, &duration);
     trial->duration += duration;

@@ -35,8 +35,8 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
     it runs), `cost` (violated safety predicates), `blocked`, `executed_action` (the run taken, in the
     encoding of the action space), `duration` and `time` in seconds, `postcondition`, `saturated`; with
     discrete decisions `action_mask` (int8); with decisions of the environment `environment`, what it
-    decided by key (-1 or NaN for what it did not meet); at the end `is_success`. `info` of a reset: `action_mask`,
-    `initial_state_certificate` (what is proved of sampled initial states).
+    decided by key (-1 or NaN for what it did not meet); at the end `is_success`. `info` of a reset:
+    `action_mask`, `initial_state_certificate` (what is proved of sampled initial states).
 
     Pickling or copying an environment gives a fresh one of the same model and options.
     """

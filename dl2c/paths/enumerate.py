@@ -139,8 +139,8 @@ def _decisions(block: Block) -> Iterator[Decision]:
                     yield from _decisions(alternative.body)
             case Repeat(key, body, most, role):
                 text = _shown(statement.span)
-                counts = ("not", "once", *(f"{k} times" for k in range(2, most + 1)))
-                yield Decision(key, "", role, tuple(f"{n} {text}".strip() for n in counts[: most + 1]))
+                counts = (f"{k} time{'s' * (k != 1)}" for k in range(most + 1))
+                yield Decision(key, "", role, tuple(f"{count} {text}".strip() for count in counts))
                 yield from _decisions(body)
             case If(_, _, then, orelse):
                 yield from _decisions((*then, *orelse))
