@@ -15,7 +15,7 @@ from dl2c.paths.path import Decision, Input
 
 def model_h(environment: Environment) -> str:
     """The whole header."""
-    guard = f"DL2C_{file_stem(environment.model.name).upper()}_H"
+    guard = f"DL2C_GENERATED_{file_stem(environment.model.name).upper()}_H"
     return (
         f"{title_of(environment)}\n#ifndef {guard}\n#define {guard}\n\n"
         f'#include "model.h"\n\n{_sizes(environment)}\n#endif\n'
