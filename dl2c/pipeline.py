@@ -178,8 +178,7 @@ def _environment(
     decision = decide(model)
     say("planning initial states")
     sampling = plan_sampling(model, decision=decision)
-    warnings = tuple(_never_due(p) for p in model.predicates if _is_never_due(p))
-    warnings += program_warnings(model)
+    warnings = _doubts(model)
     if isinstance(sampling, NoSampler):
         if sampling.diagnostic.code in ("unsatisfiable-precondition", "unbounded-variable"):
             raise CompileError(sampling.diagnostic)
@@ -195,6 +194,11 @@ def _environment(
         version=__version__,
     )
     return environment, warnings
+
+
+def _doubts(model: "Model") -> tuple[Diagnostic, ...]:
+    never_due = (_never_due(p) for p in model.predicates if _is_never_due(p))
+    return (*never_due, *program_warnings(model))
 
 
 def _is_never_due(predicate: Predicate) -> bool:

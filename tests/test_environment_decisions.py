@@ -11,7 +11,8 @@ from gymnasium.vector import AutoresetMode
 from kyx_builder import lowered, model_text
 from streams import Stream
 
-import dl2c
+from dl2c.env.single import Dl2cEnv
+from dl2c.env.vector import Dl2cVectorEnv
 from dl2c.ir.leading import leading
 from dl2c.ir.model import ONE, TRUE, Assign, AssignAny, Choice, Evolve, Test
 from dl2c.ir.printer import print_block
@@ -65,7 +66,7 @@ WINDY = model_text(
 
 def test_the_agent_sees_what_the_environment_decided_first() -> None:
     """Observation and mask show the new wind; the reward judges the state before it."""
-    env = dl2c.make(WINDY)
+    env = Dl2cEnv(WINDY)
     assert str(env.action_space) == "Discrete(3)"
     drawn: Counter[object] = Counter()
     for seed in range(60):
@@ -121,7 +122,7 @@ def test_a_batch_of_changing_environments_is_many_single_ones(mode: AutoresetMod
 
 
 def test_a_batch_of_many_blocks_is_many_single_ones() -> None:
-    envs, single = dl2c.make_vec(str(WALK), 130), dl2c.make(str(WALK))
+    envs, single = Dl2cVectorEnv(str(WALK), 130), Dl2cEnv(str(WALK))
     envs.reset(seed=100)
     single.reset(seed=229)
     for _ in range(30):
@@ -129,7 +130,7 @@ def test_a_batch_of_many_blocks_is_many_single_ones() -> None:
         _, _, terminated, truncated, _ = single.step([1, 0])
         if terminated or truncated:
             return
-        assert envs.state(129) == single.unwrapped.state
+        assert envs.state(129) == single.state
 
 
 def test_a_value_is_drawn_before_what_depends_on_it(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Loops inside a step, programs before the loop, decisions of the environment: what they do, by hand.
+"""Loops inside a step and programs before the loop: what they do, by hand.
 
 Every step is taken by interpreter and compiled code, which must agree.
 """
@@ -12,16 +12,13 @@ import pytest
 from differential import pair_of
 from kyx_builder import codes, lowered, model_text, paths_of
 
-import dl2c
 from dl2c.diagnostics import CompileError
+from dl2c.env.single import Dl2cEnv
 from dl2c.ir.model import Repeat, While
 from dl2c.ir.printer import print_block
 from dl2c.native.errors import ResetFailed
 from dl2c.pipeline import check_model, resolve_options
 from dl2c.source import Source
-
-WALK = Path(__file__).parent / "good" / "walk.kyx"
-
 
 # While loops ------------------------------------------------------------------
 
@@ -211,7 +208,7 @@ BEFORE = """/* @var: bound=[0:1] */ Real x;
 
 def test_the_program_before_the_loop_runs_at_every_reset() -> None:
     """Only states from which it has a run are kept; what it decides is random, but in its limits."""
-    env = dl2c.make(
+    env = Dl2cEnv(
         model_text(
             "v = 0 & n = 0 & y = 0 ->"
             " [?x > 0.5; a := *; ?-x <= a & a <= x; {v := 1; ++ ?a > 0; v := 2; ++ ?a < -2; v := 3;}"
@@ -226,19 +223,19 @@ def test_the_program_before_the_loop_runs_at_every_reset() -> None:
     seen: Counter[object] = Counter()
     for seed in range(200):
         env.reset(seed=seed)
-        state = env.unwrapped.state
+        state = env.state
         assert 0.5 < state["x"] <= 1 and abs(state["a"]) <= state["x"] and 0 < state["y"] <= 2
         assert state["v"] in ((1, 2) if state["a"] > 0 else (1,))
         seen.update([("n", state["n"]), ("v", state["v"]), ("early", state["y"] < 1)])
         env.reset(seed=seed)
-        assert env.unwrapped.state == state
+        assert env.state == state
     assert all(40 <= seen["n", n] <= 100 for n in (0, 1, 2))
     assert 30 <= seen["v", 2] <= 75 and seen["v", 3] == 0
     assert 70 <= seen["early", True] <= 130
 
 
 def test_a_program_before_the_loop_that_never_runs_is_an_error_at_reset() -> None:
-    env = dl2c.make(model_text("true -> [?x > 2; {x := x + 1;}*] x > 0", "", BEFORE.splitlines()[0]))
+    env = Dl2cEnv(model_text("true -> [?x > 2; {x := x + 1;}*] x > 0", "", BEFORE.splitlines()[0]))
     with pytest.raises(ResetFailed, match="none of 1000 initial states"):
         env.reset(seed=0)
 

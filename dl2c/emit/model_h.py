@@ -10,7 +10,7 @@ from dl2c.emit.paths_c import steps_in_lanes
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import root_count
 from dl2c.ir.model import Symbol
-from dl2c.paths.path import Decision, Input
+from dl2c.paths.path import Decision, Input, Paths
 
 
 def model_h(environment: Environment) -> str:
@@ -36,17 +36,8 @@ def _sizes(environment: Environment) -> str:
     variables = [index(Symbol(v.name, "variable")) for v in model.variables]
     constants = [index(Symbol(c.name, "constant")) for c in model.constants]
     inputs = [index(i.symbol) for i in paths.inputs]
-    counts = Counter((type(d), d.role) for d in (*paths.decisions, *paths.inputs))
-    drawn = sum(count for _, count in paths.draws)
     sizes = {
-        "NINPUT": counts[Input, "agent"],
-        "NENVINPUT": counts[Input, "env"],
-        "NDECISION": len(paths.decisions),
-        "NCHOICE": counts[Decision, "agent"],
-        "NENVCHOICE": counts[Decision, "env"],
-        "NMASK": sum(len(d.alternatives) for d in paths.decisions if d.role == "agent"),
-        "NSTEPDRAW": drawn,
-        "NDRAW": drawn + sum(count for _, count in paths.reset_draws),
+        **_decisions(paths),
         "NPRED": len(model.predicates),
         "NOBS": len(observed(model, environment.options)),
         "NPOINT": paths.points,
@@ -73,3 +64,19 @@ def _sizes(environment: Environment) -> str:
         + f"#define DL2C_LANE_FLOW ({next((p.flow for p in paths.paths if p.flow is not None), -1)})\n"
         + f"typedef {kind} dl2c_obs;\n"
     )
+
+
+def _decisions(paths: Paths) -> dict[str, int]:
+    """How many decisions there are, whose they are, and how many numbers are drawn."""
+    counts = Counter((type(d), d.role) for d in (*paths.decisions, *paths.inputs))
+    drawn = sum(count for _, count in paths.draws)
+    return {
+        "NINPUT": counts[Input, "agent"],
+        "NENVINPUT": counts[Input, "env"],
+        "NDECISION": len(paths.decisions),
+        "NCHOICE": counts[Decision, "agent"],
+        "NENVCHOICE": counts[Decision, "env"],
+        "NMASK": sum(len(d.alternatives) for d in paths.decisions if d.role == "agent"),
+        "NSTEPDRAW": drawn,
+        "NDRAW": drawn + sum(count for _, count in paths.reset_draws),
+    }
