@@ -7,14 +7,16 @@ that environments use. Every result of a step is compared to the last bit.
 import math
 import subprocess
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
 from random import Random
+from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
+from kyx_builder import lowered
 from random_models import random_model, random_state
 from streams import Stream
 
@@ -141,10 +143,10 @@ class Pair:
         self._check_state(start)
         self._check_mask(interpreter.openings(start), final=False)
         for _ in range(steps):
-            choices, inputs = self._request(rng)
+            choices, inputs = self._actions(rng)
             ahead = stream.copy()
             following = ahead.draws(self.environment.paths.draws)
-            self.batch.step()
+            self._step(choices, inputs)
             step = interpreter.step(start, Request(choices, inputs, draws), following)
             self._check(step, interpreter, (state, constants, start, choices, inputs))
             self._count(step)
@@ -155,7 +157,7 @@ class Pair:
     def _begun(
         self, interpreter: Interpreter, state: dict[str, float], stream: Stream
     ) -> tuple[Start, dict[str, list[float]]] | None:
-        """Where the first step starts, and its draws; None after a few tries (compiled code makes many)."""
+        """Where the first step starts, and its draws; None after a few tries; C makes more."""
         paths = self.environment.paths
         for _ in range(TRIES if paths.draws or paths.reset_draws else 1):
             here: Any = state
@@ -169,27 +171,39 @@ class Pair:
                 return start, draws
         return None
 
-    def _request(self, rng: Random) -> tuple[dict[str, int], dict[str, float]]:
-        """A random action, also written into the batch."""
-        paths = self.environment.paths
-        choices = {d.key: rng.randrange(len(d.alternatives)) for d in paths.decisions if d.role == "agent"}
-        own = [i for i in paths.inputs if i.role == "agent"]
-        inputs = {i.key: rng.uniform(float(i.low) - 1, float(i.high) + 1) for i in own}
-        self.batch.choices[0, :] = list(choices.values())
-        self.batch.inputs[0, :] = list(inputs.values())
-        return choices, inputs
-
     def compare(self, rng: Random) -> None:
         """One random state and action."""
         state, constants = random_state(rng)
-        choices, inputs = self._request(rng)
+        self.step_from(state, constants, *self._actions(rng))
+
+    def step_from(
+        self,
+        state: dict[str, float],
+        constants: dict[str, float],
+        choices: dict[str, int],
+        inputs: dict[str, float],
+    ) -> Step:
+        """One step of both from a state; what it did."""
+        interpreter, start = self.interpreter(constants), Start(state)
         self.batch.set_state(0, list(state.values()), list(constants.values()))
-        interpreter = self.interpreter(constants)
-        self._check_mask(interpreter.openings(Start(state)), final=False)
-        self.batch.step()
-        step = interpreter.step(Start(state), Request(choices, inputs))
+        self._check_mask(interpreter.openings(start), final=False)
+        step = interpreter.step(start, Request(choices, inputs))
+        self._step(choices, inputs)
         self._check(step, interpreter, (state, constants, choices, inputs))
         self._count(step)
+        return step
+
+    def _actions(self, rng: Random) -> tuple[dict[str, int], dict[str, float]]:
+        """A random action."""
+        paths = self.environment.paths
+        choices = {d.key: rng.randrange(len(d.alternatives)) for d in paths.decisions if d.role == "agent"}
+        own = [i for i in paths.inputs if i.role == "agent"]
+        return choices, {i.key: rng.uniform(float(i.low) - 1, float(i.high) + 1) for i in own}
+
+    def _step(self, choices: dict[str, int], inputs: dict[str, float]) -> None:
+        self.batch.choices[0, :] = list(choices.values())
+        self.batch.inputs[0, :] = list(inputs.values())
+        self.batch.step()
 
     def _check(self, step: Step, interpreter: Interpreter, context: object) -> None:
         b, model = self.batch, self.model
@@ -305,3 +319,13 @@ def run_models(
         total += pair.seen
         pairs.append(pair)
     return pairs, total
+
+
+def pair_of(
+    program: str, folder: Path, variables: str = "Real x; Real v;", options: Mapping[str, Any] | None = None
+) -> Pair:
+    """Both forms of a model whose step is the program."""
+    environment = environment_of(lowered(f"true -> [{{{program}}}*] x > -99", "", variables, options=options))
+    assert environment is not None
+    (library,) = compiled([environment], Path(mkdtemp(dir=folder)))
+    return Pair(environment, library, "fallback", 0.0)

@@ -68,7 +68,10 @@ static bool dl2c_starts(const dl2c_request *request, const dl2c_trial *trial)
   dl2c_trial ahead = *trial;
   ahead.point = 0;
   dl2c_open(&ahead, request->p, enabled);
-  return dl2c_look(request->p, &ahead, enabled, seen);
+  if (DL2C_LOOKS_AHEAD) return dl2c_look(request->p, &ahead, enabled, seen);
+  uint8_t open = 0;
+  for (int k = 0; k < POINT_START[1]; k++) open |= enabled[k];
+  return open;
 }
 
 /* Draws for a step and executes its leading statements. */

@@ -159,7 +159,7 @@ static inline void dl2c_give(const dl2c_request *request, dl2c_trial *trial, int
 {
   const dl2c_range range = dl2c_admissible(path, input, trial->x, request->p);
   trial->given[input] = true;
-  if (input < NINPUT) {
+  if ((int)NU == (int)NINPUT || (NINPUT > 0 && input < NINPUT)) {
     trial->value[input] =
         dl2c_resolve(request->map, range, request->inputs[input], &trial->executed[input]);
     return;
@@ -210,25 +210,23 @@ static bool dl2c_complete(const dl2c_request *request, dl2c_trial *trial, uint8_
     if (path < 0 || (request->request_only && left)) return false;
     enabled[path - first] = 0;
 
-    dl2c_trial ahead = *trial;
-    ahead.left = left;
-    dl2c_follow(request, &ahead, path);
-    bool done = ahead.failure != DL2C_SOUND;
-    if (!done && ahead.point == DL2C_END) {
-      done = accepted == NULL || accepted(request, &ahead);
-    } else if (!done && open == 1) {
-      *trial = ahead;
+    dl2c_trial before;
+    if (open > 1) before = *trial;
+    trial->left = left;
+    dl2c_follow(request, trial, path);
+    if (trial->failure != DL2C_SOUND) return true;
+    if (trial->point == DL2C_END) {
+      if (accepted == NULL || accepted(request, trial)) return true;
+    } else if (open == 1) {
       dl2c_open(trial, request->p, enabled);
       continue;
-    } else if (!done) {
+    } else {
       uint8_t next[NPATH];
-      dl2c_open(&ahead, request->p, next);
-      done = dl2c_complete(request, &ahead, next, accepted);
+      dl2c_open(trial, request->p, next);
+      if (dl2c_complete(request, trial, next, accepted)) return true;
     }
-    if (done) {
-      *trial = ahead;
-      return true;
-    }
+    if (open == 1) return false;
+    *trial = before;
   }
 }
 

@@ -13,7 +13,7 @@ from dl2c.emit.rates_c import root_count
 from dl2c.emit.watch_c import margin_count, margin_degree
 from dl2c.ir.model import Symbol
 from dl2c.ir.watch import watches_of
-from dl2c.paths.path import Decision, Input
+from dl2c.paths.path import Decision, Input, Paths
 
 LICENCE = "/* SPDX-License-Identifier: MIT-0 */"
 """Of generated files, as of the runtime they include: whoever has a model owes nothing for its C."""
@@ -21,7 +21,7 @@ LICENCE = "/* SPDX-License-Identifier: MIT-0 */"
 
 def model_h(environment: Environment) -> str:
     """The whole header."""
-    guard = f"DL2C_{file_stem(environment.model.name).upper()}_H"
+    guard = f"DL2C_GENERATED_{file_stem(environment.model.name).upper()}_H"
     return (
         f"{title_of(environment)}\n#ifndef {guard}\n#define {guard}\n\n"
         f'#include "model.h"\n\n{_indices(environment)}{_sizes(environment)}\n#endif\n'
@@ -52,17 +52,8 @@ def _indices(environment: Environment) -> str:
 def _sizes(environment: Environment) -> str:
     """Sizes as enumerations, and what else the runtime is told by name."""
     model, paths, sampling = environment.model, environment.paths, environment.sampling
-    counts = Counter((type(d), d.role) for d in (*paths.decisions, *paths.inputs))
-    drawn = sum(count for _, count in paths.draws)
     sizes = {
-        "NINPUT": counts[Input, "agent"],
-        "NENVINPUT": counts[Input, "env"],
-        "NDECISION": len(paths.decisions),
-        "NCHOICE": counts[Decision, "agent"],
-        "NENVCHOICE": counts[Decision, "env"],
-        "NMASK": sum(len(d.alternatives) for d in paths.decisions if d.role == "agent"),
-        "NSTEPDRAW": drawn,
-        "NDRAW": drawn + sum(count for _, count in paths.reset_draws),
+        **_decisions(paths),
         "NPRED": len(model.predicates),
         "NOBS": len(observed(model, environment.options)),
         "NPOINT": paths.points,
@@ -108,3 +99,19 @@ def _kernels(environment: Environment) -> str:
         text += f"#define DL2C_ATOL {number(float(options.atol))}\n"
         text += f"#define DL2C_STIFF DL2C_STIFF_{stiff}\n"
     return text
+
+
+def _decisions(paths: Paths) -> dict[str, int]:
+    """How many decisions there are, whose they are, and how many numbers are drawn."""
+    counts = Counter((type(d), d.role) for d in (*paths.decisions, *paths.inputs))
+    drawn = sum(count for _, count in paths.draws)
+    return {
+        "NINPUT": counts[Input, "agent"],
+        "NENVINPUT": counts[Input, "env"],
+        "NDECISION": len(paths.decisions),
+        "NCHOICE": counts[Decision, "agent"],
+        "NENVCHOICE": counts[Decision, "env"],
+        "NMASK": sum(len(d.alternatives) for d in paths.decisions if d.role == "agent"),
+        "NSTEPDRAW": drawn,
+        "NDRAW": drawn + sum(count for _, count in paths.reset_draws),
+    }

@@ -1,8 +1,9 @@
 """Straight lines through a program, for the interpreter.
 
-Between two cut points (a flow, a test of a while loop, the end) a run is a straight line of
-assignments, inputs and tests. `lines` lists them in program order; a deterministic branch
-contributes its tests.
+Between two cut points a run is a straight line of assignments, inputs and tests. Cut points are
+flows, tests of while loops, the end, and the first branch after an input that the agent does not
+give, whose value is drawn before the branch is taken. `lines` lists them in program order; a
+deterministic branch contributes its tests.
 """
 
 from collections.abc import Iterator, Mapping
@@ -37,7 +38,7 @@ class Made:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """What is executed up to and including a flow, or up to a while loop, and what remains after it.
+    """What is executed up to a cut point, a flow included, and what remains after it.
 
     A line that `enters` begins with an iteration of a while loop.
     """
@@ -56,35 +57,40 @@ def lines(block: Block, taken: Mapping[str, int]) -> Iterator[Line]:
     """Every line from a cut point. Decisions in `taken` keep their outcome."""
     if block and isinstance(loop := block[0], While):
         into = (Test(loop.condition, span=loop.span), *loop.body, *block)
-        for line in _lines(into, taken):
+        for line in _lines(into, taken, False):
             yield replace(line, enters=True)
-        yield from _lines((Test(loop.otherwise, span=loop.span), *block[1:]), taken)
+        yield from _lines((Test(loop.otherwise, span=loop.span), *block[1:]), taken, False)
     else:
-        yield from _lines(block, taken)
+        yield from _lines(block, taken, False)
 
 
-def _lines(block: Block, taken: Mapping[str, int]) -> Iterator[Line]:
+def _lines(block: Block, taken: Mapping[str, int], drawn: bool) -> Iterator[Line]:
+    """`drawn` after an input that the agent does not give."""
     if not block:
         yield Line((), (), ())
         return
     first, rest = block[0], block[1:]
+    if isinstance(first, AssignAny):
+        drawn |= first.role != "agent"
     match first:
         case While():
+            yield Line((), (), block)
+        case If() | Choice() | Repeat() if drawn:
             yield Line((), (), block)
         case Evolve():
             yield Line((), (first,), rest)
         case Assign() | AssignAny() | Test():
-            for line in _lines(rest, taken):
+            for line in _lines(rest, taken, drawn):
                 yield replace(line, statements=(first, *line.statements))
         case If(condition, otherwise, then, orelse):
             for guard, body in ((condition, then), (otherwise, orelse)):
-                yield from _lines((Test(guard, span=first.span), *body, *rest), taken)
+                yield from _lines((Test(guard, span=first.span), *body, *rest), taken, False)
         case Choice(key=key, role=role) | Repeat(key=key, role=role):
             for k, alternative in enumerate(first.alternatives):
                 if taken.get(key, k) != k:
                     continue
                 made = () if key in taken else (Made(key, k, alternative.fallback, role),)
-                for line in _lines((*alternative.body, *rest), {**taken, key: k}):
+                for line in _lines((*alternative.body, *rest), {**taken, key: k}, False):
                     yield replace(line, decisions=(*made, *line.decisions))
         case _:
             assert_never(first)

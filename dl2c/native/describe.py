@@ -124,9 +124,17 @@ def _options(options: Options) -> dict[str, Any]:
 def _notes(environment: Environment) -> tuple[str, ...]:
     """What a user should know about this environment."""
     notes: list[str] = []
-    if any(p.flow is not None and p.target != END for p in environment.paths.paths):
+    paths = environment.paths
+    step = [
+        p for p in paths.paths if p.target != END and p.point < (paths.lead or paths.prefix or paths.points)
+    ]
+    if any(p.flow is not None for p in step):
         notes.append(
             "tests after the first flow are not part of the action mask: a run it allows may still block"
+        )
+    if any(p.flow is None and p.admissions for p in step):
+        notes.append(
+            "the action mask does not see beyond a while loop that an input of the same step may decide"
         )
     if environment.sampling is None:
         notes.append('initial states cannot be drawn: give one, reset(options={"state": {...}})')

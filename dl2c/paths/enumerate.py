@@ -2,7 +2,8 @@
 
 Assumes a model as `lower` makes it. Every combination of alternatives becomes a path;
 tests that are false whatever the state, or contradict each other word for word, drop theirs.
-A while loop is not unrolled: its head is a point, to which the paths through its body return.
+A while loop is not unrolled: its head is a point, to which the paths through its body return. So
+is the first branch after an input that the agent does not give: its value is drawn before.
 """
 
 from collections.abc import Iterator, Mapping
@@ -57,7 +58,7 @@ MAX_SIZE = 100_000
 class _Line:
     """A straight line up to and including its flow, and what remains to be done after it.
 
-    It also ends at a while loop, which then is the first of `rest`.
+    It also ends at another cut point, which then is the first of `rest`.
     """
 
     decisions: tuple[tuple[str, int, bool], ...]
@@ -145,8 +146,8 @@ def _decisions(block: Block) -> Iterator[Decision]:
                     yield from _decisions(alternative.body)
             case Repeat(key, body, most, role):
                 text = _shown(statement.span)
-                counts = ("not", "once", *(f"{k} times" for k in range(2, most + 1)))
-                yield Decision(key, "", role, tuple(f"{n} {text}".strip() for n in counts[: most + 1]))
+                counts = (f"{k} time{'s' * (k != 1)}" for k in range(most + 1))
+                yield Decision(key, "", role, tuple(f"{count} {text}".strip() for count in counts))
                 yield from _decisions(body)
             case If(_, _, then, orelse):
                 yield from _decisions((*then, *orelse))
@@ -207,16 +208,17 @@ def _lines_from(point: Block) -> Iterator[_Line]:
     """Every straight line from a point; at the head of a while loop into it and past it."""
     if point and isinstance(loop := point[0], While):
         into = (Test(loop.condition, span=loop.span), *loop.body, *point)
-        yield from (replace(line, enters=True) for line in _lines(into, {}))
-        yield from _lines((Test(loop.otherwise, span=loop.span), *point[1:]), {})
+        yield from (replace(line, enters=True) for line in _lines(into, {}, False))
+        yield from _lines((Test(loop.otherwise, span=loop.span), *point[1:]), {}, False)
     else:
-        yield from _lines(point, {})
+        yield from _lines(point, {}, False)
 
 
-def _lines(block: Block, taken: Mapping[str, int]) -> Iterator[_Line]:
+def _lines(block: Block, taken: Mapping[str, int], drawn: bool) -> Iterator[_Line]:
     """Every straight line from the start of a block to its first flow or while loop, or its end.
 
-    A decision that was `taken` earlier on the line keeps its outcome.
+    A decision that was `taken` earlier on the line keeps its outcome. It also ends before a branch
+    where an input was `drawn` on it.
     """
     if not block:
         yield _Line((), (), ())
@@ -227,19 +229,22 @@ def _lines(block: Block, taken: Mapping[str, int]) -> Iterator[_Line]:
             yield _Line((), (first,), rest)
         case While():
             yield _Line((), (), block)
+        case If() | Choice() | Repeat() if drawn:
+            yield _Line((), (), block)
         case Assign() | AssignAny() | Test():
-            for line in _lines(rest, taken):
+            draws = isinstance(first, AssignAny) and first.role != "agent"
+            for line in _lines(rest, taken, drawn or draws):
                 yield replace(line, statements=(first, *line.statements))
         case If(condition, otherwise, then, orelse):
             for guard, body in ((condition, then), (otherwise, orelse)):
                 test = Test(guard, span=first.span)
-                yield from _lines((test, *body, *rest), taken)
+                yield from _lines((test, *body, *rest), taken, False)
         case Choice(key, alternatives) | Repeat(key=key, alternatives=alternatives):
             if key in taken:
-                yield from _lines((*alternatives[taken[key]].body, *rest), taken)
+                yield from _lines((*alternatives[taken[key]].body, *rest), taken, False)
                 return
             for k, alternative in enumerate(alternatives):
-                for line in _lines((*alternative.body, *rest), {**taken, key: k}):
+                for line in _lines((*alternative.body, *rest), {**taken, key: k}, False):
                     yield replace(line, decisions=((key, k, alternative.fallback), *line.decisions))
         case _:
             assert_never(first)

@@ -1,10 +1,11 @@
 """What path enumeration finds: a graph of guarded paths.
 
 A step starts at point 0. A path leads from its point through the discrete statements up
-to a flow or the head of a while loop, follows that flow, and arrives at the next point, or
-at the end of the step (`END`). Guards, tests of inputs and updates are all over the state at the path's own
-point: assignments on the way are substituted. Masks, the compiled step, action sets and
-lints read nothing else of the program.
+to a flow or another cut point, such as the head of a while loop, follows that flow, and
+arrives at the next point, or at the end of the step (`END`). Guards, tests of inputs and
+updates are all over the state at the path's own point: assignments on the way are
+substituted. Masks, the compiled step, action sets and lints read nothing else of the
+program.
 """
 
 from collections.abc import Iterator
