@@ -34,9 +34,12 @@ class Options:
     "continuous" where every path of a step ends with its ODE, else "step". `rtol` and `atol` are
     CVODES' tolerances. `constants` fixes episode
     constants by name, `entry` selects an archive entry.
+    `dt` None means: the model's own horizon, else `DEFAULT_DT`. `constants` fixes episode
+    constants by name, `entry` selects an archive entry, `loop` one of several top-level loops (from 1).
     """
 
     entry: str | None = None
+    loop: int | None = None
     constants: tuple[tuple[str, Fraction], ...] = ()
     dt: Fraction | None = None
     tolerance: Fraction = Fraction(1, 10**9)
@@ -56,6 +59,8 @@ class Options:
     stiff: Stiff = "auto"
     rtol: Fraction = Fraction(1, 10**9)
     atol: Fraction = Fraction(1, 10**11)
+    max_loop: int = 10_000
+    max_repeat: int = 8
     native: bool = False
     sundials: Provider = "casadi"
     given: frozenset[str] = field(default=frozenset(), repr=False)
@@ -108,10 +113,12 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return None if value is None else str(value)
         case "blocked_penalty":
             return float(_exact(name, value))
-        case "max_episode_steps" | "stall_limit":
-            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-                raise UnknownOption(f"`{name}` takes a whole number >= 0, not {value!r}")
-            return value
+        case "max_episode_steps" | "stall_limit" | "max_repeat":
+            return _whole(name, value, 0)
+        case "max_loop":
+            return _whole(name, value, 1)
+        case "loop":
+            return None if value is None else _whole(name, value, 1)
         case "observe_constants" | "native":
             if not isinstance(value, bool):
                 raise UnknownOption(f"`{name}` takes True or False, not {value!r}")
@@ -121,6 +128,12 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             if value not in allowed:
                 raise UnknownOption(f"`{name}` takes {', '.join(map(repr, allowed))}, not {value!r}")
             return value
+
+
+def _whole(name: str, value: Any, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise UnknownOption(f"`{name}` takes a whole number >= {least}, not {value!r}")
+    return value
 
 
 def _exact(name: str, value: Any) -> Fraction:

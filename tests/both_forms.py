@@ -15,8 +15,9 @@ from typing import Any
 import dl2c
 from dl2c.env.opening import source_of
 from dl2c.ir.follow import follow
-from dl2c.ir.interp import Interpreter, Step
+from dl2c.ir.interp import Interpreter
 from dl2c.ir.kernel import FlowPlan, plan_flow
+from dl2c.ir.transition import Request, Start, Step
 from dl2c.ir.watch import watches_of
 from dl2c.pipeline import resolve_options, step_model
 
@@ -105,7 +106,8 @@ class Both:
 
         choices = {d.key: action for d in self.paths.decisions}
         late = self.steps >= self.limit
-        step = Interpreter(self.model, constants, flow).step(state, choices, {}, late)
+        interpreter = Interpreter(self.model, constants, flow)
+        step = interpreter.step(Start(state), Request(choices), late=late)
         return _seen(step, late, postcondition)
 
 

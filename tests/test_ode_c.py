@@ -131,7 +131,7 @@ def test_generated_functions_compile_without_warnings(environment: Environment, 
         jacobian_function(environment, leaves, {0}),
         lie_function(environment, leaves, {0: (Mul(variable("x"), variable("v")), variable("t"))}),
     ]
-    head = '#include "numbers.h"\nenum { X_x, X_v, X_t, NX };\nenum { NROOT = 2 };\n'
+    head = '#include "numbers.h"\nenum { X_x, X_v, X_t, NX };\nenum { NMARGIN = 2 };\n'
     (tmp_path / "ode.c").write_text(head + "\n".join([*leaves.texts, *functions]), encoding="utf-8")
     run(["cc", *CODE_FLAGS, *EXACT_FLAGS, *STRICT_FLAGS, *INCLUDES, "-fsyntax-only", str(tmp_path / "ode.c")])
 

@@ -1,7 +1,7 @@
 """What following a flow step by step needs in C: the Jacobian of its ODE, Lie derivatives of margins.
 
 For flow k: leaf functions `flowK_jac_x_y` for d x' / d y where it is not zero throughout, and
-`flowK_lieJ`, `flowK_lieJ_2`, `flowK_lieJ_3` for derivatives of margin J along the flow; then
+`flowK_marginJ_lie1` to `flowK_marginJ_lie3` for derivatives of margin J along the flow; then
 `model_jacobian` and `model_lie`, which select a flow. Flows not asked for get zeros.
 """
 
@@ -33,10 +33,7 @@ def jacobian_function(environment: Environment, leaves: Leaves, flows: Collectio
 
 
 def lie_function(environment: Environment, leaves: Leaves, margins: Mapping[int, Sequence[Term]]) -> str:
-    """`model_lie`; `margins` are the terms watched along each flow, by its index, at most NMARGIN.
-
-    Margin j of flow k shares its first derivative with what else calls itself `flowK_lieJ`.
-    """
+    """`model_lie`; `margins` are the terms watched along each flow, by its index, at most NMARGIN."""
     body = [f"for (int k = 0; k < {ORDERS} * NMARGIN; k++) lie[k] = 0.0;"] if any(margins.values()) else []
     for k, terms in sorted(margins.items()):
         lines: list[str] = []
@@ -66,9 +63,9 @@ def _entries(k: int, flow: Flow, variables: Sequence[Symbol], leaves: Leaves) ->
 def _derivatives(k: int, j: int, term: Term, flow: Flow, leaves: Leaves) -> list[str]:
     lines: list[str] = []
     for order in range(1, ORDERS + 1):
-        suffix, power = (f"_{order}", f"^{order}") if order > 1 else ("", "")
+        power = f"^{order}" if order > 1 else ""
         about = f"{place(flow.span)}  d{power}/dt{power} ({print_term(term)}) along {print_flow(flow)}"
-        value = leaves.lie(f"flow{k}_lie{j}{suffix}", term, flow, about, order=order)
+        value = leaves.lie(f"flow{k}_margin{j}_lie{order}", term, flow, about, order=order)
         row = f"{order - 1} * NMARGIN + " if order > 1 else ""
         lines += wrapped(f"lie[{row}{j}] = {value};")
     return lines

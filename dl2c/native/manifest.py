@@ -12,7 +12,7 @@ from typing import Any, cast
 
 from dl2c.native.errors import NativeError
 
-MANIFEST_VERSION = 1
+MANIFEST_VERSION = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,8 @@ class Manifest:
     """One compiled model. `observations` are the entries of an observation in order.
 
     `runs` lists the decision vectors of the whole control paths in program order, -1 where a
-    path does not meet a decision; `run_texts` describes each. `certificate` says what is proved
+    path does not meet a decision; `run_texts` describes each. `choices` and `inputs` are the
+    agent's, `drawn_choices` and `drawn_inputs` the environment's. `certificate` says what is proved
     of sampled initial states. `options` are the effective options by name.
     """
 
@@ -96,6 +97,8 @@ class Manifest:
     options: dict[str, Any]
     notes: tuple[str, ...]
     platform: dict[str, str]
+    drawn_choices: tuple[ChoiceSpec, ...] = ()
+    drawn_inputs: tuple[InputSpec, ...] = ()
 
     def to_json(self) -> str:
         """Stable text: the same manifest gives the same bytes. Infinite limits are "inf" and "-inf"."""
@@ -121,6 +124,8 @@ def _manifest(data: dict[str, Any]) -> Manifest:
         "observations": Quantity,
         "choices": ChoiceSpec,
         "inputs": InputSpec,
+        "drawn_choices": ChoiceSpec,
+        "drawn_inputs": InputSpec,
         "predicates": PredicateSpec,
         "flows": FlowSpec,
     }

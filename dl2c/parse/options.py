@@ -48,6 +48,7 @@ OPTIONS = {
     "initial_distribution": Option(("uniform", "target", "z3")),
     "max_repeat": Option(kind="integer", least=0),
     "max_loop": Option(kind="integer", least=1),
+    "loop": Option(kind="integer", least=1),
 }
 ALIASES = {"max_episode_steps": "max_steps"}
 

@@ -10,9 +10,10 @@ enum { P_speed, NP }; /* constants of the episode */
 enum { NU }; /* inputs */
 enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F_postcondition,
        NFACT }; /* what a state is tested for */
-enum { NCHOICE = 2, NMASK = 6, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT =
-2, NFREE = 3, NBOX = 1, NMARGIN = 9, NDEGREE = 1, NWATCH = 2, DL2C_LOOPS = 1,
-DL2C_STEPS_IN_LANES = 0 };
+enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 2, NCHOICE = 2, NENVCHOICE = 0, NMASK = 6,
+NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2,
+NFREE = 3, NBOX = 1, NMARGIN = 9, NDEGREE = 1, NWATCH = 2, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES =
+0, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -966,6 +967,9 @@ static const int8_t DECISIONS[11][2] = {
 };
 static const real INPUT_LOW[1] = {0.0};
 static const real INPUT_HIGH[1] = {0.0};
+static const int32_t CHOICE_DRAW[2] = {-1, -1};
+static const int32_t INPUT_DRAW[1] = {-1};
+static const int32_t FLOW_DRAW[2] = {-1, -1};
 static const int8_t PATH0_MET[] = {0};
 static const int8_t PATH0_MARKED[] = {0, 0};
 static const int8_t PATH0_INPUTS[] = {0};
@@ -1000,17 +1004,17 @@ static const int8_t PATH10_MET[] = {0};
 static const int8_t PATH10_MARKED[] = {0};
 static const int8_t PATH10_INPUTS[] = {0};
 static const dl2c_path PATHS[11] = {
-  {0, 1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS},
-  {1, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS},
-  {1, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS},
-  {0, 1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS},
-  {1, -1, 1, PATH4_MET, PATH4_MARKED, 0, PATH4_INPUTS},
-  {1, -1, 1, PATH5_MET, PATH5_MARKED, 0, PATH5_INPUTS},
-  {1, -1, 1, PATH6_MET, PATH6_MARKED, 0, PATH6_INPUTS},
-  {1, -1, 1, PATH7_MET, PATH7_MARKED, 0, PATH7_INPUTS},
-  {1, -1, 2, PATH8_MET, PATH8_MARKED, 0, PATH8_INPUTS},
-  {1, -1, 2, PATH9_MET, PATH9_MARKED, 0, PATH9_INPUTS},
-  {1, -1, 0, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS},
+  {0, 1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS, 0},
+  {1, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS, 0},
+  {1, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS, 0},
+  {0, 1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS, 0},
+  {1, -1, 1, PATH4_MET, PATH4_MARKED, 0, PATH4_INPUTS, 0},
+  {1, -1, 1, PATH5_MET, PATH5_MARKED, 0, PATH5_INPUTS, 0},
+  {1, -1, 1, PATH6_MET, PATH6_MARKED, 0, PATH6_INPUTS, 0},
+  {1, -1, 1, PATH7_MET, PATH7_MARKED, 0, PATH7_INPUTS, 0},
+  {1, -1, 2, PATH8_MET, PATH8_MARKED, 0, PATH8_INPUTS, 0},
+  {1, -1, 2, PATH9_MET, PATH9_MARKED, 0, PATH9_INPUTS, 0},
+  {1, -1, 0, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
 };
 static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};

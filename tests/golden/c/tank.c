@@ -9,9 +9,10 @@ enum { X_x, X_f, X_t, NX }; /* state */
 enum { P_ep, P_H, NP }; /* constants of the episode */
 enum { U_assign_f, NU }; /* inputs */
 enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a state is tested for */
-enum { NCHOICE = 0, NMASK = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
+enum { NINPUT = 1, NENVINPUT = 0, NDECISION = 0, NCHOICE = 0, NENVCHOICE = 0, NMASK = 0,
+NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
 NFREE = 3, NBOX = 4, NMARGIN = 5, NDEGREE = 1, NWATCH = 1, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES =
-0 };
+0, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -470,10 +471,13 @@ static const int32_t MASK_START[1] = {0};
 static const int8_t DECISIONS[1][1] = {{0}};
 static const real INPUT_LOW[1] = {-0.8};
 static const real INPUT_HIGH[1] = {0.8};
+static const int32_t CHOICE_DRAW[1] = {-1};
+static const int32_t INPUT_DRAW[1] = {-1};
+static const int32_t FLOW_DRAW[1] = {-1};
 static const int8_t PATH0_MET[] = {0};
 static const int8_t PATH0_MARKED[] = {0};
 static const int8_t PATH0_INPUTS[] = {0};
-static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS}};
+static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS, 0}};
 static const uint8_t WATCH_CUTS[1] = {1};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};

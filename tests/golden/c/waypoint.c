@@ -9,9 +9,11 @@ enum { X_xr, X_vr, X_ar, X_xg, X_t, X_T, NX }; /* state */
 enum { P_ep, P_b, P_A, P_GDelta, P_Vmax, NP }; /* constants of the episode */
 enum { NU }; /* inputs */
 enum { F_loopInv_holds, F_ensure_holds, F_ensure_due, F_ensure_failed, F_postcondition, NFACT }; /* what a state is tested for */
-enum { NCHOICE = 1, NMASK = 4, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT =
-1, NFREE = 10, NBOX = 64, NMARGIN = 32, NDEGREE = 2, NWATCH = 2, DL2C_LOOPS = 1,
-DL2C_STEPS_IN_LANES = 1 };
+enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 1, NCHOICE = 1, NENVCHOICE = 0, NMASK = 4,
+NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT = 1,
+NFREE = 10, NBOX = 64, NMARGIN = 32, NDEGREE = 2, NWATCH = 2, DL2C_LOOPS = 1,
+DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
+DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -1602,6 +1604,9 @@ static const int32_t MASK_START[2] = {0, 4};
 static const int8_t DECISIONS[4][1] = {{0}, {1}, {2}, {3}};
 static const real INPUT_LOW[1] = {0.0};
 static const real INPUT_HIGH[1] = {0.0};
+static const int32_t CHOICE_DRAW[1] = {-1};
+static const int32_t INPUT_DRAW[1] = {-1};
+static const int32_t FLOW_DRAW[1] = {-1};
 static const int8_t PATH0_MET[] = {0};
 static const int8_t PATH0_MARKED[] = {0, 0};
 static const int8_t PATH0_INPUTS[] = {0};
@@ -1615,10 +1620,10 @@ static const int8_t PATH3_MET[] = {0};
 static const int8_t PATH3_MARKED[] = {0, 0};
 static const int8_t PATH3_INPUTS[] = {0};
 static const dl2c_path PATHS[4] = {
-  {0, -1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS},
-  {0, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS},
-  {0, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS},
-  {0, -1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS},
+  {0, -1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS, 0},
+  {0, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS, 0},
+  {0, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS, 0},
+  {0, -1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS, 0},
 };
 static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
