@@ -5,6 +5,7 @@ The same names serve the command line (`--on-blocked`), Python (`on_blocked=`) a
 `[tool.dl2c]` of a project (configuration.py), which wins over the defaults here (semantics 9).
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from fractions import Fraction
@@ -21,6 +22,12 @@ Integrator: TypeAlias = Literal["auto", "exact", "cvodes"]
 Stiff: TypeAlias = Literal["auto", "true", "false"]
 Provider: TypeAlias = Literal["casadi", "system"]
 ProgressFailure: TypeAlias = Literal["due", "literal"]
+
+LARGEST = 10**300
+MAX_LENGTH = 400
+"""Numbers may be so large, and their texts so long."""
+
+MOST_STEPS = 10**18
 
 DEFAULT_DT = Fraction(1, 10)
 """Seconds a flow lasts where the model gives no horizon."""
@@ -131,17 +138,25 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
 
 
 def _whole(name: str, value: Any, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise UnknownOption(f"`{name}` takes a whole number >= {least}, not {value!r}")
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= MOST_STEPS:
+        raise UnknownOption(f"`{name}` takes a whole number from {least} to {MOST_STEPS:,}")
     return value
 
 
 def _exact(name: str, value: Any) -> Fraction:
     """Numbers as the user wrote them: a float stands for its shortest decimal."""
-    try:
-        return value if isinstance(value, Fraction) else Fraction(str(value))
-    except ValueError:
-        raise UnknownOption(f"`{name}` takes a number, not {value!r}") from None
+    if not isinstance(value, Fraction):
+        text = str(value).strip()
+        exponent = re.search(r"e[+-]?0*([0-9_]+)$", text, re.IGNORECASE)
+        if len(text) > MAX_LENGTH or (exponent and len(exponent.group(1)) > 3):
+            raise UnknownOption(f"`{name}` takes a number of at most {MAX_LENGTH} digits, up to 1e300")
+        try:
+            value = Fraction(text)
+        except (ValueError, ZeroDivisionError):
+            raise UnknownOption(f"`{name}` takes a number, not {text!r}") from None
+    if abs(value) > LARGEST:
+        raise UnknownOption(f"`{name}` takes a number up to 1e300")
+    return value
 
 
 def _positive(name: str, value: Fraction) -> Fraction:

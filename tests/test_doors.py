@@ -268,7 +268,7 @@ def test_every_door_takes_every_option(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_door_refuses_what_an_option_does_not_take(name: str) -> None:
     with pytest.raises(UnknownOption, match=f"`{name}` takes"):
         dl2c.make(MIXED, **{name: "soup"})
-    with pytest.raises(dl2c.CompileError, match="soup|decimal"):
+    with pytest.raises(dl2c.CompileError, match=r"soup|decimal"):
         dl2c.make(MIXED.replace("Problem", f"/* @episode: {name}=soup */\nProblem"))
     refused = command("check", WAYPOINT, f"--{name.replace('_', '-')}", "soup", check=False)
     assert refused.returncode == 1 and f"`{name}` takes" in refused.stderr

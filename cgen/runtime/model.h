@@ -15,7 +15,7 @@
  *   typedef float dl2c_obs;                      one observation entry, or double
  *   static const dl2c_path PATHS[];              all paths, grouped by point
  *   static const int32_t POINT_START[];          (NPOINT + 1) first path of each point
- *   static const int8_t DECISIONS[][];           (NPATH, NDECISION) alternative taken, or -1
+ *   static const int16_t DECISIONS[][];          (NPATH, NDECISION) alternative taken, or -1
  *   static const int32_t MASK_START[];           (NCHOICE + 1) first mask entry of each decision
  *   static const int32_t CHOICE_DRAW[], INPUT_DRAW[], FLOW_DRAW[];   first number drawn for it, or -1
  *   static const double INPUT_LOW[], INPUT_HIGH[];
@@ -69,14 +69,14 @@ enum { DL2C_END = -1 };
 #define DL2C_NO_FLOW (-1)
 
 typedef struct dl2c_path {
-  int32_t flow;         /* DL2C_NO_FLOW for none */
-  int32_t target;       /* the next point, or DL2C_END */
-  int32_t nmet;         /* decisions met, */
-  const int8_t *met;    /* which, in order, */
-  const int8_t *marked; /* and whether the alternative taken is marked as fallback */
-  int32_t ninput;       /* inputs met, */
-  const int8_t *inputs; /* and which, in order */
-  int32_t enters;       /* it begins with an iteration of a while loop */
+  int32_t flow;          /* DL2C_NO_FLOW for none */
+  int32_t target;        /* the next point, or DL2C_END */
+  int32_t nmet;          /* decisions met, */
+  const int16_t *met;    /* which, in order, */
+  const int16_t *marked; /* and whether the alternative taken is marked as fallback */
+  int32_t ninput;        /* inputs met, */
+  const int16_t *inputs; /* and which, in order */
+  int32_t enters;        /* it begins with an iteration of a while loop */
 } dl2c_path;
 
 /* offset + slope * value >= 0: a lower limit of the value where slope > 0, else an upper one. */

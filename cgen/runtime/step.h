@@ -31,7 +31,7 @@ typedef struct dl2c_trial {
   int32_t entered;             /* iterations of while loops */
   bool left;                   /* it is not the run requested */
   real duration;               /* time its flows took */
-  int8_t taken[NDECISION + 1]; /* alternatives, -1 where a decision was not met */
+  int16_t taken[NDECISION + 1]; /* alternatives, -1 where a decision was not met */
   bool given[NU + 1];          /* inputs met, */
   real value[NU + 1];          /* their values, */
   real executed[NU + 1];       /* and how the action space writes them */

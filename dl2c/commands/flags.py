@@ -18,7 +18,7 @@ HELP = {
     "entry": "Entry of a KeYmaera X archive that holds several.",
     "loop": "Which of several top-level loops is the episode's, counted from 1.",
     "dt": "Longest time of a continuous evolution, in seconds.",
-    "duration": "How long a continuous evolution lasts: as long as it may, or a random time.",
+    "duration": "How long a continuous evolution lasts: as long as it may, a random part of that, or one the agent chooses.",
     "safety_check": "Watch safety predicates along the motion, or after each step.",
     "integrator": "How a differential equation is solved.",
     "stiff": "Solve with the method for stiff equations; auto: as the model suggests.",

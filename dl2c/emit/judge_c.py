@@ -45,7 +45,7 @@ def fact_names(model: Model) -> list[str]:
 
 
 def _precondition(model: Model, leaves: Leaves) -> str:
-    holds = leaves.condition("precondition_holds", model.precondition, print_formula(model.precondition))
+    holds = leaves.condition("problem_precondition", model.precondition, print_formula(model.precondition))
     return function(
         f"static inline bool model_precondition({STATE})", [f"return {holds};"], "The problem's P, strict."
     )
@@ -66,7 +66,7 @@ def _facts(model: Model, leaves: Leaves) -> str:
             about = f"{where}  {name} is due: {print_formula(predicate.due)}"
             add(f"F_{name}_due", f"{name}_due", predicate.due, about)
     post = TRUE if model.postcondition is None else model.postcondition
-    add("F_postcondition", "postcondition_holds", post, f"the problem's Q: {print_formula(post)}")
+    add("F_postcondition", "problem_postcondition", post, f"the problem's Q: {print_formula(post)}")
     return function(
         f"DL2C_INLINE void model_facts({LANES}, int64_t row, uint8_t *restrict facts)",
         body,

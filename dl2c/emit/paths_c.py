@@ -180,7 +180,7 @@ def path_tables(environment: Environment) -> list[str]:
         table("int32_t", "POINT_START", f"[{len(starts)}]", [str(s) for s in starts]),
         table("int32_t", "MASK_START", f"[{len(masks)}]", [str(m) for m in masks]),
         table(
-            "int8_t",
+            "int16_t",
             "DECISIONS",
             f"[{max(1, len(paths.paths))}][{width}]",
             [row(p.decisions) for p in paths.paths] or ["{0}"],
@@ -221,9 +221,9 @@ def _lists(k: int, path: Path) -> str:
     """The decisions and inputs a path meets."""
     inputs = [a.input for a in path.admissions]
     return (
-        f"static const int8_t PATH{k}_MET[] = {row(path.met)};\n"
-        f"static const int8_t PATH{k}_MARKED[] = {row([*map(int, path.marks), 0])};\n"
-        f"static const int8_t PATH{k}_INPUTS[] = {row(inputs)};\n"
+        f"static const int16_t PATH{k}_MET[] = {row(path.met)};\n"
+        f"static const int16_t PATH{k}_MARKED[] = {row([*map(int, path.marks), 0])};\n"
+        f"static const int16_t PATH{k}_INPUTS[] = {row(inputs)};\n"
     )
 
 

@@ -40,8 +40,15 @@ def number(value: int | Fraction) -> Number:
     return Number(Fraction(value))
 
 
+MAX_BITS = 100_000
+"""Of the numerator and the denominator of a power that is computed exactly."""
+
+
 def folded(term: Term) -> Term:
-    """The term itself, or its exact value where all its direct operands are numbers."""
+    """The term itself, or its exact value where all its direct operands are numbers.
+
+    A power with too many digits stays as it is.
+    """
     match term:
         case Neg(Number(a)):
             return Number(-a)
@@ -53,7 +60,7 @@ def folded(term: Term) -> Term:
             return Number(a * b)
         case Div(Number(a), Number(b)) if b != 0:
             return Number(a / b)
-        case Pow(Number(a), n):
+        case Pow(Number(a), n) if n * max(a.numerator.bit_length(), a.denominator.bit_length()) <= MAX_BITS:
             return Number(a**n)
         case Call("abs", (Number(a),)):
             return Number(abs(a))

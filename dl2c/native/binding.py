@@ -308,9 +308,11 @@ def load_library(directory: Path) -> Library:
     lib.dl2c_model_sizes(raw)
     sizes = Sizes(**{f.name: int(getattr(raw, f.name)) for f in fields(Sizes)})
     m, s = manifest, sizes
-    told = (m.variables, m.observations, m.choices, m.inputs, m.drawn_choices, m.drawn_inputs)
-    described = tuple(map(len, (*told, m.predicates, m.flows)))
-    if described != (s.nx, s.nobs, s.nchoice, s.ninput, s.nenvchoice, s.nenvinput, s.npred, s.nflow):
+    told = (m.variables, m.constants, m.observations, m.choices, m.inputs, m.drawn_choices, m.drawn_inputs)
+    masked = sum(len(choice.alternatives) for choice in m.choices)
+    described = (*map(len, (*told, m.predicates, m.flows)), masked)
+    wanted = (s.nx, s.np, s.nobs, s.nchoice, s.ninput, s.nenvchoice, s.nenvinput, s.npred, s.nflow, s.nmask)
+    if described != wanted:
         raise NativeError(f"the manifest of {manifest.name} describes another library; build the model again")
     return Library(manifest, sizes, ffi, lib)
 

@@ -32,61 +32,61 @@ static inline bool flow0_inside(real x_v, real t, real ep)
 }
 
 /* tank.kyx:33  x + 0.000000001 * (1 + x), coefficient of tau^0 */
-static inline real flow0_curve1_c0(real x_v)
+static inline real flow0_watch_curve1_c0(real x_v)
 {
   return x_v + 1e-09 * (1.0 + x_v);
 }
 
 /* tank.kyx:33  x + 0.000000001 * (1 + x), coefficient of tau^1 */
-static inline real flow0_curve1_c1(real f)
+static inline real flow0_watch_curve1_c1(real f)
 {
   return f + 1e-09 * f;
 }
 
 /* tank.kyx:33  x + 0.000000001 * (1 + (-x)), coefficient of tau^0 */
-static inline real flow0_curve2_c0(real x_v)
+static inline real flow0_watch_curve2_c0(real x_v)
 {
   return x_v + 1e-09 * (1.0 + -x_v);
 }
 
 /* tank.kyx:33  x + 0.000000001 * (1 + (-x)), coefficient of tau^1 */
-static inline real flow0_curve2_c1(real f)
+static inline real flow0_watch_curve2_c1(real f)
 {
   return f + 1e-09 * -f;
 }
 
 /* tank.kyx:33  H + 0.000000001 * (1 + x + abs(H)) - x, coefficient of tau^0 */
-static inline real flow0_curve3_c0(real x_v, real H)
+static inline real flow0_watch_curve3_c0(real x_v, real H)
 {
   return H + 1e-09 * (1.0 + x_v + fabs(H)) - x_v;
 }
 
 /* tank.kyx:33  H + 0.000000001 * (1 + x + abs(H)) - x, coefficient of tau^1 */
-static inline real flow0_curve3_c1(real f)
+static inline real flow0_watch_curve3_c1(real f)
 {
   return 1e-09 * f - f;
 }
 
 /* tank.kyx:33  H + 0.000000001 * (1 + (-x) + abs(H)) - x, coefficient of tau^0 */
-static inline real flow0_curve4_c0(real x_v, real H)
+static inline real flow0_watch_curve4_c0(real x_v, real H)
 {
   return H + 1e-09 * (1.0 + -x_v + fabs(H)) - x_v;
 }
 
 /* tank.kyx:33  H + 0.000000001 * (1 + (-x) + abs(H)) - x, coefficient of tau^1 */
-static inline real flow0_curve4_c1(real f)
+static inline real flow0_watch_curve4_c1(real f)
 {
   return 1e-09 * -f - f;
 }
 
 /* tank.kyx:33  H - x, coefficient of tau^0 */
-static inline real flow0_still1_c0(real x_v, real H)
+static inline real flow0_watch_still1_c0(real x_v, real H)
 {
   return H - x_v;
 }
 
 /* tank.kyx:33  H - x, coefficient of tau^1 */
-static inline real flow0_still1_c1(real f)
+static inline real flow0_watch_still1_c1(real f)
 {
   return -f;
 }
@@ -127,7 +127,7 @@ static inline bool inside_holds(real x_v, real H)
 }
 
 /* the problem's Q: 0 <= x & x <= H */
-static inline bool postcondition_holds(real x_v, real H)
+static inline bool problem_postcondition(real x_v, real H)
 {
   return (x_v >= 0.0) & (x_v <= H);
 }
@@ -139,7 +139,7 @@ static inline real distance_shape(real x_v, real H)
 }
 
 /* 0 <= x & x <= H & f = 0 */
-static inline bool precondition_holds(real x_v, real f, real H)
+static inline bool problem_precondition(real x_v, real f, real H)
 {
   return (x_v >= 0.0) & (x_v <= H) & (f == 0.0);
 }
@@ -237,17 +237,17 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
     c[0][0] = x[X_x];
     c[0][1] = x[X_f];
     degree[0] = 1;
-    c[1][0] = flow0_curve1_c0(x[X_x]);
-    c[1][1] = flow0_curve1_c1(x[X_f]);
+    c[1][0] = flow0_watch_curve1_c0(x[X_x]);
+    c[1][1] = flow0_watch_curve1_c1(x[X_f]);
     degree[1] = 1;
-    c[2][0] = flow0_curve2_c0(x[X_x]);
-    c[2][1] = flow0_curve2_c1(x[X_f]);
+    c[2][0] = flow0_watch_curve2_c0(x[X_x]);
+    c[2][1] = flow0_watch_curve2_c1(x[X_f]);
     degree[2] = 1;
-    c[3][0] = flow0_curve3_c0(x[X_x], p[P_H]);
-    c[3][1] = flow0_curve3_c1(x[X_f]);
+    c[3][0] = flow0_watch_curve3_c0(x[X_x], p[P_H]);
+    c[3][1] = flow0_watch_curve3_c1(x[X_f]);
     degree[3] = 1;
-    c[4][0] = flow0_curve4_c0(x[X_x], p[P_H]);
-    c[4][1] = flow0_curve4_c1(x[X_f]);
+    c[4][0] = flow0_watch_curve4_c0(x[X_x], p[P_H]);
+    c[4][1] = flow0_watch_curve4_c1(x[X_f]);
     degree[4] = 1;
   }
 }
@@ -277,8 +277,8 @@ static inline bool model_quiet(int flow, const real *x, const real *p, real dura
 {
   if (flow == 0) {
     const dl2c_span still0 = dl2c_span_of(x[X_x], x[X_f], 0.0, duration);
-    const dl2c_span still1 = dl2c_span_of(flow0_still1_c0(x[X_x], p[P_H]), flow0_still1_c1(x[X_f]),
-        0.0, duration);
+    const dl2c_span still1 = dl2c_span_of(flow0_watch_still1_c0(x[X_x], p[P_H]),
+        flow0_watch_still1_c1(x[X_f]), 0.0, duration);
     return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1));
   }
   return true;
@@ -376,7 +376,8 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++)
     facts[F_distance_holds * row + i] = true;
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = postcondition_holds(x[X_x * stride + i], p[P_H * stride + i]);
+    facts[F_postcondition * row + i] = problem_postcondition(x[X_x * stride + i],
+        p[P_H * stride + i]);
 }
 
 /*
@@ -427,7 +428,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
 /* The problem's P, strict. */
 static inline bool model_precondition(const real *x, const real *p)
 {
-  return precondition_holds(x[X_x], x[X_f], p[P_H]);
+  return problem_precondition(x[X_x], x[X_f], p[P_H]);
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
@@ -468,15 +469,15 @@ static inline bool model_accept(const real *x, const real *p)
 
 static const int32_t POINT_START[2] = {0, 1};
 static const int32_t MASK_START[1] = {0};
-static const int8_t DECISIONS[1][1] = {{0}};
+static const int16_t DECISIONS[1][1] = {{0}};
 static const real INPUT_LOW[1] = {-0.8};
 static const real INPUT_HIGH[1] = {0.8};
 static const int32_t CHOICE_DRAW[1] = {-1};
 static const int32_t INPUT_DRAW[1] = {-1};
 static const int32_t FLOW_DRAW[1] = {-1};
-static const int8_t PATH0_MET[] = {0};
-static const int8_t PATH0_MARKED[] = {0};
-static const int8_t PATH0_INPUTS[] = {0};
+static const int16_t PATH0_MET[] = {0};
+static const int16_t PATH0_MARKED[] = {0};
+static const int16_t PATH0_INPUTS[] = {0};
 static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS, 0}};
 static const uint8_t WATCH_CUTS[1] = {1};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};

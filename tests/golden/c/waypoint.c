@@ -39,49 +39,49 @@ static inline real flow0_xr_c2(real ar)
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + vr), coefficient of tau^0 */
-static inline real flow0_curve1_c0(real vr)
+static inline real flow0_watch_curve1_c0(real vr)
 {
   return vr + 1e-09 * (1.0 + vr);
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + vr), coefficient of tau^1 */
-static inline real flow0_curve1_c1(real ar)
+static inline real flow0_watch_curve1_c1(real ar)
 {
   return ar + 1e-09 * ar;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr)), coefficient of tau^0 */
-static inline real flow0_curve2_c0(real vr)
+static inline real flow0_watch_curve2_c0(real vr)
 {
   return vr + 1e-09 * (1.0 + -vr);
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr)), coefficient of tau^1 */
-static inline real flow0_curve2_c1(real ar)
+static inline real flow0_watch_curve2_c1(real ar)
 {
   return ar + 1e-09 * -ar;
 }
 
 /* waypoint.kyx:68  Vmax + 0.000000001 * (1 + vr + abs(Vmax)) - vr, coefficient of tau^0 */
-static inline real flow0_curve3_c0(real vr, real Vmax)
+static inline real flow0_watch_curve3_c0(real vr, real Vmax)
 {
   return Vmax + 1e-09 * (1.0 + vr + fabs(Vmax)) - vr;
 }
 
 /* waypoint.kyx:68  Vmax + 0.000000001 * (1 + vr + abs(Vmax)) - vr, coefficient of tau^1 */
-static inline real flow0_curve3_c1(real ar)
+static inline real flow0_watch_curve3_c1(real ar)
 {
   return 1e-09 * ar - ar;
 }
 
 /* waypoint.kyx:68  Vmax + 0.000000001 * (1 + (-vr) + abs(Vmax)) - vr, coefficient of tau^0 */
-static inline real flow0_curve4_c0(real vr, real Vmax)
+static inline real flow0_watch_curve4_c0(real vr, real Vmax)
 {
   return Vmax + 1e-09 * (1.0 + -vr + fabs(Vmax)) - vr;
 }
 
 /* waypoint.kyx:68  Vmax + 0.000000001 * (1 + (-vr) + abs(Vmax)) - vr, coefficient of tau^1 */
-static inline real flow0_curve4_c1(real ar)
+static inline real flow0_watch_curve4_c1(real ar)
 {
   return 1e-09 * -ar - ar;
 }
@@ -90,7 +90,7 @@ static inline real flow0_curve4_c1(real ar)
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)) -
  * (xr + vr^2 / (2 * b)), coefficient of tau^0
  */
-static inline real flow0_curve5_c0(real xr, real vr, real xg, real b, real GDelta)
+static inline real flow0_watch_curve5_c0(real xr, real vr, real xg, real b, real GDelta)
 {
   const real t0 = xg + GDelta;
   const real t1 = xr + vr * vr / (2.0 * b);
@@ -101,7 +101,7 @@ static inline real flow0_curve5_c0(real xr, real vr, real xg, real b, real GDelt
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)) -
  * (xr + vr^2 / (2 * b)), coefficient of tau^1
  */
-static inline real flow0_curve5_c1(real vr, real ar, real b)
+static inline real flow0_watch_curve5_c1(real vr, real ar, real b)
 {
   const real t0 = vr + (vr * ar + ar * vr) / (2.0 * b);
   return 1e-09 * t0 - t0;
@@ -111,7 +111,7 @@ static inline real flow0_curve5_c1(real vr, real ar, real b)
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)) -
  * (xr + vr^2 / (2 * b)), coefficient of tau^2
  */
-static inline real flow0_curve5_c2(real ar, real b)
+static inline real flow0_watch_curve5_c2(real ar, real b)
 {
   const real t0 = ar / 2.0 + ar * ar / (2.0 * b);
   return 1e-09 * t0 - t0;
@@ -121,7 +121,7 @@ static inline real flow0_curve5_c2(real ar, real b)
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg + GDelta))
  * - (xr + vr^2 / (2 * b)), coefficient of tau^0
  */
-static inline real flow0_curve6_c0(real xr, real vr, real xg, real b, real GDelta)
+static inline real flow0_watch_curve6_c0(real xr, real vr, real xg, real b, real GDelta)
 {
   const real t0 = xg + GDelta;
   const real t1 = xr + vr * vr / (2.0 * b);
@@ -132,7 +132,7 @@ static inline real flow0_curve6_c0(real xr, real vr, real xg, real b, real GDelt
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg + GDelta))
  * - (xr + vr^2 / (2 * b)), coefficient of tau^1
  */
-static inline real flow0_curve6_c1(real vr, real ar, real b)
+static inline real flow0_watch_curve6_c1(real vr, real ar, real b)
 {
   const real t0 = vr + (vr * ar + ar * vr) / (2.0 * b);
   return 1e-09 * -t0 - t0;
@@ -142,7 +142,7 @@ static inline real flow0_curve6_c1(real vr, real ar, real b)
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg + GDelta))
  * - (xr + vr^2 / (2 * b)), coefficient of tau^2
  */
-static inline real flow0_curve6_c2(real ar, real b)
+static inline real flow0_watch_curve6_c2(real ar, real b)
 {
   const real t0 = ar / 2.0 + ar * ar / (2.0 * b);
   return 1e-09 * -t0 - t0;
@@ -152,7 +152,7 @@ static inline real flow0_curve6_c2(real ar, real b)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
  * tau^0
  */
-static inline real flow0_curve7_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve7_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return t0 + 1e-09 * (1.0 + fabs(t0) + xr) - xr;
@@ -162,7 +162,7 @@ static inline real flow0_curve7_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
  * tau^1
  */
-static inline real flow0_curve7_c1(real vr)
+static inline real flow0_watch_curve7_c1(real vr)
 {
   return 1e-09 * vr - vr;
 }
@@ -171,7 +171,7 @@ static inline real flow0_curve7_c1(real vr)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
  * tau^2
  */
-static inline real flow0_curve7_c2(real ar)
+static inline real flow0_watch_curve7_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return 1e-09 * t0 - t0;
@@ -181,7 +181,7 @@ static inline real flow0_curve7_c2(real ar)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
  * of tau^0
  */
-static inline real flow0_curve8_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve8_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return t0 + 1e-09 * (1.0 + fabs(t0) + -xr) - xr;
@@ -191,7 +191,7 @@ static inline real flow0_curve8_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
  * of tau^1
  */
-static inline real flow0_curve8_c1(real vr)
+static inline real flow0_watch_curve8_c1(real vr)
 {
   return 1e-09 * -vr - vr;
 }
@@ -200,89 +200,89 @@ static inline real flow0_curve8_c1(real vr)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
  * of tau^2
  */
-static inline real flow0_curve8_c2(real ar)
+static inline real flow0_watch_curve8_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return 1e-09 * -t0 - t0;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + vr) - vr, coefficient of tau^0 */
-static inline real flow0_curve9_c0(real vr)
+static inline real flow0_watch_curve9_c0(real vr)
 {
   return 1e-09 * (1.0 + vr) - vr;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + vr) - vr, coefficient of tau^1 */
-static inline real flow0_curve9_c1(real ar)
+static inline real flow0_watch_curve9_c1(real ar)
 {
   return 1e-09 * ar - ar;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + (-vr)) - (-vr), coefficient of tau^0 */
-static inline real flow0_curve10_c0(real vr)
+static inline real flow0_watch_curve10_c0(real vr)
 {
   const real t0 = -vr;
   return 1e-09 * (1.0 + t0) - t0;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + (-vr)) - (-vr), coefficient of tau^1 */
-static inline real flow0_curve10_c1(real ar)
+static inline real flow0_watch_curve10_c1(real ar)
 {
   const real t0 = -ar;
   return 1e-09 * t0 - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + T + vr / b) - vr / b, coefficient of tau^0 */
-static inline real flow0_curve11_c0(real vr, real T, real b)
+static inline real flow0_watch_curve11_c0(real vr, real T, real b)
 {
   const real t0 = vr / b;
   return T + 1e-09 * (1.0 + T + t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + T + vr / b) - vr / b, coefficient of tau^1 */
-static inline real flow0_curve11_c1(real ar, real b)
+static inline real flow0_watch_curve11_c1(real ar, real b)
 {
   const real t0 = ar / b;
   return -1.0 + 1e-09 * (-1.0 + t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + T + (-(vr / b))) - vr / b, coefficient of tau^0 */
-static inline real flow0_curve12_c0(real vr, real T, real b)
+static inline real flow0_watch_curve12_c0(real vr, real T, real b)
 {
   const real t0 = vr / b;
   return T + 1e-09 * (1.0 + T + -t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + T + (-(vr / b))) - vr / b, coefficient of tau^1 */
-static inline real flow0_curve12_c1(real ar, real b)
+static inline real flow0_watch_curve12_c1(real ar, real b)
 {
   const real t0 = ar / b;
   return -1.0 + 1e-09 * (-1.0 + -t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + vr / b) - vr / b, coefficient of tau^0 */
-static inline real flow0_curve13_c0(real vr, real T, real b)
+static inline real flow0_watch_curve13_c0(real vr, real T, real b)
 {
   const real t0 = vr / b;
   return T + 1e-09 * (1.0 + -T + t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + vr / b) - vr / b, coefficient of tau^1 */
-static inline real flow0_curve13_c1(real ar, real b)
+static inline real flow0_watch_curve13_c1(real ar, real b)
 {
   const real t0 = ar / b;
   return -1.0 + 1e-09 * (1.0 + t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-(vr / b))) - vr / b, coefficient of tau^0 */
-static inline real flow0_curve14_c0(real vr, real T, real b)
+static inline real flow0_watch_curve14_c0(real vr, real T, real b)
 {
   const real t0 = vr / b;
   return T + 1e-09 * (1.0 + -T + -t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-(vr / b))) - vr / b, coefficient of tau^1 */
-static inline real flow0_curve14_c1(real ar, real b)
+static inline real flow0_watch_curve14_c1(real ar, real b)
 {
   const real t0 = ar / b;
   return -1.0 + 1e-09 * (1.0 + -t0) - t0;
@@ -292,7 +292,7 @@ static inline real flow0_curve14_c1(real ar, real b)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
  * of tau^0
  */
-static inline real flow0_curve15_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve15_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + xr + fabs(t0)) - t0;
@@ -302,7 +302,7 @@ static inline real flow0_curve15_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
  * of tau^1
  */
-static inline real flow0_curve15_c1(real vr)
+static inline real flow0_watch_curve15_c1(real vr)
 {
   return vr + 1e-09 * vr;
 }
@@ -311,7 +311,7 @@ static inline real flow0_curve15_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
  * of tau^2
  */
-static inline real flow0_curve15_c2(real ar)
+static inline real flow0_watch_curve15_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * t0;
@@ -321,7 +321,7 @@ static inline real flow0_curve15_c2(real ar)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
  * coefficient of tau^0
  */
-static inline real flow0_curve16_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve16_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + -xr + fabs(t0)) - t0;
@@ -331,7 +331,7 @@ static inline real flow0_curve16_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
  * coefficient of tau^1
  */
-static inline real flow0_curve16_c1(real vr)
+static inline real flow0_watch_curve16_c1(real vr)
 {
   return vr + 1e-09 * -vr;
 }
@@ -340,34 +340,34 @@ static inline real flow0_curve16_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
  * coefficient of tau^2
  */
-static inline real flow0_curve16_c2(real ar)
+static inline real flow0_watch_curve16_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * -t0;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + vr + abs(A * ep)) - A * ep, coefficient of tau^0 */
-static inline real flow0_curve17_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve17_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return vr + 1e-09 * (1.0 + vr + fabs(t0)) - t0;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + vr + abs(A * ep)) - A * ep, coefficient of tau^1 */
-static inline real flow0_curve17_c1(real ar)
+static inline real flow0_watch_curve17_c1(real ar)
 {
   return ar + 1e-09 * ar;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr) + abs(A * ep)) - A * ep, coefficient of tau^0 */
-static inline real flow0_curve18_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve18_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return vr + 1e-09 * (1.0 + -vr + fabs(t0)) - t0;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr) + abs(A * ep)) - A * ep, coefficient of tau^1 */
-static inline real flow0_curve18_c1(real ar)
+static inline real flow0_watch_curve18_c1(real ar)
 {
   return ar + 1e-09 * -ar;
 }
@@ -376,8 +376,8 @@ static inline real flow0_curve18_c1(real ar)
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)) -
  * ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
  */
-static inline real flow0_curve19_c0(real xr, real xg, real T, real ep, real b, real A, real GDelta,
-                                    real Vmax)
+static inline real flow0_watch_curve19_c0(real xr, real xg, real T, real ep, real b, real A,
+                                          real GDelta, real Vmax)
 {
   const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + T + t0) - t0;
@@ -387,7 +387,7 @@ static inline real flow0_curve19_c0(real xr, real xg, real T, real ep, real b, r
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)) -
  * ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
  */
-static inline real flow0_curve19_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve19_c1(real vr, real ep, real A)
 {
   const real t0 = -vr / (A * ep);
   return -1.0 + 1e-09 * (-1.0 + t0) - t0;
@@ -397,7 +397,7 @@ static inline real flow0_curve19_c1(real vr, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)) -
  * ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
  */
-static inline real flow0_curve19_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve19_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * t0 - t0;
@@ -407,8 +407,8 @@ static inline real flow0_curve19_c2(real ar, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
  */
-static inline real flow0_curve20_c0(real xr, real xg, real T, real ep, real b, real A, real GDelta,
-                                    real Vmax)
+static inline real flow0_watch_curve20_c0(real xr, real xg, real T, real ep, real b, real A,
+                                          real GDelta, real Vmax)
 {
   const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + T + -t0) - t0;
@@ -418,7 +418,7 @@ static inline real flow0_curve20_c0(real xr, real xg, real T, real ep, real b, r
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
  */
-static inline real flow0_curve20_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve20_c1(real vr, real ep, real A)
 {
   const real t0 = -vr / (A * ep);
   return -1.0 + 1e-09 * (-1.0 + -t0) - t0;
@@ -428,7 +428,7 @@ static inline real flow0_curve20_c1(real vr, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
  */
-static inline real flow0_curve20_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve20_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * -t0 - t0;
@@ -438,8 +438,8 @@ static inline real flow0_curve20_c2(real ar, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b)) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
  */
-static inline real flow0_curve21_c0(real xr, real xg, real T, real ep, real b, real A, real GDelta,
-                                    real Vmax)
+static inline real flow0_watch_curve21_c0(real xr, real xg, real T, real ep, real b, real A,
+                                          real GDelta, real Vmax)
 {
   const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + -T + t0) - t0;
@@ -449,7 +449,7 @@ static inline real flow0_curve21_c0(real xr, real xg, real T, real ep, real b, r
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b)) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
  */
-static inline real flow0_curve21_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve21_c1(real vr, real ep, real A)
 {
   const real t0 = -vr / (A * ep);
   return -1.0 + 1e-09 * (1.0 + t0) - t0;
@@ -459,7 +459,7 @@ static inline real flow0_curve21_c1(real vr, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b)) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
  */
-static inline real flow0_curve21_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve21_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * t0 - t0;
@@ -469,8 +469,8 @@ static inline real flow0_curve21_c2(real ar, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
  */
-static inline real flow0_curve22_c0(real xr, real xg, real T, real ep, real b, real A, real GDelta,
-                                    real Vmax)
+static inline real flow0_watch_curve22_c0(real xr, real xg, real T, real ep, real b, real A,
+                                          real GDelta, real Vmax)
 {
   const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + -T + -t0) - t0;
@@ -480,7 +480,7 @@ static inline real flow0_curve22_c0(real xr, real xg, real T, real ep, real b, r
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
  */
-static inline real flow0_curve22_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve22_c1(real vr, real ep, real A)
 {
   const real t0 = -vr / (A * ep);
   return -1.0 + 1e-09 * (1.0 + -t0) - t0;
@@ -490,34 +490,34 @@ static inline real flow0_curve22_c1(real vr, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
  */
-static inline real flow0_curve22_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve22_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * -t0 - t0;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + vr + abs(A * ep)) - vr, coefficient of tau^0 */
-static inline real flow0_curve23_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve23_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return t0 + 1e-09 * (1.0 + vr + fabs(t0)) - vr;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + vr + abs(A * ep)) - vr, coefficient of tau^1 */
-static inline real flow0_curve23_c1(real ar)
+static inline real flow0_watch_curve23_c1(real ar)
 {
   return 1e-09 * ar - ar;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + (-vr) + abs(A * ep)) - vr, coefficient of tau^0 */
-static inline real flow0_curve24_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve24_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return t0 + 1e-09 * (1.0 + -vr + fabs(t0)) - vr;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + (-vr) + abs(A * ep)) - vr, coefficient of tau^1 */
-static inline real flow0_curve24_c1(real ar)
+static inline real flow0_watch_curve24_c1(real ar)
 {
   return 1e-09 * -ar - ar;
 }
@@ -527,8 +527,8 @@ static inline real flow0_curve24_c1(real ar)
  * + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of
  * tau^0
  */
-static inline real flow0_curve25_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                    real GDelta, real Vmax)
+static inline real flow0_watch_curve25_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax)
 {
   const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + T + t0) - t0;
@@ -539,7 +539,7 @@ static inline real flow0_curve25_c0(real xr, real vr, real xg, real T, real ep, 
  * + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of
  * tau^1
  */
-static inline real flow0_curve25_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve25_c1(real vr, real ar, real ep, real A)
 {
   const real t0 = -(ar / A) + -vr / (A * ep);
   return -1.0 + 1e-09 * (-1.0 + t0) - t0;
@@ -550,7 +550,7 @@ static inline real flow0_curve25_c1(real vr, real ar, real ep, real A)
  * + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of
  * tau^2
  */
-static inline real flow0_curve25_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve25_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * t0 - t0;
@@ -561,8 +561,8 @@ static inline real flow0_curve25_c2(real ar, real ep, real A)
  * ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^0
  */
-static inline real flow0_curve26_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                    real GDelta, real Vmax)
+static inline real flow0_watch_curve26_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax)
 {
   const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + T + -t0) - t0;
@@ -573,7 +573,7 @@ static inline real flow0_curve26_c0(real xr, real vr, real xg, real T, real ep, 
  * ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^1
  */
-static inline real flow0_curve26_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve26_c1(real vr, real ar, real ep, real A)
 {
   const real t0 = -(ar / A) + -vr / (A * ep);
   return -1.0 + 1e-09 * (-1.0 + -t0) - t0;
@@ -584,7 +584,7 @@ static inline real flow0_curve26_c1(real vr, real ar, real ep, real A)
  * ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^2
  */
-static inline real flow0_curve26_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve26_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * -t0 - t0;
@@ -595,8 +595,8 @@ static inline real flow0_curve26_c2(real ar, real ep, real A)
  * ep + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^0
  */
-static inline real flow0_curve27_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                    real GDelta, real Vmax)
+static inline real flow0_watch_curve27_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax)
 {
   const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + -T + t0) - t0;
@@ -607,7 +607,7 @@ static inline real flow0_curve27_c0(real xr, real vr, real xg, real T, real ep, 
  * ep + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^1
  */
-static inline real flow0_curve27_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve27_c1(real vr, real ar, real ep, real A)
 {
   const real t0 = -(ar / A) + -vr / (A * ep);
   return -1.0 + 1e-09 * (1.0 + t0) - t0;
@@ -618,7 +618,7 @@ static inline real flow0_curve27_c1(real vr, real ar, real ep, real A)
  * ep + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^2
  */
-static inline real flow0_curve27_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve27_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * t0 - t0;
@@ -629,8 +629,8 @@ static inline real flow0_curve27_c2(real ar, real ep, real A)
  * + ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^0
  */
-static inline real flow0_curve28_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                    real GDelta, real Vmax)
+static inline real flow0_watch_curve28_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax)
 {
   const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + -T + -t0) - t0;
@@ -641,7 +641,7 @@ static inline real flow0_curve28_c0(real xr, real vr, real xg, real T, real ep, 
  * + ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^1
  */
-static inline real flow0_curve28_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve28_c1(real vr, real ar, real ep, real A)
 {
   const real t0 = -(ar / A) + -vr / (A * ep);
   return -1.0 + 1e-09 * (1.0 + -t0) - t0;
@@ -652,14 +652,14 @@ static inline real flow0_curve28_c1(real vr, real ar, real ep, real A)
  * + ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^2
  */
-static inline real flow0_curve28_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve28_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * -t0 - t0;
 }
 
 /* waypoint.kyx:68  0 - T, coefficient of tau^0 */
-static inline real flow0_curve29_c0(real T)
+static inline real flow0_watch_curve29_c0(real T)
 {
   return -T;
 }
@@ -668,7 +668,7 @@ static inline real flow0_curve29_c0(real T)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
  * of tau^0
  */
-static inline real flow0_curve30_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve30_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + fabs(t0) + xr) - t0;
@@ -678,7 +678,7 @@ static inline real flow0_curve30_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
  * of tau^1
  */
-static inline real flow0_curve30_c1(real vr)
+static inline real flow0_watch_curve30_c1(real vr)
 {
   return vr + 1e-09 * vr;
 }
@@ -687,7 +687,7 @@ static inline real flow0_curve30_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
  * of tau^2
  */
-static inline real flow0_curve30_c2(real ar)
+static inline real flow0_watch_curve30_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * t0;
@@ -697,7 +697,7 @@ static inline real flow0_curve30_c2(real ar)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
  * coefficient of tau^0
  */
-static inline real flow0_curve31_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve31_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + fabs(t0) + -xr) - t0;
@@ -707,7 +707,7 @@ static inline real flow0_curve31_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
  * coefficient of tau^1
  */
-static inline real flow0_curve31_c1(real vr)
+static inline real flow0_watch_curve31_c1(real vr)
 {
   return vr + 1e-09 * -vr;
 }
@@ -716,117 +716,117 @@ static inline real flow0_curve31_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
  * coefficient of tau^2
  */
-static inline real flow0_curve31_c2(real ar)
+static inline real flow0_watch_curve31_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * -t0;
 }
 
 /* waypoint.kyx:68  Vmax - vr, coefficient of tau^0 */
-static inline real flow0_still1_c0(real vr, real Vmax)
+static inline real flow0_watch_still1_c0(real vr, real Vmax)
 {
   return Vmax - vr;
 }
 
 /* waypoint.kyx:68  Vmax - vr, coefficient of tau^1 */
-static inline real flow0_still1_c1(real ar)
+static inline real flow0_watch_still1_c1(real ar)
 {
   return -ar;
 }
 
 /* waypoint.kyx:68  xg + GDelta - (xr + vr^2 / (2 * b)), coefficient of tau^0 */
-static inline real flow0_still2_c0(real xr, real vr, real xg, real b, real GDelta)
+static inline real flow0_watch_still2_c0(real xr, real vr, real xg, real b, real GDelta)
 {
   return xg + GDelta - (xr + vr * vr / (2.0 * b));
 }
 
 /* waypoint.kyx:68  xg + GDelta - (xr + vr^2 / (2 * b)), coefficient of tau^1 */
-static inline real flow0_still2_c1(real vr, real ar, real b)
+static inline real flow0_watch_still2_c1(real vr, real ar, real b)
 {
   return -(vr + (vr * ar + ar * vr) / (2.0 * b));
 }
 
 /* waypoint.kyx:68  xg + GDelta - (xr + vr^2 / (2 * b)), coefficient of tau^2 */
-static inline real flow0_still2_c2(real ar, real b)
+static inline real flow0_watch_still2_c2(real ar, real b)
 {
   return -(ar / 2.0 + ar * ar / (2.0 * b));
 }
 
 /* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^0 */
-static inline real flow0_still3_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_still3_c0(real xr, real xg, real GDelta)
 {
   return xg - GDelta - xr;
 }
 
 /* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^1 */
-static inline real flow0_still3_c1(real vr)
+static inline real flow0_watch_still3_c1(real vr)
 {
   return -vr;
 }
 
 /* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^2 */
-static inline real flow0_still3_c2(real ar)
+static inline real flow0_watch_still3_c2(real ar)
 {
   return -(ar / 2.0);
 }
 
 /* waypoint.kyx:68  T - vr / b, coefficient of tau^0 */
-static inline real flow0_still4_c0(real vr, real T, real b)
+static inline real flow0_watch_still4_c0(real vr, real T, real b)
 {
   return T - vr / b;
 }
 
 /* waypoint.kyx:68  T - vr / b, coefficient of tau^1 */
-static inline real flow0_still4_c1(real ar, real b)
+static inline real flow0_watch_still4_c1(real ar, real b)
 {
   return -1.0 - ar / b;
 }
 
 /* waypoint.kyx:68  xr - (xg - GDelta), coefficient of tau^0 */
-static inline real flow0_still5_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_still5_c0(real xr, real xg, real GDelta)
 {
   return xr - (xg - GDelta);
 }
 
 /* waypoint.kyx:68  xr - (xg - GDelta), coefficient of tau^2 */
-static inline real flow0_still5_c2(real ar)
+static inline real flow0_watch_still5_c2(real ar)
 {
   return ar / 2.0;
 }
 
 /* waypoint.kyx:68  vr - A * ep, coefficient of tau^0 */
-static inline real flow0_still6_c0(real vr, real ep, real A)
+static inline real flow0_watch_still6_c0(real vr, real ep, real A)
 {
   return vr - A * ep;
 }
 
 /* waypoint.kyx:68  T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0 */
-static inline real flow0_still7_c0(real xr, real xg, real T, real ep, real b, real A, real GDelta,
-                                   real Vmax)
+static inline real flow0_watch_still7_c0(real xr, real xg, real T, real ep, real b, real A,
+                                         real GDelta, real Vmax)
 {
   return T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b);
 }
 
 /* waypoint.kyx:68  T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1 */
-static inline real flow0_still7_c1(real vr, real ep, real A)
+static inline real flow0_watch_still7_c1(real vr, real ep, real A)
 {
   return -1.0 - -vr / (A * ep);
 }
 
 /* waypoint.kyx:68  T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2 */
-static inline real flow0_still7_c2(real ar, real ep, real A)
+static inline real flow0_watch_still7_c2(real ar, real ep, real A)
 {
   return -(-(ar / 2.0) / (A * ep));
 }
 
 /* waypoint.kyx:68  A * ep - vr, coefficient of tau^0 */
-static inline real flow0_still8_c0(real vr, real ep, real A)
+static inline real flow0_watch_still8_c0(real vr, real ep, real A)
 {
   return A * ep - vr;
 }
 
 /* waypoint.kyx:68  A * ep - vr, coefficient of tau^1 */
-static inline real flow0_still8_c1(real ar)
+static inline real flow0_watch_still8_c1(real ar)
 {
   return -ar;
 }
@@ -835,8 +835,8 @@ static inline real flow0_still8_c1(real ar)
  * waypoint.kyx:68  T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^0
  */
-static inline real flow0_still9_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                   real GDelta, real Vmax)
+static inline real flow0_watch_still9_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
+                                         real GDelta, real Vmax)
 {
   return T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b);
 }
@@ -845,7 +845,7 @@ static inline real flow0_still9_c0(real xr, real vr, real xg, real T, real ep, r
  * waypoint.kyx:68  T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^1
  */
-static inline real flow0_still9_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_still9_c1(real vr, real ar, real ep, real A)
 {
   return -1.0 - (-(ar / A) + -vr / (A * ep));
 }
@@ -854,7 +854,7 @@ static inline real flow0_still9_c1(real vr, real ar, real ep, real A)
  * waypoint.kyx:68  T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^2
  */
-static inline real flow0_still9_c2(real ar, real ep, real A)
+static inline real flow0_watch_still9_c2(real ar, real ep, real A)
 {
   return -(-(ar / 2.0) / (A * ep));
 }
@@ -863,7 +863,7 @@ static inline real flow0_still9_c2(real ar, real ep, real A)
  * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + xr)), coefficient
  * of tau^0
  */
-static inline real flow0_still11_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_still11_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return t0 - (xr + 1e-09 * (1.0 + fabs(t0) + xr));
@@ -873,7 +873,7 @@ static inline real flow0_still11_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + xr)), coefficient
  * of tau^1
  */
-static inline real flow0_still11_c1(real vr)
+static inline real flow0_watch_still11_c1(real vr)
 {
   return -(vr + 1e-09 * vr);
 }
@@ -882,7 +882,7 @@ static inline real flow0_still11_c1(real vr)
  * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + xr)), coefficient
  * of tau^2
  */
-static inline real flow0_still11_c2(real ar)
+static inline real flow0_watch_still11_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return -(t0 + 1e-09 * t0);
@@ -892,7 +892,7 @@ static inline real flow0_still11_c2(real ar)
  * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr))),
  * coefficient of tau^0
  */
-static inline real flow0_still12_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_still12_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return t0 - (xr + 1e-09 * (1.0 + fabs(t0) + -xr));
@@ -902,7 +902,7 @@ static inline real flow0_still12_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr))),
  * coefficient of tau^1
  */
-static inline real flow0_still12_c1(real vr)
+static inline real flow0_watch_still12_c1(real vr)
 {
   return -(vr + 1e-09 * -vr);
 }
@@ -911,33 +911,33 @@ static inline real flow0_still12_c1(real vr)
  * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr))),
  * coefficient of tau^2
  */
-static inline real flow0_still12_c2(real ar)
+static inline real flow0_watch_still12_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return -(t0 + 1e-09 * -t0);
 }
 
 /* waypoint.kyx:68  vr - 0.000000001 * (1 + vr), coefficient of tau^0 */
-static inline real flow0_still13_c0(real vr)
+static inline real flow0_watch_still13_c0(real vr)
 {
   return vr - 1e-09 * (1.0 + vr);
 }
 
 /* waypoint.kyx:68  vr - 0.000000001 * (1 + vr), coefficient of tau^1 */
-static inline real flow0_still13_c1(real ar)
+static inline real flow0_watch_still13_c1(real ar)
 {
   return ar - 1e-09 * ar;
 }
 
 /* waypoint.kyx:68  -vr - 0.000000001 * (1 + (-vr)), coefficient of tau^0 */
-static inline real flow0_still14_c0(real vr)
+static inline real flow0_watch_still14_c0(real vr)
 {
   const real t0 = -vr;
   return t0 - 1e-09 * (1.0 + t0);
 }
 
 /* waypoint.kyx:68  -vr - 0.000000001 * (1 + (-vr)), coefficient of tau^1 */
-static inline real flow0_still14_c1(real ar)
+static inline real flow0_watch_still14_c1(real ar)
 {
   const real t0 = -ar;
   return t0 - 1e-09 * t0;
@@ -1032,7 +1032,7 @@ static inline bool ensure_due(real T)
 }
 
 /* the problem's Q: xr < xg + GDelta & (T > 0 | (xg - GDelta < xr & vr = 0)) */
-static inline bool postcondition_holds(real xr, real vr, real xg, real T, real GDelta)
+static inline bool problem_postcondition(real xr, real vr, real xg, real T, real GDelta)
 {
   return (xr < xg + GDelta) & ((T > 0.0) | ((xg - GDelta < xr) & (vr == 0.0)));
 }
@@ -1041,8 +1041,8 @@ static inline bool postcondition_holds(real xr, real vr, real xg, real T, real G
  * A > 0 & b > 0 & ep > 0 & Vmax >= 2 * A * ep & GDelta > Vmax * ep + Vmax^2 / (2 * b) & vr = 0 &
  * xr < xg - GDelta & T > ep + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b
  */
-static inline bool precondition_holds(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                      real GDelta, real Vmax)
+static inline bool problem_precondition(real xr, real vr, real xg, real T, real ep, real b, real A,
+                                        real GDelta, real Vmax)
 {
   return (A > 0.0) & (b > 0.0) & (ep > 0.0) & (2.0 * A * ep <= Vmax)
       & (Vmax * ep + Vmax * Vmax / (2.0 * b) < GDelta) & (vr == 0.0) & (xr < xg - GDelta)
@@ -1157,122 +1157,122 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
     c[0][0] = x[X_vr];
     c[0][1] = x[X_ar];
     degree[0] = 1;
-    c[1][0] = flow0_curve1_c0(x[X_vr]);
-    c[1][1] = flow0_curve1_c1(x[X_ar]);
+    c[1][0] = flow0_watch_curve1_c0(x[X_vr]);
+    c[1][1] = flow0_watch_curve1_c1(x[X_ar]);
     degree[1] = 1;
-    c[2][0] = flow0_curve2_c0(x[X_vr]);
-    c[2][1] = flow0_curve2_c1(x[X_ar]);
+    c[2][0] = flow0_watch_curve2_c0(x[X_vr]);
+    c[2][1] = flow0_watch_curve2_c1(x[X_ar]);
     degree[2] = 1;
-    c[3][0] = flow0_curve3_c0(x[X_vr], p[P_Vmax]);
-    c[3][1] = flow0_curve3_c1(x[X_ar]);
+    c[3][0] = flow0_watch_curve3_c0(x[X_vr], p[P_Vmax]);
+    c[3][1] = flow0_watch_curve3_c1(x[X_ar]);
     degree[3] = 1;
-    c[4][0] = flow0_curve4_c0(x[X_vr], p[P_Vmax]);
-    c[4][1] = flow0_curve4_c1(x[X_ar]);
+    c[4][0] = flow0_watch_curve4_c0(x[X_vr], p[P_Vmax]);
+    c[4][1] = flow0_watch_curve4_c1(x[X_ar]);
     degree[4] = 1;
-    c[5][0] = flow0_curve5_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
-    c[5][1] = flow0_curve5_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[5][2] = flow0_curve5_c2(x[X_ar], p[P_b]);
+    c[5][0] = flow0_watch_curve5_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
+    c[5][1] = flow0_watch_curve5_c1(x[X_vr], x[X_ar], p[P_b]);
+    c[5][2] = flow0_watch_curve5_c2(x[X_ar], p[P_b]);
     degree[5] = 2;
-    c[6][0] = flow0_curve6_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
-    c[6][1] = flow0_curve6_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[6][2] = flow0_curve6_c2(x[X_ar], p[P_b]);
+    c[6][0] = flow0_watch_curve6_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
+    c[6][1] = flow0_watch_curve6_c1(x[X_vr], x[X_ar], p[P_b]);
+    c[6][2] = flow0_watch_curve6_c2(x[X_ar], p[P_b]);
     degree[6] = 2;
-    c[7][0] = flow0_curve7_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[7][1] = flow0_curve7_c1(x[X_vr]);
-    c[7][2] = flow0_curve7_c2(x[X_ar]);
+    c[7][0] = flow0_watch_curve7_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[7][1] = flow0_watch_curve7_c1(x[X_vr]);
+    c[7][2] = flow0_watch_curve7_c2(x[X_ar]);
     degree[7] = 2;
-    c[8][0] = flow0_curve8_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[8][1] = flow0_curve8_c1(x[X_vr]);
-    c[8][2] = flow0_curve8_c2(x[X_ar]);
+    c[8][0] = flow0_watch_curve8_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[8][1] = flow0_watch_curve8_c1(x[X_vr]);
+    c[8][2] = flow0_watch_curve8_c2(x[X_ar]);
     degree[8] = 2;
-    c[9][0] = flow0_curve9_c0(x[X_vr]);
-    c[9][1] = flow0_curve9_c1(x[X_ar]);
+    c[9][0] = flow0_watch_curve9_c0(x[X_vr]);
+    c[9][1] = flow0_watch_curve9_c1(x[X_ar]);
     degree[9] = 1;
-    c[10][0] = flow0_curve10_c0(x[X_vr]);
-    c[10][1] = flow0_curve10_c1(x[X_ar]);
+    c[10][0] = flow0_watch_curve10_c0(x[X_vr]);
+    c[10][1] = flow0_watch_curve10_c1(x[X_ar]);
     degree[10] = 1;
-    c[11][0] = flow0_curve11_c0(x[X_vr], x[X_T], p[P_b]);
-    c[11][1] = flow0_curve11_c1(x[X_ar], p[P_b]);
+    c[11][0] = flow0_watch_curve11_c0(x[X_vr], x[X_T], p[P_b]);
+    c[11][1] = flow0_watch_curve11_c1(x[X_ar], p[P_b]);
     degree[11] = 1;
-    c[12][0] = flow0_curve12_c0(x[X_vr], x[X_T], p[P_b]);
-    c[12][1] = flow0_curve12_c1(x[X_ar], p[P_b]);
+    c[12][0] = flow0_watch_curve12_c0(x[X_vr], x[X_T], p[P_b]);
+    c[12][1] = flow0_watch_curve12_c1(x[X_ar], p[P_b]);
     degree[12] = 1;
-    c[13][0] = flow0_curve13_c0(x[X_vr], x[X_T], p[P_b]);
-    c[13][1] = flow0_curve13_c1(x[X_ar], p[P_b]);
+    c[13][0] = flow0_watch_curve13_c0(x[X_vr], x[X_T], p[P_b]);
+    c[13][1] = flow0_watch_curve13_c1(x[X_ar], p[P_b]);
     degree[13] = 1;
-    c[14][0] = flow0_curve14_c0(x[X_vr], x[X_T], p[P_b]);
-    c[14][1] = flow0_curve14_c1(x[X_ar], p[P_b]);
+    c[14][0] = flow0_watch_curve14_c0(x[X_vr], x[X_T], p[P_b]);
+    c[14][1] = flow0_watch_curve14_c1(x[X_ar], p[P_b]);
     degree[14] = 1;
-    c[15][0] = flow0_curve15_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[15][1] = flow0_curve15_c1(x[X_vr]);
-    c[15][2] = flow0_curve15_c2(x[X_ar]);
+    c[15][0] = flow0_watch_curve15_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[15][1] = flow0_watch_curve15_c1(x[X_vr]);
+    c[15][2] = flow0_watch_curve15_c2(x[X_ar]);
     degree[15] = 2;
-    c[16][0] = flow0_curve16_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[16][1] = flow0_curve16_c1(x[X_vr]);
-    c[16][2] = flow0_curve16_c2(x[X_ar]);
+    c[16][0] = flow0_watch_curve16_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[16][1] = flow0_watch_curve16_c1(x[X_vr]);
+    c[16][2] = flow0_watch_curve16_c2(x[X_ar]);
     degree[16] = 2;
-    c[17][0] = flow0_curve17_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[17][1] = flow0_curve17_c1(x[X_ar]);
+    c[17][0] = flow0_watch_curve17_c0(x[X_vr], p[P_ep], p[P_A]);
+    c[17][1] = flow0_watch_curve17_c1(x[X_ar]);
     degree[17] = 1;
-    c[18][0] = flow0_curve18_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[18][1] = flow0_curve18_c1(x[X_ar]);
+    c[18][0] = flow0_watch_curve18_c0(x[X_vr], p[P_ep], p[P_A]);
+    c[18][1] = flow0_watch_curve18_c1(x[X_ar]);
     degree[18] = 1;
-    c[19][0] = flow0_curve19_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+    c[19][0] = flow0_watch_curve19_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
         p[P_Vmax]);
-    c[19][1] = flow0_curve19_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[19][2] = flow0_curve19_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[19][1] = flow0_watch_curve19_c1(x[X_vr], p[P_ep], p[P_A]);
+    c[19][2] = flow0_watch_curve19_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[19] = 2;
-    c[20][0] = flow0_curve20_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+    c[20][0] = flow0_watch_curve20_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
         p[P_Vmax]);
-    c[20][1] = flow0_curve20_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[20][2] = flow0_curve20_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[20][1] = flow0_watch_curve20_c1(x[X_vr], p[P_ep], p[P_A]);
+    c[20][2] = flow0_watch_curve20_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[20] = 2;
-    c[21][0] = flow0_curve21_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+    c[21][0] = flow0_watch_curve21_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
         p[P_Vmax]);
-    c[21][1] = flow0_curve21_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[21][2] = flow0_curve21_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[21][1] = flow0_watch_curve21_c1(x[X_vr], p[P_ep], p[P_A]);
+    c[21][2] = flow0_watch_curve21_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[21] = 2;
-    c[22][0] = flow0_curve22_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+    c[22][0] = flow0_watch_curve22_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
         p[P_Vmax]);
-    c[22][1] = flow0_curve22_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[22][2] = flow0_curve22_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[22][1] = flow0_watch_curve22_c1(x[X_vr], p[P_ep], p[P_A]);
+    c[22][2] = flow0_watch_curve22_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[22] = 2;
-    c[23][0] = flow0_curve23_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[23][1] = flow0_curve23_c1(x[X_ar]);
+    c[23][0] = flow0_watch_curve23_c0(x[X_vr], p[P_ep], p[P_A]);
+    c[23][1] = flow0_watch_curve23_c1(x[X_ar]);
     degree[23] = 1;
-    c[24][0] = flow0_curve24_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[24][1] = flow0_curve24_c1(x[X_ar]);
+    c[24][0] = flow0_watch_curve24_c0(x[X_vr], p[P_ep], p[P_A]);
+    c[24][1] = flow0_watch_curve24_c1(x[X_ar]);
     degree[24] = 1;
-    c[25][0] = flow0_curve25_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+    c[25][0] = flow0_watch_curve25_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
         p[P_GDelta], p[P_Vmax]);
-    c[25][1] = flow0_curve25_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[25][2] = flow0_curve25_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[25][1] = flow0_watch_curve25_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
+    c[25][2] = flow0_watch_curve25_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[25] = 2;
-    c[26][0] = flow0_curve26_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+    c[26][0] = flow0_watch_curve26_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
         p[P_GDelta], p[P_Vmax]);
-    c[26][1] = flow0_curve26_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[26][2] = flow0_curve26_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[26][1] = flow0_watch_curve26_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
+    c[26][2] = flow0_watch_curve26_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[26] = 2;
-    c[27][0] = flow0_curve27_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+    c[27][0] = flow0_watch_curve27_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
         p[P_GDelta], p[P_Vmax]);
-    c[27][1] = flow0_curve27_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[27][2] = flow0_curve27_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[27][1] = flow0_watch_curve27_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
+    c[27][2] = flow0_watch_curve27_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[27] = 2;
-    c[28][0] = flow0_curve28_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+    c[28][0] = flow0_watch_curve28_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
         p[P_GDelta], p[P_Vmax]);
-    c[28][1] = flow0_curve28_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[28][2] = flow0_curve28_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[28][1] = flow0_watch_curve28_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
+    c[28][2] = flow0_watch_curve28_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[28] = 2;
-    c[29][0] = flow0_curve29_c0(x[X_T]);
+    c[29][0] = flow0_watch_curve29_c0(x[X_T]);
     c[29][1] = 1.0;
     degree[29] = 1;
-    c[30][0] = flow0_curve30_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[30][1] = flow0_curve30_c1(x[X_vr]);
-    c[30][2] = flow0_curve30_c2(x[X_ar]);
+    c[30][0] = flow0_watch_curve30_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[30][1] = flow0_watch_curve30_c1(x[X_vr]);
+    c[30][2] = flow0_watch_curve30_c2(x[X_ar]);
     degree[30] = 2;
-    c[31][0] = flow0_curve31_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[31][1] = flow0_curve31_c1(x[X_vr]);
-    c[31][2] = flow0_curve31_c2(x[X_ar]);
+    c[31][0] = flow0_watch_curve31_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[31][1] = flow0_watch_curve31_c1(x[X_vr]);
+    c[31][2] = flow0_watch_curve31_c2(x[X_ar]);
     degree[31] = 2;
   }
 }
@@ -1314,36 +1314,36 @@ static inline bool model_quiet(int flow, const real *x, const real *p, real dura
 {
   if (flow == 0) {
     const dl2c_span still0 = dl2c_span_of(x[X_vr], x[X_ar], 0.0, duration);
-    const dl2c_span still1 = dl2c_span_of(flow0_still1_c0(x[X_vr], p[P_Vmax]),
-        flow0_still1_c1(x[X_ar]), 0.0, duration);
-    const dl2c_span still2 = dl2c_span_of(flow0_still2_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b],
-        p[P_GDelta]), flow0_still2_c1(x[X_vr], x[X_ar], p[P_b]), flow0_still2_c2(x[X_ar], p[P_b]),
-        duration);
-    const dl2c_span still3 = dl2c_span_of(flow0_still3_c0(x[X_xr], x[X_xg], p[P_GDelta]),
-        flow0_still3_c1(x[X_vr]), flow0_still3_c2(x[X_ar]), duration);
-    const dl2c_span still4 = dl2c_span_of(flow0_still4_c0(x[X_vr], x[X_T], p[P_b]),
-        flow0_still4_c1(x[X_ar], p[P_b]), 0.0, duration);
-    const dl2c_span still5 = dl2c_span_of(flow0_still5_c0(x[X_xr], x[X_xg], p[P_GDelta]), x[X_vr],
-        flow0_still5_c2(x[X_ar]), duration);
-    const dl2c_span still6 = dl2c_span_of(flow0_still6_c0(x[X_vr], p[P_ep], p[P_A]), x[X_ar], 0.0,
-        duration);
-    const dl2c_span still7 = dl2c_span_of(flow0_still7_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b],
-        p[P_A], p[P_GDelta], p[P_Vmax]), flow0_still7_c1(x[X_vr], p[P_ep], p[P_A]),
-        flow0_still7_c2(x[X_ar], p[P_ep], p[P_A]), duration);
-    const dl2c_span still8 = dl2c_span_of(flow0_still8_c0(x[X_vr], p[P_ep], p[P_A]),
-        flow0_still8_c1(x[X_ar]), 0.0, duration);
-    const dl2c_span still9 = dl2c_span_of(flow0_still9_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep],
-        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_still9_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]),
-        flow0_still9_c2(x[X_ar], p[P_ep], p[P_A]), duration);
+    const dl2c_span still1 = dl2c_span_of(flow0_watch_still1_c0(x[X_vr], p[P_Vmax]),
+        flow0_watch_still1_c1(x[X_ar]), 0.0, duration);
+    const dl2c_span still2 = dl2c_span_of(flow0_watch_still2_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b],
+        p[P_GDelta]), flow0_watch_still2_c1(x[X_vr], x[X_ar], p[P_b]), flow0_watch_still2_c2(x[X_ar],
+        p[P_b]), duration);
+    const dl2c_span still3 = dl2c_span_of(flow0_watch_still3_c0(x[X_xr], x[X_xg], p[P_GDelta]),
+        flow0_watch_still3_c1(x[X_vr]), flow0_watch_still3_c2(x[X_ar]), duration);
+    const dl2c_span still4 = dl2c_span_of(flow0_watch_still4_c0(x[X_vr], x[X_T], p[P_b]),
+        flow0_watch_still4_c1(x[X_ar], p[P_b]), 0.0, duration);
+    const dl2c_span still5 = dl2c_span_of(flow0_watch_still5_c0(x[X_xr], x[X_xg], p[P_GDelta]),
+        x[X_vr], flow0_watch_still5_c2(x[X_ar]), duration);
+    const dl2c_span still6 = dl2c_span_of(flow0_watch_still6_c0(x[X_vr], p[P_ep], p[P_A]), x[X_ar],
+        0.0, duration);
+    const dl2c_span still7 = dl2c_span_of(flow0_watch_still7_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep],
+        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still7_c1(x[X_vr], p[P_ep], p[P_A]),
+        flow0_watch_still7_c2(x[X_ar], p[P_ep], p[P_A]), duration);
+    const dl2c_span still8 = dl2c_span_of(flow0_watch_still8_c0(x[X_vr], p[P_ep], p[P_A]),
+        flow0_watch_still8_c1(x[X_ar]), 0.0, duration);
+    const dl2c_span still9 = dl2c_span_of(flow0_watch_still9_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T],
+        p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still9_c1(x[X_vr], x[X_ar],
+        p[P_ep], p[P_A]), flow0_watch_still9_c2(x[X_ar], p[P_ep], p[P_A]), duration);
     const dl2c_span still10 = dl2c_span_of(x[X_T], -1.0, 0.0, duration);
-    const dl2c_span still11 = dl2c_span_of(flow0_still11_c0(x[X_xr], x[X_xg], p[P_GDelta]),
-        flow0_still11_c1(x[X_vr]), flow0_still11_c2(x[X_ar]), duration);
-    const dl2c_span still12 = dl2c_span_of(flow0_still12_c0(x[X_xr], x[X_xg], p[P_GDelta]),
-        flow0_still12_c1(x[X_vr]), flow0_still12_c2(x[X_ar]), duration);
-    const dl2c_span still13 = dl2c_span_of(flow0_still13_c0(x[X_vr]), flow0_still13_c1(x[X_ar]), 0.0,
-        duration);
-    const dl2c_span still14 = dl2c_span_of(flow0_still14_c0(x[X_vr]), flow0_still14_c1(x[X_ar]), 0.0,
-        duration);
+    const dl2c_span still11 = dl2c_span_of(flow0_watch_still11_c0(x[X_xr], x[X_xg], p[P_GDelta]),
+        flow0_watch_still11_c1(x[X_vr]), flow0_watch_still11_c2(x[X_ar]), duration);
+    const dl2c_span still12 = dl2c_span_of(flow0_watch_still12_c0(x[X_xr], x[X_xg], p[P_GDelta]),
+        flow0_watch_still12_c1(x[X_vr]), flow0_watch_still12_c2(x[X_ar]), duration);
+    const dl2c_span still13 = dl2c_span_of(flow0_watch_still13_c0(x[X_vr]),
+        flow0_watch_still13_c1(x[X_ar]), 0.0, duration);
+    const dl2c_span still14 = dl2c_span_of(flow0_watch_still14_c0(x[X_vr]),
+        flow0_watch_still14_c1(x[X_ar]), 0.0, duration);
     return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1) & dl2c_stays_open(still2)
         & (dl2c_stays_closed(still3) | dl2c_stays_equal(still0) | dl2c_stays_closed(still4))
         & (dl2c_stays_open(still5) | (dl2c_stays_closed(still6) & dl2c_stays_open(still7))
@@ -1474,8 +1474,8 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++)
     facts[F_ensure_due * row + i] = ensure_due(x[X_T * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = postcondition_holds(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], x[X_T * stride + i], p[P_GDelta * stride + i]);
+    facts[F_postcondition * row + i] = problem_postcondition(x[X_xr * stride + i],
+        x[X_vr * stride + i], x[X_xg * stride + i], x[X_T * stride + i], p[P_GDelta * stride + i]);
 }
 
 /*
@@ -1539,7 +1539,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
 /* The problem's P, strict. */
 static inline bool model_precondition(const real *x, const real *p)
 {
-  return precondition_holds(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]);
+  return problem_precondition(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]);
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
@@ -1601,24 +1601,24 @@ static inline bool model_accept(const real *x, const real *p)
 
 static const int32_t POINT_START[2] = {0, 4};
 static const int32_t MASK_START[2] = {0, 4};
-static const int8_t DECISIONS[4][1] = {{0}, {1}, {2}, {3}};
+static const int16_t DECISIONS[4][1] = {{0}, {1}, {2}, {3}};
 static const real INPUT_LOW[1] = {0.0};
 static const real INPUT_HIGH[1] = {0.0};
 static const int32_t CHOICE_DRAW[1] = {-1};
 static const int32_t INPUT_DRAW[1] = {-1};
 static const int32_t FLOW_DRAW[1] = {-1};
-static const int8_t PATH0_MET[] = {0};
-static const int8_t PATH0_MARKED[] = {0, 0};
-static const int8_t PATH0_INPUTS[] = {0};
-static const int8_t PATH1_MET[] = {0};
-static const int8_t PATH1_MARKED[] = {0, 0};
-static const int8_t PATH1_INPUTS[] = {0};
-static const int8_t PATH2_MET[] = {0};
-static const int8_t PATH2_MARKED[] = {0, 0};
-static const int8_t PATH2_INPUTS[] = {0};
-static const int8_t PATH3_MET[] = {0};
-static const int8_t PATH3_MARKED[] = {0, 0};
-static const int8_t PATH3_INPUTS[] = {0};
+static const int16_t PATH0_MET[] = {0};
+static const int16_t PATH0_MARKED[] = {0, 0};
+static const int16_t PATH0_INPUTS[] = {0};
+static const int16_t PATH1_MET[] = {0};
+static const int16_t PATH1_MARKED[] = {0, 0};
+static const int16_t PATH1_INPUTS[] = {0};
+static const int16_t PATH2_MET[] = {0};
+static const int16_t PATH2_MARKED[] = {0, 0};
+static const int16_t PATH2_INPUTS[] = {0};
+static const int16_t PATH3_MET[] = {0};
+static const int16_t PATH3_MARKED[] = {0, 0};
+static const int16_t PATH3_INPUTS[] = {0};
 static const dl2c_path PATHS[4] = {
   {0, -1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS, 0},
   {0, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS, 0},
