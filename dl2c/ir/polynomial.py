@@ -36,8 +36,9 @@ def polynomial(term: Term, curves: Mapping[Symbol, Coefficients]) -> Coefficient
             return None if a is None or b is None else _difference(a, b)
         case Mul(left, right):
             a, b = polynomial(left, curves), polynomial(right, curves)
-            too_high = a is None or b is None or len(a) + len(b) - 2 > MAX_DEGREE
-            return None if too_high else _product(a, b)
+            if a is None or b is None or len(a) + len(b) - 2 > MAX_DEGREE:
+                return None
+            return _product(a, b)
         case Div(left, right):
             a, b = polynomial(left, curves), polynomial(right, curves)
             if a is None or b is None or len(b) != 1:
