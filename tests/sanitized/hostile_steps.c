@@ -1,8 +1,9 @@
 /*
  * hostile_steps.c -- one generated model, stepped with whatever a caller might send.
  *
- * Compiled with -DMODEL='"<model>.c"' and a sanitizer. Every buffer has exactly the size that dl2c.h
- * asks for, so that reading or writing past one is seen. Exit code 1: a call broke its promise.
+ * Compiled with -DMODEL='"<model>.c"' and a sanitizer. Every buffer has exactly the size that
+ * dl2c.h asks for, so that reading or writing past one is seen. Exit code 1: a call broke its
+ * promise.
  */
 #include MODEL
 
@@ -21,8 +22,9 @@ typedef struct arrays {
 
 static double hostile_number(dl2c_rng *rng)
 {
-  static const double odd[] = {0.0,   -0.0,  1.0,      -1.0,          0.5,   1e100,      -1e100, 1e300,
-                               -1e300, 5e-324, DBL_MAX, -DBL_MAX, (double)INFINITY, -(double)INFINITY, (double)NAN};
+  static const double odd[] = {0.0,     -0.0,     1.0,      -1.0,      0.5,
+                               1e100,   -1e100,   1e300,    -1e300,    5e-324,
+                               DBL_MAX, -DBL_MAX, HUGE_VAL, -HUGE_VAL, NAN};
   const uint64_t pick = dl2c_rng_next(rng) % 24;
   return pick < 15 ? odd[pick] : dl2c_rng_uniform(rng, -10.0, 10.0);
 }
@@ -95,7 +97,8 @@ static void place(dl2c_batch *b, int64_t n, dl2c_rng *rng)
       p[k] = dl2c_rng_next(rng) % 50 == 0 ? hostile_number(rng) : dl2c_rng_uniform(rng, 0.5, 2.0);
       finite = finite && isfinite(p[k]);
     }
-    expect((dl2c_batch_set_state(b, i, x, p) == DL2C_OK) == finite, "a state is taken iff it is finite");
+    expect((dl2c_batch_set_state(b, i, x, p) == DL2C_OK) == finite,
+           "a state is taken iff it is finite");
     (void)dl2c_batch_reset_to(b, i, NULL, x, p);
     double y[NX], q[NP + 1];
     expect(dl2c_batch_get_state(b, i, y, q) == DL2C_OK, "get_state");
@@ -113,7 +116,8 @@ static void check(const dl2c_batch *b, const arrays *a, int64_t n)
     double y[NX], q[NP + 1];
     expect(dl2c_batch_get_state(b, i, y, q) == DL2C_OK, "get_state");
     for (int k = 0; k < NX; k++) expect(fabs(y[k]) <= 1e100, "the state is finite");
-    for (int k = 0; k < NMASK; k++) expect((a->out.mask[i * NMASK + k] & ~1) == 0, "masks are 0 or 1");
+    for (int k = 0; k < NMASK; k++)
+      expect((a->out.mask[i * NMASK + k] & ~1) == 0, "masks are 0 or 1");
   }
 }
 
@@ -159,18 +163,24 @@ static void misuse(void)
   expect(dl2c_batch_create(1, NULL, &a.out, &b) == DL2C_ERR_ARG, "no options");
   expect(dl2c_batch_create(INT64_MAX, &options, &a.out, &b) == DL2C_ERR_NOMEM, "far too many");
   expect(dl2c_batch_create(INT64_MAX / 8, &options, &a.out, &b) == DL2C_ERR_NOMEM, "too many");
-  expect(dl2c_batch_step(NULL) == DL2C_ERR_ARG && dl2c_batch_reset(NULL, NULL, NULL) == DL2C_ERR_ARG, "none");
-  const dl2c_options wrong[] = {{.max_steps = -1}, {.stall_limit = -1}, {.autoreset = 3}, {.autoreset = -1},
-                                {.on_blocked = 3}, {.on_blocked = -1}, {.action_map = 2},
-                                {.blocked_penalty = (double)NAN}};
+  expect(dl2c_batch_step(NULL) == DL2C_ERR_ARG
+             && dl2c_batch_reset(NULL, NULL, NULL) == DL2C_ERR_ARG,
+         "none");
+  const dl2c_options wrong[] = {{.max_steps = -1}, {.stall_limit = -1},     {.autoreset = 3},
+                                {.autoreset = -1}, {.on_blocked = 3},       {.on_blocked = -1},
+                                {.action_map = 2}, {.blocked_penalty = NAN}};
   for (size_t k = 0; k < sizeof wrong / sizeof *wrong; k++)
-    expect(dl2c_batch_create(1, &wrong[k], &a.out, &b) == DL2C_ERR_ARG, "an option that does not exist");
+    expect(dl2c_batch_create(1, &wrong[k], &a.out, &b) == DL2C_ERR_ARG,
+           "an option that does not exist");
   expect(dl2c_batch_create(1, &options, &a.out, &b) == DL2C_OK, "create");
   expect(dl2c_batch_get_state(b, 1, x, p) == DL2C_ERR_ARG, "index");
   expect(dl2c_batch_set_state(b, -1, x, p) == DL2C_ERR_ARG, "index");
   expect(dl2c_batch_step(b) != DL2C_ERR_NOMEM, "a step before any reset");
-  expect(dl2c_flow_rates(-1, x, p, dx) == DL2C_ERR_ARG && dl2c_flow_rates(NFLOW, x, p, dx) == DL2C_ERR_ARG, "flow");
-  for (int32_t flow = 0; flow < NFLOW; flow++) expect(dl2c_flow_roots(flow, x, p, g, dg) == DL2C_OK, "roots");
+  expect(dl2c_flow_rates(-1, x, p, dx) == DL2C_ERR_ARG
+             && dl2c_flow_rates(NFLOW, x, p, dx) == DL2C_ERR_ARG,
+         "flow");
+  for (int32_t flow = 0; flow < NFLOW; flow++)
+    expect(dl2c_flow_roots(flow, x, p, g, dg) == DL2C_OK, "roots");
   dl2c_batch_free(b);
   dl2c_batch_free(NULL);
   give_back(&a);
@@ -187,7 +197,9 @@ int main(int argc, char **argv)
   if (argc > 1 && strcmp(argv[1], "threads") == 0) {
     const uint64_t seeds[] = {1, 2};
     pthread_t threads[2];
-    for (int k = 0; k < 2; k++) expect(pthread_create(&threads[k], NULL, thread, (void *)(uintptr_t)&seeds[k]) == 0, "create");
+    for (int k = 0; k < 2; k++)
+      expect(pthread_create(&threads[k], NULL, thread, (void *)(uintptr_t)&seeds[k]) == 0,
+             "create");
     for (int k = 0; k < 2; k++) pthread_join(threads[k], NULL);
     return 0;
   }
