@@ -72,7 +72,7 @@ def render(diagnostic: Diagnostic) -> str:
     lines += [f"note: {note}" for note in d.notes]
     if d.help:
         lines.append(f"help: {d.help}")
-    return "\n".join(lines)
+    return "\n".join(_printable(line) for line in lines)
 
 
 def _excerpt(span: Span, label: str) -> list[str]:

@@ -25,7 +25,7 @@
 /* Every call returns DL2C_OK or a negative code. */
 typedef enum dl2c_status {
   DL2C_OK = 0,
-  DL2C_ERR_ARG = -1,   /* a null pointer, a size that is not positive, an index out of range */
+  DL2C_ERR_ARG = -1,   /* a null pointer; a size, an index or an option out of range */
   DL2C_ERR_NOMEM = -2, /* out of memory */
   DL2C_ERR_RESET = -3, /* no admissible initial state found in the allowed number of draws */
   DL2C_ERR_STATE = -4, /* a given state violates the precondition, or no run is possible from it */
@@ -155,13 +155,20 @@ DL2C_API dl2c_status dl2c_batch_reset(dl2c_batch *batch, const uint8_t *mask, co
 DL2C_API dl2c_status dl2c_batch_reset_to(dl2c_batch *batch, int64_t i, const uint64_t *seed,
                                          const double *x, const double *p);
 
-/* Advances every environment by one step: reads choices and inputs, writes every buffer. */
+/*
+ * Advances every environment by one step: reads choices and inputs, writes every buffer. A
+ * choice that is no alternative requests a run that does not exist; an input that is NaN
+ * counts as the lowest admissible value, one beyond the admissible values as the nearest.
+ */
 DL2C_API dl2c_status dl2c_batch_step(dl2c_batch *batch);
 
 /* Copies state and constants of environment i.   x: (nx)   p: (np) */
 DL2C_API dl2c_status dl2c_batch_get_state(const dl2c_batch *batch, int64_t i, double *x, double *p);
 
-/* Overwrites them as they are, mid-episode; the mask follows. For planners and tests. */
+/*
+ * Overwrites them as they are, mid-episode; the mask follows. For planners and tests. Refuses
+ * (DL2C_ERR_STATE) what is not finite: magnitudes above 1e100 count as infinite.
+ */
 DL2C_API dl2c_status dl2c_batch_set_state(dl2c_batch *batch, int64_t i, const double *x, const double *p);
 
 /*

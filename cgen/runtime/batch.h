@@ -28,10 +28,23 @@ void dl2c_model_sizes(dl2c_sizes *out)
   };
 }
 
+/* Environments that a batch may have: products of sizes stay far below SIZE_MAX. */
+#define DL2C_MOST INT32_MAX
+
+static bool dl2c_options_valid(const dl2c_options *o)
+{
+  return o->max_steps >= 0 && o->stall_limit >= 0 && isfinite(o->blocked_penalty)
+         && o->autoreset >= DL2C_AUTORESET_DISABLED && o->autoreset <= DL2C_AUTORESET_SAME_STEP
+         && o->on_blocked >= DL2C_BLOCKED_FALLBACK && o->on_blocked <= DL2C_BLOCKED_TERMINATE
+         && (o->action_map == DL2C_MAP_PROJECT || o->action_map == DL2C_MAP_SQUASH);
+}
+
 dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c_buffers *buffers,
                               dl2c_batch **out)
 {
   if (n <= 0 || options == NULL || buffers == NULL || out == NULL) return DL2C_ERR_ARG;
+  if (!dl2c_options_valid(options)) return DL2C_ERR_ARG;
+  if (n > DL2C_MOST) return DL2C_ERR_NOMEM;
   dl2c_batch *b = calloc(1, sizeof *b);
   if (b == NULL) return DL2C_ERR_NOMEM;
   const size_t rows = (size_t)n;
@@ -89,6 +102,14 @@ void dl2c_batch_free(dl2c_batch *b)
   free(b);
 }
 
+/* Whether all constants are numbers.   p: (n) */
+static bool dl2c_are_numbers(const real *p, int n)
+{
+  bool finite = true;
+  for (int k = 0; k < n; k++) finite &= isfinite(p[k]) != 0;
+  return finite;
+}
+
 static void dl2c_reseed(dl2c_batch *b, int64_t i, const uint64_t *seed)
 {
   if (seed == NULL) return;
@@ -113,7 +134,8 @@ dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, 
                                 const double *p)
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
-  if (!dl2c_all_finite(x, NX) || !model_precondition(x, p)) return DL2C_ERR_STATE;
+  if (!dl2c_all_finite(x, NX) || !dl2c_are_numbers(p, NP) || !model_precondition(x, p))
+    return DL2C_ERR_STATE;
   const uint64_t key = seed == NULL ? b->seed[i] : *seed;
   dl2c_rng rng = dl2c_rng_make(key, seed == NULL ? b->episode[i] : 0);
   for (int tries = 0; tries < (NDRAW > 0 ? DL2C_MAX_DEADLOCKS : 1); tries++) {
@@ -147,7 +169,7 @@ dl2c_status dl2c_batch_get_state(const dl2c_batch *b, int64_t i, double *x, doub
 dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, const double *p)
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
-  if (!dl2c_all_finite(x, NX)) return DL2C_ERR_STATE;
+  if (!dl2c_all_finite(x, NX) || !dl2c_are_numbers(p, NP)) return DL2C_ERR_STATE;
   dl2c_store(b, i, x);
   for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
   b->ended[i] = 0;
@@ -186,7 +208,7 @@ const char *dl2c_status_text(dl2c_status status)
 {
   switch (status) {
   case DL2C_OK: return "ok";
-  case DL2C_ERR_ARG: return "a null pointer, a size that is not positive or an index out of range";
+  case DL2C_ERR_ARG: return "a null pointer, or a size, an index or an option out of range";
   case DL2C_ERR_NOMEM: return "out of memory";
   case DL2C_ERR_RESET: return "no admissible initial state was found";
   case DL2C_ERR_BLOCKED: return "none of 1000 initial states that were drawn has a run";

@@ -68,7 +68,7 @@ class Leaves:
         parameters = ", ".join(f"real {names.local(s.name)}" for s in ordered) or "void"
         head = f"static inline {kind} {name}({parameters})"
         if name in self.made:
-            assert self.made[name] == tape, f"two functions are called {name}"
+            assert repr(self.made[name]) == repr(tape), f"two functions are called {name}"
         else:
             self.made[name] = tape
             self.texts.append(function(head, _body(print_tape(tape, truth=kind == "bool")), about))

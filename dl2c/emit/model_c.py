@@ -20,8 +20,9 @@ from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
 from dl2c.ir.model import Constant, Symbol
 from dl2c.symbolic.terms import Builder
 
-CLONED_PATHS = 64
-"""A model with more paths is compiled for one kind of processor only, to be compiled in reasonable time."""
+CLONED = 64
+"""A model with more paths, variables or predicates is compiled for one kind of processor only, to be
+compiled in reasonable time."""
 
 
 def model_sources(environment: Environment) -> dict[str, str]:
@@ -68,8 +69,9 @@ def _track_functions(environment: Environment, leaves: Leaves) -> list[str]:
 
 def _head(environment: Environment) -> str:
     title = title_of(environment)
-    few = len(environment.paths.paths) <= CLONED_PATHS
-    clones = "" if few else "#define DL2C_NO_TARGET_CLONES\n"
+    model = environment.model
+    few = max(len(environment.paths.paths), len(model.variables), len(model.predicates)) <= CLONED
+    clones = "" if few else "#define DL2C_NO_TARGET_CLONES 1\n"
     header = f"{file_stem(environment.model.name)}.h"
     return f'{title}\n{clones}#include "{header}"\n'
 

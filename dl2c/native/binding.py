@@ -332,12 +332,15 @@ def _foreign(path: Path) -> tuple[Any, Any]:
     The dynamic linker tells libraries apart by path before it looks at the file; a link that
     nobody has seen before makes it look.
     """
-    name = f"dl2c_{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}.{path.name.partition('.')[0]}"
-    if (loaded := sys.modules.get(name)) is None:
-        with tempfile.TemporaryDirectory(prefix="dl2c-") as fresh:
-            link = Path(fresh, path.name)
-            link.symlink_to(path.resolve())
-            loaded = sys.modules[name] = _load(link, name)
+    try:
+        name = f"dl2c_{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}.{path.name.partition('.')[0]}"
+        if (loaded := sys.modules.get(name)) is None:
+            with tempfile.TemporaryDirectory(prefix="dl2c-") as fresh:
+                link = Path(fresh, path.name)
+                link.symlink_to(path.resolve())
+                loaded = sys.modules[name] = _load(link, name)
+    except OSError as problem:
+        raise NativeError(f"cannot load {path.name}: {problem.strerror}") from None
     return loaded.ffi, loaded.lib
 
 

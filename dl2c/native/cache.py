@@ -99,16 +99,20 @@ def cached(key: str, build: Callable[[Path], None]) -> Path:
     """The folder of the entry `key`, made by `build(folder)` unless it is there already.
 
     Only one process builds a key at a time, the others wait for it and use its result. An
-    exception of `build` passes through and leaves no entry.
+    exception of `build` passes through and leaves no entry. Raises `NativeError` where the disk
+    is full or cannot be written.
     """
     root = cache_dir()
     entry = root / key
-    if not _intact(entry):
-        with _locked(root, key):
-            if not _intact(entry):
-                _remove_leftovers(root, key)
-                _build(root, entry, build)
-        prune(idle=GRACE)
+    try:
+        if not _intact(entry):
+            with _locked(root, key):
+                if not _intact(entry):
+                    _remove_leftovers(root, key)
+                    _build(root, entry, build)
+            prune(idle=GRACE)
+    except OSError as problem:
+        raise NativeError(f"cannot write the build cache {root}: {problem.strerror}; {ADVICE}") from None
     with suppress(OSError):
         os.utime(entry / SEAL)
     return entry

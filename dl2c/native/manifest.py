@@ -120,7 +120,8 @@ class Manifest:
             if not isinstance(data, dict):
                 raise ValueError("it is not an object")
             given = cast("dict[str, Any]", data)
-            if given.pop("manifest_version", None) != MANIFEST_VERSION:
+            version = given.pop("manifest_version", None)
+            if isinstance(version, bool) or version != MANIFEST_VERSION:
                 raise NativeError(f"{path.name} is of another version of dl2c; build the model again")
             return _consistent(_record(given, Manifest, "the manifest"))
         except (OSError, ValueError, RecursionError) as problem:

@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,7 +82,7 @@ def find_compiler(environment: Mapping[str, str] | None = None) -> Compiler:
         raise PlatformUnsupported(NO_WINDOWS)
     env = os.environ if environment is None else environment
     path = env.get("PATH", os.defpath)
-    if chosen := shlex.split(env.get("CC", "")):
+    if chosen := _words("CC", env.get("CC", "")):
         if shutil.which(chosen[0], path=path) is None:
             raise CompilerMissing(f"CC={chosen[0]} is not a program on the path; unset CC, or {INSTALL_HINT}")
         return _compiler(chosen)
@@ -99,9 +99,17 @@ def warning_flags() -> tuple[str, ...]:
     return STRICT_FLAGS if os.environ.get("DL2C_STRICT") == "1" else ("-w",)
 
 
+def _words(name: str, text: str) -> tuple[str, ...]:
+    """An environment variable, split as a shell would; no shell ever sees it."""
+    try:
+        return tuple(shlex.split(text))
+    except ValueError as problem:
+        raise CompilerFailed(f"{name} cannot be split into words: {problem}") from None
+
+
 def user_flags() -> tuple[str, ...]:
     """CFLAGS, split as a shell would; raises `CompilerFailed` for flags that break exactness."""
-    flags = tuple(shlex.split(os.environ.get("CFLAGS", "")))
+    flags = _words("CFLAGS", os.environ.get("CFLAGS", ""))
     if unsafe := UNSAFE_FLAGS.intersection(flags):
         raise CompilerFailed(
             f"CFLAGS contains {', '.join(sorted(unsafe))}, which changes what a model means: remove it"
@@ -159,9 +167,16 @@ def first_errors(stderr: str) -> str:
     return "\n".join(lines[first : first + MAX_ERROR_LINES])
 
 
-def _compiler(command: list[str]) -> Compiler:
+def _compiler(command: Sequence[str]) -> Compiler:
     try:
-        result = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
+        result = subprocess.run(
+            [*command, "--version"],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            check=False,
+        )
     except OSError as problem:
         raise CompilerMissing(f"cannot run {command[0]}: {problem.strerror}") from None
     zig = "ziglang" in command or Path(command[0]).name == "zig"
