@@ -4,6 +4,7 @@ import ast
 import json
 import re
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 from dl2c.cli import app
 from dl2c.diagnostics import error, render
 from dl2c.emit import names
-from dl2c.native import cgen_dir
+from dl2c.native import cgen_dir, toolchain
 from dl2c.native.errors import CompilerFailed, NativeError
 from dl2c.native.manifest import Manifest
 from dl2c.native.toolchain import find_compiler, user_flags
@@ -98,6 +99,16 @@ def test_unbalanced_quotes_are_a_clear_error(name: str, monkeypatch: pytest.Monk
 def test_flags_are_words_not_commands(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CFLAGS", "-DA='$(id)' `id`; -g|cat")
     assert user_flags() == ("-DA=$(id)", "`id`;", "-g|cat")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits another process")
+def test_compilers_run_for_a_limited_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(toolchain, "COMPILER_SECONDS", 1)
+    endless = tmp_path / "endless-cc"
+    endless.write_text("#!/bin/sh\nsleep 0.2\nwhile :; do :; done\n", encoding="utf-8")
+    endless.chmod(0o755)
+    with pytest.raises(CompilerFailed, match="too large"):
+        toolchain.run((str(endless), "-c"), tmp_path)
 
 
 def test_diagnostics_send_no_commands_to_the_terminal() -> None:

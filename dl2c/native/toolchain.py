@@ -8,12 +8,15 @@ ever passed on.
 import importlib.util
 import os
 import platform
+import resource
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,6 +56,9 @@ NO_WINDOWS = (
 )
 
 MAX_ERROR_LINES = 12
+
+COMPILER_SECONDS = 900
+"""Of processor time: what takes longer has far too many variables, predicates or paths."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,20 +149,25 @@ def cpu_features() -> str:
 
 
 def run(command: tuple[str, ...], directory: Path) -> None:
-    """Run a compiler there, without a shell.
+    """Run a compiler there, without a shell and, on Linux, for `COMPILER_SECONDS` at most.
 
     Raises `CompilerFailed` with the first useful lines of what it said.
     """
     LOG.debug("%s", shlex.join(command))
+    pipe = subprocess.PIPE
     try:
-        result = subprocess.run(
-            command, cwd=directory, stdin=subprocess.DEVNULL, capture_output=True, check=False
-        )
+        process = subprocess.Popen(command, cwd=directory, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe)
     except OSError as problem:
         raise CompilerFailed(f"cannot run {command[0]}: {problem.strerror}") from None
-    if result.returncode != 0:
-        stderr = result.stderr.decode(errors="replace")
-        said = first_errors(stderr) or f"exit code {result.returncode} without a message"
+    if sys.platform == "linux":
+        with suppress(OSError, ValueError):
+            resource.prlimit(process.pid, resource.RLIMIT_CPU, (COMPILER_SECONDS, COMPILER_SECONDS))
+    _, stderr = process.communicate()
+    if process.returncode != 0:
+        said = first_errors(stderr.decode(errors="replace"))
+        said = said or f"exit code {process.returncode} without a message"
+        if "CPU time limit" in said or process.returncode in (-signal.SIGKILL, -signal.SIGXCPU):
+            said += f"\nit may take {COMPILER_SECONDS} seconds; the model is too large"
         raise CompilerFailed(f"{Path(command[0]).name} could not compile the generated code:\n{said}")
 
 

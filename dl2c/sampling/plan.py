@@ -31,6 +31,9 @@ PROBES = 256
 TRIALS = 2**18
 """Points in all boxes together from which the acceptance is estimated."""
 
+COORDINATES = 2**24
+"""Numbers that all these points may have together: states of many names get fewer points."""
+
 
 @dataclass(frozen=True, slots=True)
 class SampleBox:
@@ -85,9 +88,8 @@ def plan_sampling(
     except CompileError as refusal:
         return NoSampler(refusal.diagnostics[0])
     total = sum(leaf.volume for leaf in leaves)
-    accepted = [
-        leaf.volume * _accepted(problem, test.formula, leaf.box, TRIALS // len(leaves)) for leaf in leaves
-    ]
+    points = min(TRIALS, COORDINATES // len(model.sampled)) // len(leaves) if model.sampled else TRIALS
+    accepted = [leaf.volume * _accepted(problem, test.formula, leaf.box, points) for leaf in leaves]
     if sum(accepted) == 0:
         thin = without_sample(problem.formula)
         return NoSampler(diagnose(decision) if isinstance(decision, Unknown) else thin)
