@@ -124,7 +124,7 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:
     """Parse and resolve; `@episode` completes the options."""
     archive, warnings = parse_archive(source)
-    problem = resolve(entry_of(archive, options))
+    problem = resolve(entry_of(archive, options), options.loop)
     if problem.episode is not None:
         options = _completed(options, problem.episode)
     return problem, replace(options, given=frozenset()), warnings

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * stretch.h -- what is watched along motion whose margins are no polynomials of time.
  *
@@ -158,7 +159,7 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
                                  int8_t *sign)
 {
   dl2c_events events;
-  dl2c_failure failure = {0};
+  dl2c_breach failure = {0};
   stretch->low = 0.0;
   stretch->width = 1.0;
   while (stretch->low < 1.0) {

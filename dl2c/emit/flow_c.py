@@ -218,7 +218,7 @@ def _exit(k: int, j: int, edge: Edge, leaves: Leaves) -> list[str]:
     """When the motion leaves one condition of the domain."""
     if edge.kind == "equal":
         return [f"const real exit{j} = dl2c_exit_equal();"]
-    stem = f"flow{k}_margin{j}"
+    stem = f"flow{k}_domain_margin{j}"
     terms = _coefficients(stem, edge.margin, f"{place(edge.span)}  {edge.span.text}, margin", leaves)
     padded = [*terms, "0.0", "0.0"][:3]
     return wrapped(f"const real exit{j} = {EXITS[edge.kind]}({', '.join(padded)});")

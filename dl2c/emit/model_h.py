@@ -1,6 +1,7 @@
 """The header of one environment: indices of its variables, and the sizes of everything."""
 
 import textwrap
+from collections import Counter
 
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import comment, enumeration
@@ -12,6 +13,7 @@ from dl2c.emit.rates_c import root_count
 from dl2c.emit.watch_c import margin_count, margin_degree
 from dl2c.ir.model import Symbol
 from dl2c.ir.watch import watches_of
+from dl2c.paths.path import Decision, Input
 
 LICENCE = "/* SPDX-License-Identifier: MIT-0 */"
 """Of generated files, as of the runtime they include: whoever has a model owes nothing for its C."""
@@ -39,9 +41,17 @@ def _sizes(environment: Environment) -> str:
     variables = [index(Symbol(v.name, "variable")) for v in model.variables]
     constants = [index(Symbol(c.name, "constant")) for c in model.constants]
     inputs = [index(i.symbol) for i in paths.inputs]
+    counts = Counter((type(d), d.role) for d in (*paths.decisions, *paths.inputs))
+    drawn = sum(count for _, count in paths.draws)
     sizes = {
-        "NCHOICE": len(paths.decisions),
-        "NMASK": sum(len(d.alternatives) for d in paths.decisions),
+        "NINPUT": counts[Input, "agent"],
+        "NENVINPUT": counts[Input, "env"],
+        "NDECISION": len(paths.decisions),
+        "NCHOICE": counts[Decision, "agent"],
+        "NENVCHOICE": counts[Decision, "env"],
+        "NMASK": sum(len(d.alternatives) for d in paths.decisions if d.role == "agent"),
+        "NSTEPDRAW": drawn,
+        "NDRAW": drawn + sum(count for _, count in paths.reset_draws),
         "NPRED": len(model.predicates),
         "NOBS": len(observed(model, environment.options)),
         "NPOINT": paths.points,
@@ -55,6 +65,10 @@ def _sizes(environment: Environment) -> str:
         "NWATCH": len(watches_of(model)),
         "DL2C_LOOPS": int(model.loops),
         "DL2C_STEPS_IN_LANES": int(steps_in_lanes(environment)),
+        "DL2C_LOOKS_AHEAD": int(paths.looks_ahead),
+        "DL2C_MAX_LOOP": model.max_loop,
+        "DL2C_POINT_LEAD": paths.lead or 0,
+        "DL2C_POINT_PREFIX": paths.prefix or 0,
     }
     kind = "float" if environment.options.obs_dtype == "float32" else "double"
     return (

@@ -83,14 +83,14 @@ def _polynomials(environment: Environment, leaves: Leaves) -> str:
         for j, curve in enumerate(plan.curves):
             about = f"{place(plan.flow.span)}  {print_term(plan.margins[j])}, coefficient of tau^"
             for i, coefficient in enumerate(curve):
-                value = leaves.term(f"flow{k}_curve{j}_c{i}", coefficient, f"{about}{i}")
+                value = leaves.term(f"flow{k}_watch_curve{j}_c{i}", coefficient, f"{about}{i}")
                 lines += wrapped(f"c[{j}][{i}] = {value};")
             lines.append(f"degree[{j}] = {len(curve) - 1};")
         body += _selected(k, lines)
     return function(
         f"static inline void model_polynomials(int flow, {STATE}, real (*c)[NDEGREE + 1], int32_t *degree)",
         body,
-        "Margins along a flow: coefficients by powers of the time since it began.   c: (NMARGIN, NDEGREE + 1)",
+        "Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE + 1)",
     )
 
 
@@ -102,7 +102,7 @@ def _margins(environment: Environment, leaves: Leaves) -> str:
         lines: list[str] = []
         for j, margin in enumerate(plan.margins):
             about = f"{place(plan.flow.span)}  margin {print_term(margin)}"
-            lines += wrapped(f"g[{j}] = {leaves.term(f'flow{k}_margin{j}', margin, about)};")
+            lines += wrapped(f"g[{j}] = {leaves.term(f'flow{k}_watch_margin{j}', margin, about)};")
         body += _selected(k, lines)
     return function(
         f"static inline void model_margins(int flow, {STATE}, real *g)",
@@ -154,7 +154,7 @@ def _quiet(environment: Environment, leaves: Leaves) -> str:
         parts = [_still(plan.still, plan.still_margins)]
         at_end = conjunction(w.at_end for w in plan.watches)
         if at_end != TRUE:
-            parts.append(leaves.condition(f"flow{k}_at_end", at_end, print_formula(at_end), after))
+            parts.append(leaves.condition(f"flow{k}_watch_at_end", at_end, print_formula(at_end), after))
         lines += wrapped(f"return {' & '.join(parts)};")
         body += _selected(k, lines)
     return function(
@@ -167,7 +167,7 @@ def _quiet(environment: Environment, leaves: Leaves) -> str:
 def _span(k: int, j: int, margin: Term, curve: Coefficients, plan: FlowPlan, leaves: Leaves) -> str:
     """What encloses a margin of degree two at most."""
     about = f"{place(plan.flow.span)}  {print_term(margin)}, coefficient of tau^"
-    terms = [leaves.term(f"flow{k}_still{j}_c{i}", c, f"{about}{i}") for i, c in enumerate(curve)]
+    terms = [leaves.term(f"flow{k}_watch_still{j}_c{i}", c, f"{about}{i}") for i, c in enumerate(curve)]
     length = ["duration"] if len(curve) > 1 else []
     return f"dl2c_{SPANS[len(curve) - 1]}({', '.join([*terms, *length])})"
 
@@ -204,10 +204,11 @@ def _project(environment: Environment, leaves: Leaves) -> str:
 def _newton(k: int, j: int, invariant: Compare, flow: Flow, leaves: Leaves) -> list[str]:
     off = margin_of(invariant)
     about = f"{place(invariant.span)}  {print_formula(invariant)}"
-    lines = wrapped(f"const real off = {leaves.term(f'flow{k}_off{j}', off, about, after)};")
+    lines = wrapped(f"const real off = {leaves.term(f'flow{k}_invariant_off{j}', off, about, after)};")
     changed: list[str] = []
     for name, _ in flow.equations:
-        slope = leaves.partial(f"flow{k}_off{j}_{name}", off, Symbol(name, "variable"), about, after)
+        symbol = Symbol(name, "variable")
+        slope = leaves.partial(f"flow{k}_invariant_off{j}_{name}", off, symbol, about, after)
         if slope is not None:
             lines += wrapped(f"const real by_{name} = {slope};")
             changed.append(name)

@@ -54,7 +54,7 @@ def margin_of(atom: Compare) -> Term:
     return left if right == ZERO else Sub(left, right)
 
 
-def smooth(formula: Formula, moves: Callable[[Term], bool]) -> Formula:
+def smooth(formula: Formula, moves: Moves) -> Formula:
     """The formula over margins; terms that do not move keep their kinks. Raises `TooManyCases`."""
     made = _smooth(formula, moves)
     if sum(1 for _ in atoms(made)) > MAX_ATOMS:
@@ -82,7 +82,7 @@ def _atom(atom: Compare, moves: Moves, depth: int) -> Formula:
         raise TooManyCases
     found = _kink(atom.left, moves, 1)
     if found is None:
-        return conjunction([*_defined(atom.left, moves), atom])
+        return conjunction([*_defined(atom.left), atom])
     call, direction = found
     branches = _branches(call)
     cases = [Compare(atom.op, with_term(atom.left, call, b), ZERO, span=atom.span) for b in branches]
@@ -109,9 +109,8 @@ def _branches(call: Call) -> tuple[Term, Term]:
 
 
 def _kink(term: Term, moves: Moves, direction: int | None) -> tuple[Call, int | None] | None:
-    """The first `abs`, `min` or `max` without one inside, and whether the term grows (1) or falls (-1) with it.
-
-    The direction is None where that depends on the state.
+    """The first `abs`, `min` or `max` without one inside, and how the term follows it: 1 it grows, -1 it
+    falls, None where that depends on the state.
     """
     if not moves(term):
         return None
@@ -142,11 +141,11 @@ def _scaled(direction: int | None, positive: bool) -> int | None:
     return direction if positive else _opposite(direction)
 
 
-def _defined(term: Term, moves: Moves) -> list[Formula]:
+def _defined(term: Term) -> list[Formula]:
     """When a term without kinks has a value, as far as a state decides it."""
-    found = [f for t in operands(term) for f in _defined(t, moves)]
+    found = [f for t in operands(term) for f in _defined(t)]
     match term:
-        case Div(_, divisor) if moves(divisor):
+        case Div(_, divisor) if not isinstance(divisor, Number) or divisor == ZERO:
             found.append(Compare("!=", divisor, ZERO))
         case Call("sqrt", (argument,)):
             found.append(Compare(">=", argument, ZERO))

@@ -9,7 +9,19 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dl2c.ir.logic import conjunction, negation
-from dl2c.ir.model import FALSE, TRUE, Block, Choice, Evolve, Formula, If, Model, Statement
+from dl2c.ir.model import (
+    FALSE,
+    TRUE,
+    Block,
+    Choice,
+    Evolve,
+    Formula,
+    If,
+    Model,
+    Repeat,
+    Statement,
+    While,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +48,7 @@ class Watch:
 
 def watches_of(model: Model) -> tuple[Watch, ...]:
     """All watches of a model, in the order of its predicates."""
-    last = flows_come_last(model.body)
+    last = not model.lead and flows_come_last(model.body)
     found: list[Watch] = []
     for k, predicate in enumerate(model.predicates):
         if predicate.category == "safety" and model.continuous:
@@ -70,5 +82,7 @@ def _parts(statement: Statement) -> tuple[Block, ...]:
             return then, orelse
         case Choice(_, alternatives):
             return tuple(a.body for a in alternatives)
+        case While(body=body) | Repeat(body=body):
+            return (body + body,)
         case _:
             return ()

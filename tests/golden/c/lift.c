@@ -10,9 +10,10 @@ enum { P_speed, NP }; /* constants of the episode */
 enum { NU }; /* inputs */
 enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F_postcondition,
        NFACT }; /* what a state is tested for */
-enum { NCHOICE = 2, NMASK = 6, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT =
-2, NFREE = 3, NBOX = 1, NMARGIN = 13, NDEGREE = 1, NWATCH = 2, DL2C_LOOPS = 1,
-DL2C_STEPS_IN_LANES = 0 };
+enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 2, NCHOICE = 2, NENVCHOICE = 0, NMASK = 6,
+NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2,
+NFREE = 3, NBOX = 1, NMARGIN = 9, NDEGREE = 1, NWATCH = 2, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES =
+0, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -32,13 +33,13 @@ static inline bool flow0_inside(real h, real t)
 }
 
 /* lift.kyx:47  h <= top, margin, coefficient of tau^0 */
-static inline real flow0_margin1_c0(real h)
+static inline real flow0_domain_margin1_c0(real h)
 {
   return 3.0 - h;
 }
 
 /* lift.kyx:47  h <= top, margin, coefficient of tau^1 */
-static inline real flow0_margin1_c1(real v)
+static inline real flow0_domain_margin1_c1(real v)
 {
   return -v;
 }
@@ -50,249 +51,195 @@ static inline bool flow1_inside(real t)
 }
 
 /* lift.kyx:47  3 - h, coefficient of tau^0 */
-static inline real flow0_curve1_c0(real h)
+static inline real flow0_watch_curve1_c0(real h)
 {
   return 3.0 - h;
 }
 
 /* lift.kyx:47  3 - h, coefficient of tau^1 */
-static inline real flow0_curve1_c1(real v)
+static inline real flow0_watch_curve1_c1(real v)
 {
   return -v;
 }
 
 /* lift.kyx:47  0 + 0.000000001 * (1 + h) - h, coefficient of tau^0 */
-static inline real flow0_curve2_c0(real h)
+static inline real flow0_watch_curve2_c0(real h)
 {
   return 1e-09 * (1.0 + h) - h;
 }
 
 /* lift.kyx:47  0 + 0.000000001 * (1 + h) - h, coefficient of tau^1 */
-static inline real flow0_curve2_c1(real v)
+static inline real flow0_watch_curve2_c1(real v)
 {
   return 1e-09 * v - v;
 }
 
 /* lift.kyx:47  0 + 0.000000001 * (1 + (-h)) - h, coefficient of tau^0 */
-static inline real flow0_curve3_c0(real h)
+static inline real flow0_watch_curve3_c0(real h)
 {
   return 1e-09 * (1.0 + -h) - h;
 }
 
 /* lift.kyx:47  0 + 0.000000001 * (1 + (-h)) - h, coefficient of tau^1 */
-static inline real flow0_curve3_c1(real v)
+static inline real flow0_watch_curve3_c1(real v)
 {
   return 1e-09 * -v - v;
 }
 
 /* lift.kyx:47  h + 0.000000001 * (1 + h + 3) - 3, coefficient of tau^0 */
-static inline real flow0_curve4_c0(real h)
+static inline real flow0_watch_curve4_c0(real h)
 {
   return h + 1e-09 * (1.0 + h + 3.0) - 3.0;
 }
 
 /* lift.kyx:47  h + 0.000000001 * (1 + h + 3) - 3, coefficient of tau^1 */
-static inline real flow0_curve4_c1(real v)
+static inline real flow0_watch_curve4_c1(real v)
 {
   return v + 1e-09 * v;
 }
 
 /* lift.kyx:47  h + 0.000000001 * (1 + (-h) + 3) - 3, coefficient of tau^0 */
-static inline real flow0_curve5_c0(real h)
+static inline real flow0_watch_curve5_c0(real h)
 {
   return h + 1e-09 * (1.0 + -h + 3.0) - 3.0;
 }
 
 /* lift.kyx:47  h + 0.000000001 * (1 + (-h) + 3) - 3, coefficient of tau^1 */
-static inline real flow0_curve5_c1(real v)
+static inline real flow0_watch_curve5_c1(real v)
 {
   return v + 1e-09 * -v;
 }
 
 /* lift.kyx:47  0.000000001 * (1 + abs(door)) - abs(door), coefficient of tau^0 */
-static inline real flow0_curve6_c0(real door)
+static inline real flow0_watch_curve6_c0(real door)
 {
   const real t0 = fabs(door);
   return 1e-09 * (1.0 + t0) - t0;
 }
 
-/* lift.kyx:47  20 - clock, coefficient of tau^0 */
-static inline real flow0_curve7_c0(real clock)
-{
-  return 20.0 - clock;
-}
-
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + h + 3)), coefficient of tau^0 */
-static inline real flow0_curve8_c0(real h)
-{
-  return 3.0 - (h + 1e-09 * (1.0 + h + 3.0));
-}
-
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + h + 3)), coefficient of tau^1 */
-static inline real flow0_curve8_c1(real v)
-{
-  return -(v + 1e-09 * v);
-}
-
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + (-h) + 3)), coefficient of tau^0 */
-static inline real flow0_curve9_c0(real h)
-{
-  return 3.0 - (h + 1e-09 * (1.0 + -h + 3.0));
-}
-
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + (-h) + 3)), coefficient of tau^1 */
-static inline real flow0_curve9_c1(real v)
-{
-  return -(v + 1e-09 * -v);
-}
-
-/* lift.kyx:47  1 - (load + 0.000000001 * (1 + abs(load) + 1)), coefficient of tau^0 */
-static inline real flow0_curve10_c0(real load)
-{
-  return 1.0 - (load + 1e-09 * (1.0 + fabs(load) + 1.0));
-}
-
 /* lift.kyx:47  clock - 20, coefficient of tau^0 */
-static inline real flow0_curve11_c0(real clock)
+static inline real flow0_watch_curve7_c0(real clock)
 {
   return clock - 20.0;
 }
 
 /* lift.kyx:47  load + 0.000000001 * (1 + abs(load) + 1) - 1, coefficient of tau^0 */
-static inline real flow0_curve12_c0(real load)
+static inline real flow0_watch_curve8_c0(real load)
 {
   return load + 1e-09 * (1.0 + fabs(load) + 1.0) - 1.0;
 }
 
 /* lift.kyx:49  0 + 0.000000001 * (1 + abs(h)) - h, coefficient of tau^0 */
-static inline real flow1_curve0_c0(real h)
+static inline real flow1_watch_curve0_c0(real h)
 {
   return 1e-09 * (1.0 + fabs(h)) - h;
 }
 
 /* lift.kyx:49  h + 0.000000001 * (1 + abs(h) + 3) - 3, coefficient of tau^0 */
-static inline real flow1_curve1_c0(real h)
+static inline real flow1_watch_curve1_c0(real h)
 {
   return h + 1e-09 * (1.0 + fabs(h) + 3.0) - 3.0;
 }
 
 /* lift.kyx:49  0.000000001 * (1 + abs(door)) - abs(door), coefficient of tau^0 */
-static inline real flow1_curve2_c0(real door)
+static inline real flow1_watch_curve2_c0(real door)
 {
   const real t0 = fabs(door);
   return 1e-09 * (1.0 + t0) - t0;
 }
 
-/* lift.kyx:49  20 - clock, coefficient of tau^0 */
-static inline real flow1_curve3_c0(real clock)
-{
-  return 20.0 - clock;
-}
-
-/* lift.kyx:49  3 - (h + 0.000000001 * (1 + abs(h) + 3)), coefficient of tau^0 */
-static inline real flow1_curve4_c0(real h)
-{
-  return 3.0 - (h + 1e-09 * (1.0 + fabs(h) + 3.0));
-}
-
-/* lift.kyx:49  1 - (load + 0.000000001 * (1 + abs(load) + 1)), coefficient of tau^0 */
-static inline real flow1_curve5_c0(real load)
-{
-  return 1.0 - (load + 1e-09 * (1.0 + fabs(load) + 1.0));
-}
-
 /* lift.kyx:49  clock - 20, coefficient of tau^0 */
-static inline real flow1_curve6_c0(real clock)
+static inline real flow1_watch_curve3_c0(real clock)
 {
   return clock - 20.0;
 }
 
 /* lift.kyx:49  load + 0.000000001 * (1 + abs(load) + 1) - 1, coefficient of tau^0 */
-static inline real flow1_curve7_c0(real load)
+static inline real flow1_watch_curve4_c0(real load)
 {
   return load + 1e-09 * (1.0 + fabs(load) + 1.0) - 1.0;
 }
 
 /* lift.kyx:47  0 - h, coefficient of tau^0 */
-static inline real flow0_still0_c0(real h)
+static inline real flow0_watch_still0_c0(real h)
 {
   return -h;
 }
 
 /* lift.kyx:47  0 - h, coefficient of tau^1 */
-static inline real flow0_still0_c1(real v)
+static inline real flow0_watch_still0_c1(real v)
 {
   return -v;
 }
 
 /* lift.kyx:47  h - 3, coefficient of tau^0 */
-static inline real flow0_still1_c0(real h)
+static inline real flow0_watch_still1_c0(real h)
 {
   return h - 3.0;
 }
 
 /* lift.kyx:47  20 - clock, coefficient of tau^0 */
-static inline real flow0_still3_c0(real clock)
+static inline real flow0_watch_still3_c0(real clock)
 {
   return 20.0 - clock;
 }
 
 /* lift.kyx:47  3 - (h + 0.000000001 * (1 + h + 3)), coefficient of tau^0 */
-static inline real flow0_still4_c0(real h)
+static inline real flow0_watch_still4_c0(real h)
 {
   return 3.0 - (h + 1e-09 * (1.0 + h + 3.0));
 }
 
 /* lift.kyx:47  3 - (h + 0.000000001 * (1 + h + 3)), coefficient of tau^1 */
-static inline real flow0_still4_c1(real v)
+static inline real flow0_watch_still4_c1(real v)
 {
   return -(v + 1e-09 * v);
 }
 
 /* lift.kyx:47  3 - (h + 0.000000001 * (1 + (-h) + 3)), coefficient of tau^0 */
-static inline real flow0_still5_c0(real h)
+static inline real flow0_watch_still5_c0(real h)
 {
   return 3.0 - (h + 1e-09 * (1.0 + -h + 3.0));
 }
 
 /* lift.kyx:47  3 - (h + 0.000000001 * (1 + (-h) + 3)), coefficient of tau^1 */
-static inline real flow0_still5_c1(real v)
+static inline real flow0_watch_still5_c1(real v)
 {
   return -(v + 1e-09 * -v);
 }
 
 /* lift.kyx:47  1 - (load + 0.000000001 * (1 + abs(load) + 1)), coefficient of tau^0 */
-static inline real flow0_still6_c0(real load)
+static inline real flow0_watch_still6_c0(real load)
 {
   return 1.0 - (load + 1e-09 * (1.0 + fabs(load) + 1.0));
 }
 
 /* lift.kyx:49  0 - h, coefficient of tau^0 */
-static inline real flow1_still0_c0(real h)
+static inline real flow1_watch_still0_c0(real h)
 {
   return -h;
 }
 
 /* lift.kyx:49  h - 3, coefficient of tau^0 */
-static inline real flow1_still1_c0(real h)
+static inline real flow1_watch_still1_c0(real h)
 {
   return h - 3.0;
 }
 
 /* lift.kyx:49  20 - clock, coefficient of tau^0 */
-static inline real flow1_still3_c0(real clock)
+static inline real flow1_watch_still3_c0(real clock)
 {
   return 20.0 - clock;
 }
 
 /* lift.kyx:49  3 - (h + 0.000000001 * (1 + abs(h) + 3)), coefficient of tau^0 */
-static inline real flow1_still4_c0(real h)
+static inline real flow1_watch_still4_c0(real h)
 {
   return 3.0 - (h + 1e-09 * (1.0 + fabs(h) + 3.0));
 }
 
 /* lift.kyx:49  1 - (load + 0.000000001 * (1 + abs(load) + 1)), coefficient of tau^0 */
-static inline real flow1_still5_c0(real load)
+static inline real flow1_watch_still5_c0(real load)
 {
   return 1.0 - (load + 1e-09 * (1.0 + fabs(load) + 1.0));
 }
@@ -445,7 +392,7 @@ static inline bool delivered_due(real clock)
 }
 
 /* the problem's Q: (0 >= h | h >= 3 | door = 0) & (clock < 20 | (h >= 3 & load >= 1)) */
-static inline bool postcondition_holds(real h, real door, real load, real clock)
+static inline bool problem_postcondition(real h, real door, real load, real clock)
 {
   const bool t0 = h >= 3.0;
   return ((h <= 0.0) | t0 | (door == 0.0)) & ((clock < 20.0) | (t0 & (load >= 1.0)));
@@ -464,7 +411,7 @@ static inline real delivered_shape(real h, real load)
 }
 
 /* 0 <= h & h <= 3 & v = 0 & door = 0 & clock = 0 */
-static inline bool precondition_holds(real h, real v, real door, real clock)
+static inline bool problem_precondition(real h, real v, real door, real clock)
 {
   return (h >= 0.0) & (h <= 3.0) & (v == 0.0) & (door == 0.0) & (clock == 0.0);
 }
@@ -494,7 +441,8 @@ static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, re
   const real until0 = 0.5;
   const real left0 = until0 - x[X_t];
   const real exit0 = dl2c_exit_closed(x[X_h], x[X_v], 0.0);
-  const real exit1 = dl2c_exit_closed(flow0_margin1_c0(x[X_h]), flow0_margin1_c1(x[X_v]), 0.0);
+  const real exit1 = dl2c_exit_closed(flow0_domain_margin1_c0(x[X_h]),
+      flow0_domain_margin1_c1(x[X_v]), 0.0);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
   end = dl2c_select(exit1 < end, exit1, end);
@@ -594,8 +542,8 @@ static inline void model_settle(int flow, const real *x, const real *p, real end
 }
 
 /*
- * Margins along a flow: coefficients by powers of the time since it began.   c: (NMARGIN,
- * NDEGREE + 1)
+ * Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE +
+ * 1)
  */
 static inline void model_polynomials(int flow, const real *x, const real *p, real (*c)[NDEGREE + 1],
                                      int32_t *degree)
@@ -605,59 +553,41 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
     c[0][0] = x[X_h];
     c[0][1] = x[X_v];
     degree[0] = 1;
-    c[1][0] = flow0_curve1_c0(x[X_h]);
-    c[1][1] = flow0_curve1_c1(x[X_v]);
+    c[1][0] = flow0_watch_curve1_c0(x[X_h]);
+    c[1][1] = flow0_watch_curve1_c1(x[X_v]);
     degree[1] = 1;
-    c[2][0] = flow0_curve2_c0(x[X_h]);
-    c[2][1] = flow0_curve2_c1(x[X_v]);
+    c[2][0] = flow0_watch_curve2_c0(x[X_h]);
+    c[2][1] = flow0_watch_curve2_c1(x[X_v]);
     degree[2] = 1;
-    c[3][0] = flow0_curve3_c0(x[X_h]);
-    c[3][1] = flow0_curve3_c1(x[X_v]);
+    c[3][0] = flow0_watch_curve3_c0(x[X_h]);
+    c[3][1] = flow0_watch_curve3_c1(x[X_v]);
     degree[3] = 1;
-    c[4][0] = flow0_curve4_c0(x[X_h]);
-    c[4][1] = flow0_curve4_c1(x[X_v]);
+    c[4][0] = flow0_watch_curve4_c0(x[X_h]);
+    c[4][1] = flow0_watch_curve4_c1(x[X_v]);
     degree[4] = 1;
-    c[5][0] = flow0_curve5_c0(x[X_h]);
-    c[5][1] = flow0_curve5_c1(x[X_v]);
+    c[5][0] = flow0_watch_curve5_c0(x[X_h]);
+    c[5][1] = flow0_watch_curve5_c1(x[X_v]);
     degree[5] = 1;
-    c[6][0] = flow0_curve6_c0(x[X_door]);
+    c[6][0] = flow0_watch_curve6_c0(x[X_door]);
     degree[6] = 0;
-    c[7][0] = flow0_curve7_c0(x[X_clock]);
-    c[7][1] = -1.0;
+    c[7][0] = flow0_watch_curve7_c0(x[X_clock]);
+    c[7][1] = 1.0;
     degree[7] = 1;
-    c[8][0] = flow0_curve8_c0(x[X_h]);
-    c[8][1] = flow0_curve8_c1(x[X_v]);
-    degree[8] = 1;
-    c[9][0] = flow0_curve9_c0(x[X_h]);
-    c[9][1] = flow0_curve9_c1(x[X_v]);
-    degree[9] = 1;
-    c[10][0] = flow0_curve10_c0(x[X_load]);
-    degree[10] = 0;
-    c[11][0] = flow0_curve11_c0(x[X_clock]);
-    c[11][1] = 1.0;
-    degree[11] = 1;
-    c[12][0] = flow0_curve12_c0(x[X_load]);
-    degree[12] = 0;
+    c[8][0] = flow0_watch_curve8_c0(x[X_load]);
+    degree[8] = 0;
   }
   if (flow == 1) {
-    c[0][0] = flow1_curve0_c0(x[X_h]);
+    c[0][0] = flow1_watch_curve0_c0(x[X_h]);
     degree[0] = 0;
-    c[1][0] = flow1_curve1_c0(x[X_h]);
+    c[1][0] = flow1_watch_curve1_c0(x[X_h]);
     degree[1] = 0;
-    c[2][0] = flow1_curve2_c0(x[X_door]);
+    c[2][0] = flow1_watch_curve2_c0(x[X_door]);
     degree[2] = 0;
-    c[3][0] = flow1_curve3_c0(x[X_clock]);
-    c[3][1] = -1.0;
+    c[3][0] = flow1_watch_curve3_c0(x[X_clock]);
+    c[3][1] = 1.0;
     degree[3] = 1;
-    c[4][0] = flow1_curve4_c0(x[X_h]);
+    c[4][0] = flow1_watch_curve4_c0(x[X_load]);
     degree[4] = 0;
-    c[5][0] = flow1_curve5_c0(x[X_load]);
-    degree[5] = 0;
-    c[6][0] = flow1_curve6_c0(x[X_clock]);
-    c[6][1] = 1.0;
-    degree[6] = 1;
-    c[7][0] = flow1_curve7_c0(x[X_load]);
-    degree[7] = 0;
   }
 }
 
@@ -678,11 +608,11 @@ static inline bool model_holds(int flow, int formula, const int8_t *sign)
     if (formula == 3)
       return false;
     if (formula == 4)
-      return ((sign[7] > 0) & (((sign[8] > 0) & (sign[9] > 0)) | (sign[10] > 0)));
+      return ((sign[7] < 0) & (((sign[4] < 0) & (sign[5] < 0)) | (sign[8] < 0)));
     if (formula == 5)
-      return (sign[11] >= 0);
+      return (sign[7] >= 0);
     if (formula == 6)
-      return (((sign[4] >= 0) | (sign[5] >= 0)) & (sign[12] >= 0));
+      return (((sign[4] >= 0) | (sign[5] >= 0)) & (sign[8] >= 0));
   }
   if (flow == 1) {
     if (formula == 1)
@@ -690,11 +620,11 @@ static inline bool model_holds(int flow, int formula, const int8_t *sign)
     if (formula == 3)
       return false;
     if (formula == 4)
-      return ((sign[3] > 0) & ((sign[4] > 0) | (sign[5] > 0)));
+      return ((sign[3] < 0) & ((sign[1] < 0) | (sign[4] < 0)));
     if (formula == 5)
-      return (sign[6] >= 0);
+      return (sign[3] >= 0);
     if (formula == 6)
-      return ((sign[1] >= 0) & (sign[7] >= 0));
+      return ((sign[1] >= 0) & (sign[4] >= 0));
   }
   return true;
 }
@@ -704,24 +634,27 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
 {
   (void)p; (void)y;
   if (flow == 0) {
-    const dl2c_span still0 = dl2c_line(flow0_still0_c0(x[X_h]), flow0_still0_c1(x[X_v]), duration);
-    const dl2c_span still1 = dl2c_line(flow0_still1_c0(x[X_h]), x[X_v], duration);
+    const dl2c_span still0 = dl2c_line(flow0_watch_still0_c0(x[X_h]), flow0_watch_still0_c1(x[X_v]),
+        duration);
+    const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_h]), x[X_v], duration);
     const dl2c_span still2 = dl2c_constant(x[X_door]);
-    const dl2c_span still3 = dl2c_line(flow0_still3_c0(x[X_clock]), -1.0, duration);
-    const dl2c_span still4 = dl2c_line(flow0_still4_c0(x[X_h]), flow0_still4_c1(x[X_v]), duration);
-    const dl2c_span still5 = dl2c_line(flow0_still5_c0(x[X_h]), flow0_still5_c1(x[X_v]), duration);
-    const dl2c_span still6 = dl2c_constant(flow0_still6_c0(x[X_load]));
+    const dl2c_span still3 = dl2c_line(flow0_watch_still3_c0(x[X_clock]), -1.0, duration);
+    const dl2c_span still4 = dl2c_line(flow0_watch_still4_c0(x[X_h]), flow0_watch_still4_c1(x[X_v]),
+        duration);
+    const dl2c_span still5 = dl2c_line(flow0_watch_still5_c0(x[X_h]), flow0_watch_still5_c1(x[X_v]),
+        duration);
+    const dl2c_span still6 = dl2c_constant(flow0_watch_still6_c0(x[X_load]));
     return ((dl2c_stays_closed(still0) | dl2c_stays_closed(still1) | dl2c_stays_equal(still2))
         & dl2c_stays_open(still3) & ((dl2c_stays_open(still4) & dl2c_stays_open(still5))
         | dl2c_stays_open(still6)));
   }
   if (flow == 1) {
-    const dl2c_span still0 = dl2c_constant(flow1_still0_c0(x[X_h]));
-    const dl2c_span still1 = dl2c_constant(flow1_still1_c0(x[X_h]));
+    const dl2c_span still0 = dl2c_constant(flow1_watch_still0_c0(x[X_h]));
+    const dl2c_span still1 = dl2c_constant(flow1_watch_still1_c0(x[X_h]));
     const dl2c_span still2 = dl2c_constant(x[X_door]);
-    const dl2c_span still3 = dl2c_line(flow1_still3_c0(x[X_clock]), -1.0, duration);
-    const dl2c_span still4 = dl2c_constant(flow1_still4_c0(x[X_h]));
-    const dl2c_span still5 = dl2c_constant(flow1_still5_c0(x[X_load]));
+    const dl2c_span still3 = dl2c_line(flow1_watch_still3_c0(x[X_clock]), -1.0, duration);
+    const dl2c_span still4 = dl2c_constant(flow1_watch_still4_c0(x[X_h]));
+    const dl2c_span still5 = dl2c_constant(flow1_watch_still5_c0(x[X_load]));
     return ((dl2c_stays_closed(still0) | dl2c_stays_closed(still1) | dl2c_stays_equal(still2))
         & dl2c_stays_open(still3) & (dl2c_stays_open(still4) | dl2c_stays_open(still5)));
   }
@@ -902,7 +835,7 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++)
     facts[F_delivered_due * row + i] = delivered_due(x[X_clock * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = postcondition_holds(x[X_h * stride + i],
+    facts[F_postcondition * row + i] = problem_postcondition(x[X_h * stride + i],
         x[X_door * stride + i], x[X_load * stride + i], x[X_clock * stride + i]);
 }
 
@@ -971,7 +904,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
 static inline bool model_precondition(const real *x, const real *p)
 {
   (void)p;
-  return precondition_holds(x[X_h], x[X_v], x[X_door], x[X_clock]);
+  return problem_precondition(x[X_h], x[X_v], x[X_door], x[X_clock]);
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
@@ -1020,7 +953,7 @@ static inline bool model_accept(const real *x, const real *p)
 
 static const int32_t POINT_START[3] = {0, 10, 11};
 static const int32_t MASK_START[3] = {0, 4, 6};
-static const int8_t DECISIONS[11][2] = {
+static const int16_t DECISIONS[11][2] = {
   {0, -1},
   {0, -1},
   {0, -1},
@@ -1035,56 +968,59 @@ static const int8_t DECISIONS[11][2] = {
 };
 static const real INPUT_LOW[1] = {0.0};
 static const real INPUT_HIGH[1] = {0.0};
-static const int8_t PATH0_MET[] = {0};
-static const int8_t PATH0_MARKED[] = {0, 0};
-static const int8_t PATH0_INPUTS[] = {0};
-static const int8_t PATH1_MET[] = {0};
-static const int8_t PATH1_MARKED[] = {0, 0};
-static const int8_t PATH1_INPUTS[] = {0};
-static const int8_t PATH2_MET[] = {0};
-static const int8_t PATH2_MARKED[] = {0, 0};
-static const int8_t PATH2_INPUTS[] = {0};
-static const int8_t PATH3_MET[] = {0};
-static const int8_t PATH3_MARKED[] = {0, 0};
-static const int8_t PATH3_INPUTS[] = {0};
-static const int8_t PATH4_MET[] = {0};
-static const int8_t PATH4_MARKED[] = {0, 0};
-static const int8_t PATH4_INPUTS[] = {0};
-static const int8_t PATH5_MET[] = {0};
-static const int8_t PATH5_MARKED[] = {0, 0};
-static const int8_t PATH5_INPUTS[] = {0};
-static const int8_t PATH6_MET[] = {0};
-static const int8_t PATH6_MARKED[] = {1, 0};
-static const int8_t PATH6_INPUTS[] = {0};
-static const int8_t PATH7_MET[] = {0};
-static const int8_t PATH7_MARKED[] = {1, 0};
-static const int8_t PATH7_INPUTS[] = {0};
-static const int8_t PATH8_MET[] = {0, 1};
-static const int8_t PATH8_MARKED[] = {0, 0, 0};
-static const int8_t PATH8_INPUTS[] = {0};
-static const int8_t PATH9_MET[] = {0, 1};
-static const int8_t PATH9_MARKED[] = {0, 0, 0};
-static const int8_t PATH9_INPUTS[] = {0};
-static const int8_t PATH10_MET[] = {0};
-static const int8_t PATH10_MARKED[] = {0};
-static const int8_t PATH10_INPUTS[] = {0};
+static const int32_t CHOICE_DRAW[2] = {-1, -1};
+static const int32_t INPUT_DRAW[1] = {-1};
+static const int32_t FLOW_DRAW[2] = {-1, -1};
+static const int16_t PATH0_MET[] = {0};
+static const int16_t PATH0_MARKED[] = {0, 0};
+static const int16_t PATH0_INPUTS[] = {0};
+static const int16_t PATH1_MET[] = {0};
+static const int16_t PATH1_MARKED[] = {0, 0};
+static const int16_t PATH1_INPUTS[] = {0};
+static const int16_t PATH2_MET[] = {0};
+static const int16_t PATH2_MARKED[] = {0, 0};
+static const int16_t PATH2_INPUTS[] = {0};
+static const int16_t PATH3_MET[] = {0};
+static const int16_t PATH3_MARKED[] = {0, 0};
+static const int16_t PATH3_INPUTS[] = {0};
+static const int16_t PATH4_MET[] = {0};
+static const int16_t PATH4_MARKED[] = {0, 0};
+static const int16_t PATH4_INPUTS[] = {0};
+static const int16_t PATH5_MET[] = {0};
+static const int16_t PATH5_MARKED[] = {0, 0};
+static const int16_t PATH5_INPUTS[] = {0};
+static const int16_t PATH6_MET[] = {0};
+static const int16_t PATH6_MARKED[] = {1, 0};
+static const int16_t PATH6_INPUTS[] = {0};
+static const int16_t PATH7_MET[] = {0};
+static const int16_t PATH7_MARKED[] = {1, 0};
+static const int16_t PATH7_INPUTS[] = {0};
+static const int16_t PATH8_MET[] = {0, 1};
+static const int16_t PATH8_MARKED[] = {0, 0, 0};
+static const int16_t PATH8_INPUTS[] = {0};
+static const int16_t PATH9_MET[] = {0, 1};
+static const int16_t PATH9_MARKED[] = {0, 0, 0};
+static const int16_t PATH9_INPUTS[] = {0};
+static const int16_t PATH10_MET[] = {0};
+static const int16_t PATH10_MARKED[] = {0};
+static const int16_t PATH10_INPUTS[] = {0};
 static const dl2c_path PATHS[11] = {
-  {0, 1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS},
-  {1, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS},
-  {1, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS},
-  {0, 1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS},
-  {1, -1, 1, PATH4_MET, PATH4_MARKED, 0, PATH4_INPUTS},
-  {1, -1, 1, PATH5_MET, PATH5_MARKED, 0, PATH5_INPUTS},
-  {1, -1, 1, PATH6_MET, PATH6_MARKED, 0, PATH6_INPUTS},
-  {1, -1, 1, PATH7_MET, PATH7_MARKED, 0, PATH7_INPUTS},
-  {1, -1, 2, PATH8_MET, PATH8_MARKED, 0, PATH8_INPUTS},
-  {1, -1, 2, PATH9_MET, PATH9_MARKED, 0, PATH9_INPUTS},
-  {1, -1, 0, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS},
+  {0, 1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS, 0},
+  {1, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS, 0},
+  {1, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS, 0},
+  {0, 1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS, 0},
+  {1, -1, 1, PATH4_MET, PATH4_MARKED, 0, PATH4_INPUTS, 0},
+  {1, -1, 1, PATH5_MET, PATH5_MARKED, 0, PATH5_INPUTS, 0},
+  {1, -1, 1, PATH6_MET, PATH6_MARKED, 0, PATH6_INPUTS, 0},
+  {1, -1, 1, PATH7_MET, PATH7_MARKED, 0, PATH7_INPUTS, 0},
+  {1, -1, 2, PATH8_MET, PATH8_MARKED, 0, PATH8_INPUTS, 0},
+  {1, -1, 2, PATH9_MET, PATH9_MARKED, 0, PATH9_INPUTS, 0},
+  {1, -1, 0, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
 };
 static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};
-static const int32_t FLOW_MARGINS[2] = {13, 8};
+static const int32_t FLOW_MARGINS[2] = {9, 5};
 static const real SAMPLE_LOW[1][3] = {{0.0, 0.0, 0.5}};
 static const real SAMPLE_HIGH[1][3] = {{3.0, 1.0, 2.0}};
 static const real SAMPLE_SHARE[1] = {1.0};

@@ -9,9 +9,10 @@ enum { X_x, X_f, X_t, NX }; /* state */
 enum { P_ep, P_H, NP }; /* constants of the episode */
 enum { U_assign_f, NU }; /* inputs */
 enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a state is tested for */
-enum { NCHOICE = 0, NMASK = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
+enum { NINPUT = 1, NENVINPUT = 0, NDECISION = 0, NCHOICE = 0, NENVCHOICE = 0, NMASK = 0,
+NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
 NFREE = 3, NBOX = 4, NMARGIN = 5, NDEGREE = 1, NWATCH = 1, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES =
-0 };
+0, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -31,61 +32,61 @@ static inline bool flow0_inside(real x_v, real t, real ep)
 }
 
 /* tank.kyx:33  x + 0.000000001 * (1 + x), coefficient of tau^0 */
-static inline real flow0_curve1_c0(real x_v)
+static inline real flow0_watch_curve1_c0(real x_v)
 {
   return x_v + 1e-09 * (1.0 + x_v);
 }
 
 /* tank.kyx:33  x + 0.000000001 * (1 + x), coefficient of tau^1 */
-static inline real flow0_curve1_c1(real f)
+static inline real flow0_watch_curve1_c1(real f)
 {
   return f + 1e-09 * f;
 }
 
 /* tank.kyx:33  x + 0.000000001 * (1 + (-x)), coefficient of tau^0 */
-static inline real flow0_curve2_c0(real x_v)
+static inline real flow0_watch_curve2_c0(real x_v)
 {
   return x_v + 1e-09 * (1.0 + -x_v);
 }
 
 /* tank.kyx:33  x + 0.000000001 * (1 + (-x)), coefficient of tau^1 */
-static inline real flow0_curve2_c1(real f)
+static inline real flow0_watch_curve2_c1(real f)
 {
   return f + 1e-09 * -f;
 }
 
 /* tank.kyx:33  H + 0.000000001 * (1 + x + abs(H)) - x, coefficient of tau^0 */
-static inline real flow0_curve3_c0(real x_v, real H)
+static inline real flow0_watch_curve3_c0(real x_v, real H)
 {
   return H + 1e-09 * (1.0 + x_v + fabs(H)) - x_v;
 }
 
 /* tank.kyx:33  H + 0.000000001 * (1 + x + abs(H)) - x, coefficient of tau^1 */
-static inline real flow0_curve3_c1(real f)
+static inline real flow0_watch_curve3_c1(real f)
 {
   return 1e-09 * f - f;
 }
 
 /* tank.kyx:33  H + 0.000000001 * (1 + (-x) + abs(H)) - x, coefficient of tau^0 */
-static inline real flow0_curve4_c0(real x_v, real H)
+static inline real flow0_watch_curve4_c0(real x_v, real H)
 {
   return H + 1e-09 * (1.0 + -x_v + fabs(H)) - x_v;
 }
 
 /* tank.kyx:33  H + 0.000000001 * (1 + (-x) + abs(H)) - x, coefficient of tau^1 */
-static inline real flow0_curve4_c1(real f)
+static inline real flow0_watch_curve4_c1(real f)
 {
   return 1e-09 * -f - f;
 }
 
 /* tank.kyx:33  H - x, coefficient of tau^0 */
-static inline real flow0_still1_c0(real x_v, real H)
+static inline real flow0_watch_still1_c0(real x_v, real H)
 {
   return H - x_v;
 }
 
 /* tank.kyx:33  H - x, coefficient of tau^1 */
-static inline real flow0_still1_c1(real f)
+static inline real flow0_watch_still1_c1(real f)
 {
   return -f;
 }
@@ -126,7 +127,7 @@ static inline bool inside_holds(real x_v, real H)
 }
 
 /* the problem's Q: 0 <= x & x <= H */
-static inline bool postcondition_holds(real x_v, real H)
+static inline bool problem_postcondition(real x_v, real H)
 {
   return (x_v >= 0.0) & (x_v <= H);
 }
@@ -138,7 +139,7 @@ static inline real distance_shape(real x_v, real H)
 }
 
 /* 0 <= x & x <= H & f = 0 */
-static inline bool precondition_holds(real x_v, real f, real H)
+static inline bool problem_precondition(real x_v, real f, real H)
 {
   return (x_v >= 0.0) & (x_v <= H) & (f == 0.0);
 }
@@ -226,8 +227,8 @@ static inline void model_settle(int flow, const real *x, const real *p, real end
 }
 
 /*
- * Margins along a flow: coefficients by powers of the time since it began.   c: (NMARGIN,
- * NDEGREE + 1)
+ * Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE +
+ * 1)
  */
 static inline void model_polynomials(int flow, const real *x, const real *p, real (*c)[NDEGREE + 1],
                                      int32_t *degree)
@@ -236,17 +237,17 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
     c[0][0] = x[X_x];
     c[0][1] = x[X_f];
     degree[0] = 1;
-    c[1][0] = flow0_curve1_c0(x[X_x]);
-    c[1][1] = flow0_curve1_c1(x[X_f]);
+    c[1][0] = flow0_watch_curve1_c0(x[X_x]);
+    c[1][1] = flow0_watch_curve1_c1(x[X_f]);
     degree[1] = 1;
-    c[2][0] = flow0_curve2_c0(x[X_x]);
-    c[2][1] = flow0_curve2_c1(x[X_f]);
+    c[2][0] = flow0_watch_curve2_c0(x[X_x]);
+    c[2][1] = flow0_watch_curve2_c1(x[X_f]);
     degree[2] = 1;
-    c[3][0] = flow0_curve3_c0(x[X_x], p[P_H]);
-    c[3][1] = flow0_curve3_c1(x[X_f]);
+    c[3][0] = flow0_watch_curve3_c0(x[X_x], p[P_H]);
+    c[3][1] = flow0_watch_curve3_c1(x[X_f]);
     degree[3] = 1;
-    c[4][0] = flow0_curve4_c0(x[X_x], p[P_H]);
-    c[4][1] = flow0_curve4_c1(x[X_f]);
+    c[4][0] = flow0_watch_curve4_c0(x[X_x], p[P_H]);
+    c[4][1] = flow0_watch_curve4_c1(x[X_f]);
     degree[4] = 1;
   }
 }
@@ -277,8 +278,8 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
   (void)y;
   if (flow == 0) {
     const dl2c_span still0 = dl2c_line(x[X_x], x[X_f], duration);
-    const dl2c_span still1 = dl2c_line(flow0_still1_c0(x[X_x], p[P_H]), flow0_still1_c1(x[X_f]),
-        duration);
+    const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_x], p[P_H]),
+        flow0_watch_still1_c1(x[X_f]), duration);
     return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1));
   }
   return true;
@@ -376,7 +377,8 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++)
     facts[F_distance_holds * row + i] = true;
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = postcondition_holds(x[X_x * stride + i], p[P_H * stride + i]);
+    facts[F_postcondition * row + i] = problem_postcondition(x[X_x * stride + i],
+        p[P_H * stride + i]);
 }
 
 /*
@@ -427,7 +429,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
 /* The problem's P, strict. */
 static inline bool model_precondition(const real *x, const real *p)
 {
-  return precondition_holds(x[X_x], x[X_f], p[P_H]);
+  return problem_precondition(x[X_x], x[X_f], p[P_H]);
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
@@ -468,13 +470,16 @@ static inline bool model_accept(const real *x, const real *p)
 
 static const int32_t POINT_START[2] = {0, 1};
 static const int32_t MASK_START[1] = {0};
-static const int8_t DECISIONS[1][1] = {{0}};
+static const int16_t DECISIONS[1][1] = {{0}};
 static const real INPUT_LOW[1] = {-0.8};
 static const real INPUT_HIGH[1] = {0.8};
-static const int8_t PATH0_MET[] = {0};
-static const int8_t PATH0_MARKED[] = {0};
-static const int8_t PATH0_INPUTS[] = {0};
-static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS}};
+static const int32_t CHOICE_DRAW[1] = {-1};
+static const int32_t INPUT_DRAW[1] = {-1};
+static const int32_t FLOW_DRAW[1] = {-1};
+static const int16_t PATH0_MET[] = {0};
+static const int16_t PATH0_MARKED[] = {0};
+static const int16_t PATH0_INPUTS[] = {0};
+static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS, 0}};
 static const uint8_t WATCH_CUTS[1] = {1};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};

@@ -9,9 +9,11 @@ enum { X_xr, X_vr, X_ar, X_xg, X_t, X_T, NX }; /* state */
 enum { P_ep, P_b, P_A, P_GDelta, P_Vmax, NP }; /* constants of the episode */
 enum { NU }; /* inputs */
 enum { F_loopInv_holds, F_ensure_holds, F_ensure_due, F_ensure_failed, F_postcondition, NFACT }; /* what a state is tested for */
-enum { NCHOICE = 1, NMASK = 4, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT =
-1, NFREE = 10, NBOX = 64, NMARGIN = 37, NDEGREE = 2, NWATCH = 2, DL2C_LOOPS = 1,
-DL2C_STEPS_IN_LANES = 1 };
+enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 1, NCHOICE = 1, NENVCHOICE = 0, NMASK = 4,
+NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT = 1,
+NFREE = 10, NBOX = 64, NMARGIN = 36, NDEGREE = 2, NWATCH = 2, DL2C_LOOPS = 1,
+DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
+DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -37,58 +39,64 @@ static inline real flow0_xr_c2(real ar)
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + vr), coefficient of tau^0 */
-static inline real flow0_curve1_c0(real vr)
+static inline real flow0_watch_curve1_c0(real vr)
 {
   return vr + 1e-09 * (1.0 + vr);
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + vr), coefficient of tau^1 */
-static inline real flow0_curve1_c1(real ar)
+static inline real flow0_watch_curve1_c1(real ar)
 {
   return ar + 1e-09 * ar;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr)), coefficient of tau^0 */
-static inline real flow0_curve2_c0(real vr)
+static inline real flow0_watch_curve2_c0(real vr)
 {
   return vr + 1e-09 * (1.0 + -vr);
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr)), coefficient of tau^1 */
-static inline real flow0_curve2_c1(real ar)
+static inline real flow0_watch_curve2_c1(real ar)
 {
   return ar + 1e-09 * -ar;
 }
 
 /* waypoint.kyx:68  Vmax + 0.000000001 * (1 + vr + abs(Vmax)) - vr, coefficient of tau^0 */
-static inline real flow0_curve3_c0(real vr, real Vmax)
+static inline real flow0_watch_curve3_c0(real vr, real Vmax)
 {
   return Vmax + 1e-09 * (1.0 + vr + fabs(Vmax)) - vr;
 }
 
 /* waypoint.kyx:68  Vmax + 0.000000001 * (1 + vr + abs(Vmax)) - vr, coefficient of tau^1 */
-static inline real flow0_curve3_c1(real ar)
+static inline real flow0_watch_curve3_c1(real ar)
 {
   return 1e-09 * ar - ar;
 }
 
 /* waypoint.kyx:68  Vmax + 0.000000001 * (1 + (-vr) + abs(Vmax)) - vr, coefficient of tau^0 */
-static inline real flow0_curve4_c0(real vr, real Vmax)
+static inline real flow0_watch_curve4_c0(real vr, real Vmax)
 {
   return Vmax + 1e-09 * (1.0 + -vr + fabs(Vmax)) - vr;
 }
 
 /* waypoint.kyx:68  Vmax + 0.000000001 * (1 + (-vr) + abs(Vmax)) - vr, coefficient of tau^1 */
-static inline real flow0_curve4_c1(real ar)
+static inline real flow0_watch_curve4_c1(real ar)
 {
   return 1e-09 * -ar - ar;
+}
+
+/* waypoint.kyx:68  2 * b, coefficient of tau^0 */
+static inline real flow0_watch_curve5_c0(real b)
+{
+  return 2.0 * b;
 }
 
 /*
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)) -
  * (xr + vr^2 / (2 * b)), coefficient of tau^0
  */
-static inline real flow0_curve5_c0(real xr, real vr, real xg, real b, real GDelta)
+static inline real flow0_watch_curve6_c0(real xr, real vr, real xg, real b, real GDelta)
 {
   const real t0 = xg + GDelta;
   const real t1 = xr + vr * vr / (2.0 * b);
@@ -99,7 +107,7 @@ static inline real flow0_curve5_c0(real xr, real vr, real xg, real b, real GDelt
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)) -
  * (xr + vr^2 / (2 * b)), coefficient of tau^1
  */
-static inline real flow0_curve5_c1(real vr, real ar, real b)
+static inline real flow0_watch_curve6_c1(real vr, real ar, real b)
 {
   const real t0 = vr + (vr * ar + ar * vr) / (2.0 * b);
   return 1e-09 * t0 - t0;
@@ -109,7 +117,7 @@ static inline real flow0_curve5_c1(real vr, real ar, real b)
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)) -
  * (xr + vr^2 / (2 * b)), coefficient of tau^2
  */
-static inline real flow0_curve5_c2(real ar, real b)
+static inline real flow0_watch_curve6_c2(real ar, real b)
 {
   const real t0 = ar / 2.0 + ar * ar / (2.0 * b);
   return 1e-09 * t0 - t0;
@@ -119,7 +127,7 @@ static inline real flow0_curve5_c2(real ar, real b)
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg + GDelta))
  * - (xr + vr^2 / (2 * b)), coefficient of tau^0
  */
-static inline real flow0_curve6_c0(real xr, real vr, real xg, real b, real GDelta)
+static inline real flow0_watch_curve7_c0(real xr, real vr, real xg, real b, real GDelta)
 {
   const real t0 = xg + GDelta;
   const real t1 = xr + vr * vr / (2.0 * b);
@@ -130,7 +138,7 @@ static inline real flow0_curve6_c0(real xr, real vr, real xg, real b, real GDelt
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg + GDelta))
  * - (xr + vr^2 / (2 * b)), coefficient of tau^1
  */
-static inline real flow0_curve6_c1(real vr, real ar, real b)
+static inline real flow0_watch_curve7_c1(real vr, real ar, real b)
 {
   const real t0 = vr + (vr * ar + ar * vr) / (2.0 * b);
   return 1e-09 * -t0 - t0;
@@ -140,7 +148,7 @@ static inline real flow0_curve6_c1(real vr, real ar, real b)
  * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg + GDelta))
  * - (xr + vr^2 / (2 * b)), coefficient of tau^2
  */
-static inline real flow0_curve6_c2(real ar, real b)
+static inline real flow0_watch_curve7_c2(real ar, real b)
 {
   const real t0 = ar / 2.0 + ar * ar / (2.0 * b);
   return 1e-09 * -t0 - t0;
@@ -150,7 +158,7 @@ static inline real flow0_curve6_c2(real ar, real b)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
  * tau^0
  */
-static inline real flow0_curve7_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve8_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return t0 + 1e-09 * (1.0 + fabs(t0) + xr) - xr;
@@ -160,7 +168,7 @@ static inline real flow0_curve7_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
  * tau^1
  */
-static inline real flow0_curve7_c1(real vr)
+static inline real flow0_watch_curve8_c1(real vr)
 {
   return 1e-09 * vr - vr;
 }
@@ -169,7 +177,7 @@ static inline real flow0_curve7_c1(real vr)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
  * tau^2
  */
-static inline real flow0_curve7_c2(real ar)
+static inline real flow0_watch_curve8_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return 1e-09 * t0 - t0;
@@ -179,7 +187,7 @@ static inline real flow0_curve7_c2(real ar)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
  * of tau^0
  */
-static inline real flow0_curve8_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve9_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return t0 + 1e-09 * (1.0 + fabs(t0) + -xr) - xr;
@@ -189,7 +197,7 @@ static inline real flow0_curve8_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
  * of tau^1
  */
-static inline real flow0_curve8_c1(real vr)
+static inline real flow0_watch_curve9_c1(real vr)
 {
   return 1e-09 * -vr - vr;
 }
@@ -198,89 +206,89 @@ static inline real flow0_curve8_c1(real vr)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
  * of tau^2
  */
-static inline real flow0_curve8_c2(real ar)
+static inline real flow0_watch_curve9_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return 1e-09 * -t0 - t0;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + vr) - vr, coefficient of tau^0 */
-static inline real flow0_curve9_c0(real vr)
+static inline real flow0_watch_curve10_c0(real vr)
 {
   return 1e-09 * (1.0 + vr) - vr;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + vr) - vr, coefficient of tau^1 */
-static inline real flow0_curve9_c1(real ar)
+static inline real flow0_watch_curve10_c1(real ar)
 {
   return 1e-09 * ar - ar;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + (-vr)) - (-vr), coefficient of tau^0 */
-static inline real flow0_curve10_c0(real vr)
+static inline real flow0_watch_curve11_c0(real vr)
 {
   const real t0 = -vr;
   return 1e-09 * (1.0 + t0) - t0;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + (-vr)) - (-vr), coefficient of tau^1 */
-static inline real flow0_curve10_c1(real ar)
+static inline real flow0_watch_curve11_c1(real ar)
 {
   const real t0 = -ar;
   return 1e-09 * t0 - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + T + vr / b) - vr / b, coefficient of tau^0 */
-static inline real flow0_curve11_c0(real vr, real T, real b)
+static inline real flow0_watch_curve13_c0(real vr, real T, real b)
 {
   const real t0 = vr / b;
   return T + 1e-09 * (1.0 + T + t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + T + vr / b) - vr / b, coefficient of tau^1 */
-static inline real flow0_curve11_c1(real ar, real b)
+static inline real flow0_watch_curve13_c1(real ar, real b)
 {
   const real t0 = ar / b;
   return -1.0 + 1e-09 * (-1.0 + t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + T + (-(vr / b))) - vr / b, coefficient of tau^0 */
-static inline real flow0_curve12_c0(real vr, real T, real b)
+static inline real flow0_watch_curve14_c0(real vr, real T, real b)
 {
   const real t0 = vr / b;
   return T + 1e-09 * (1.0 + T + -t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + T + (-(vr / b))) - vr / b, coefficient of tau^1 */
-static inline real flow0_curve12_c1(real ar, real b)
+static inline real flow0_watch_curve14_c1(real ar, real b)
 {
   const real t0 = ar / b;
   return -1.0 + 1e-09 * (-1.0 + -t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + vr / b) - vr / b, coefficient of tau^0 */
-static inline real flow0_curve13_c0(real vr, real T, real b)
+static inline real flow0_watch_curve15_c0(real vr, real T, real b)
 {
   const real t0 = vr / b;
   return T + 1e-09 * (1.0 + -T + t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + vr / b) - vr / b, coefficient of tau^1 */
-static inline real flow0_curve13_c1(real ar, real b)
+static inline real flow0_watch_curve15_c1(real ar, real b)
 {
   const real t0 = ar / b;
   return -1.0 + 1e-09 * (1.0 + t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-(vr / b))) - vr / b, coefficient of tau^0 */
-static inline real flow0_curve14_c0(real vr, real T, real b)
+static inline real flow0_watch_curve16_c0(real vr, real T, real b)
 {
   const real t0 = vr / b;
   return T + 1e-09 * (1.0 + -T + -t0) - t0;
 }
 
 /* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-(vr / b))) - vr / b, coefficient of tau^1 */
-static inline real flow0_curve14_c1(real ar, real b)
+static inline real flow0_watch_curve16_c1(real ar, real b)
 {
   const real t0 = ar / b;
   return -1.0 + 1e-09 * (1.0 + -t0) - t0;
@@ -290,7 +298,7 @@ static inline real flow0_curve14_c1(real ar, real b)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
  * of tau^0
  */
-static inline real flow0_curve15_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve17_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + xr + fabs(t0)) - t0;
@@ -300,7 +308,7 @@ static inline real flow0_curve15_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
  * of tau^1
  */
-static inline real flow0_curve15_c1(real vr)
+static inline real flow0_watch_curve17_c1(real vr)
 {
   return vr + 1e-09 * vr;
 }
@@ -309,7 +317,7 @@ static inline real flow0_curve15_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
  * of tau^2
  */
-static inline real flow0_curve15_c2(real ar)
+static inline real flow0_watch_curve17_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * t0;
@@ -319,7 +327,7 @@ static inline real flow0_curve15_c2(real ar)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
  * coefficient of tau^0
  */
-static inline real flow0_curve16_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve18_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + -xr + fabs(t0)) - t0;
@@ -329,7 +337,7 @@ static inline real flow0_curve16_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
  * coefficient of tau^1
  */
-static inline real flow0_curve16_c1(real vr)
+static inline real flow0_watch_curve18_c1(real vr)
 {
   return vr + 1e-09 * -vr;
 }
@@ -338,44 +346,50 @@ static inline real flow0_curve16_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
  * coefficient of tau^2
  */
-static inline real flow0_curve16_c2(real ar)
+static inline real flow0_watch_curve18_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * -t0;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + vr + abs(A * ep)) - A * ep, coefficient of tau^0 */
-static inline real flow0_curve17_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve19_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return vr + 1e-09 * (1.0 + vr + fabs(t0)) - t0;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + vr + abs(A * ep)) - A * ep, coefficient of tau^1 */
-static inline real flow0_curve17_c1(real ar)
+static inline real flow0_watch_curve19_c1(real ar)
 {
   return ar + 1e-09 * ar;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr) + abs(A * ep)) - A * ep, coefficient of tau^0 */
-static inline real flow0_curve18_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve20_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return vr + 1e-09 * (1.0 + -vr + fabs(t0)) - t0;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr) + abs(A * ep)) - A * ep, coefficient of tau^1 */
-static inline real flow0_curve18_c1(real ar)
+static inline real flow0_watch_curve20_c1(real ar)
 {
   return ar + 1e-09 * -ar;
+}
+
+/* waypoint.kyx:68  A * ep, coefficient of tau^0 */
+static inline real flow0_watch_curve21_c0(real ep, real A)
+{
+  return A * ep;
 }
 
 /*
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)) -
  * ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
  */
-static inline real flow0_curve19_c0(real xr, real xg, real T, real ep, real b, real A, real GDelta,
-                                    real Vmax)
+static inline real flow0_watch_curve22_c0(real xr, real xg, real T, real ep, real b, real A,
+                                          real GDelta, real Vmax)
 {
   const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + T + t0) - t0;
@@ -385,7 +399,7 @@ static inline real flow0_curve19_c0(real xr, real xg, real T, real ep, real b, r
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)) -
  * ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
  */
-static inline real flow0_curve19_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve22_c1(real vr, real ep, real A)
 {
   const real t0 = -vr / (A * ep);
   return -1.0 + 1e-09 * (-1.0 + t0) - t0;
@@ -395,7 +409,7 @@ static inline real flow0_curve19_c1(real vr, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)) -
  * ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
  */
-static inline real flow0_curve19_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve22_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * t0 - t0;
@@ -405,8 +419,8 @@ static inline real flow0_curve19_c2(real ar, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
  */
-static inline real flow0_curve20_c0(real xr, real xg, real T, real ep, real b, real A, real GDelta,
-                                    real Vmax)
+static inline real flow0_watch_curve23_c0(real xr, real xg, real T, real ep, real b, real A,
+                                          real GDelta, real Vmax)
 {
   const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + T + -t0) - t0;
@@ -416,7 +430,7 @@ static inline real flow0_curve20_c0(real xr, real xg, real T, real ep, real b, r
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
  */
-static inline real flow0_curve20_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve23_c1(real vr, real ep, real A)
 {
   const real t0 = -vr / (A * ep);
   return -1.0 + 1e-09 * (-1.0 + -t0) - t0;
@@ -426,7 +440,7 @@ static inline real flow0_curve20_c1(real vr, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
  */
-static inline real flow0_curve20_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve23_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * -t0 - t0;
@@ -436,8 +450,8 @@ static inline real flow0_curve20_c2(real ar, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b)) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
  */
-static inline real flow0_curve21_c0(real xr, real xg, real T, real ep, real b, real A, real GDelta,
-                                    real Vmax)
+static inline real flow0_watch_curve24_c0(real xr, real xg, real T, real ep, real b, real A,
+                                          real GDelta, real Vmax)
 {
   const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + -T + t0) - t0;
@@ -447,7 +461,7 @@ static inline real flow0_curve21_c0(real xr, real xg, real T, real ep, real b, r
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b)) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
  */
-static inline real flow0_curve21_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve24_c1(real vr, real ep, real A)
 {
   const real t0 = -vr / (A * ep);
   return -1.0 + 1e-09 * (1.0 + t0) - t0;
@@ -457,7 +471,7 @@ static inline real flow0_curve21_c1(real vr, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b)) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
  */
-static inline real flow0_curve21_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve24_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * t0 - t0;
@@ -467,8 +481,8 @@ static inline real flow0_curve21_c2(real ar, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
  */
-static inline real flow0_curve22_c0(real xr, real xg, real T, real ep, real b, real A, real GDelta,
-                                    real Vmax)
+static inline real flow0_watch_curve25_c0(real xr, real xg, real T, real ep, real b, real A,
+                                          real GDelta, real Vmax)
 {
   const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + -T + -t0) - t0;
@@ -478,7 +492,7 @@ static inline real flow0_curve22_c0(real xr, real xg, real T, real ep, real b, r
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
  */
-static inline real flow0_curve22_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve25_c1(real vr, real ep, real A)
 {
   const real t0 = -vr / (A * ep);
   return -1.0 + 1e-09 * (1.0 + -t0) - t0;
@@ -488,34 +502,34 @@ static inline real flow0_curve22_c1(real vr, real ep, real A)
  * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
  * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
  */
-static inline real flow0_curve22_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve25_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * -t0 - t0;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + vr + abs(A * ep)) - vr, coefficient of tau^0 */
-static inline real flow0_curve23_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve26_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return t0 + 1e-09 * (1.0 + vr + fabs(t0)) - vr;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + vr + abs(A * ep)) - vr, coefficient of tau^1 */
-static inline real flow0_curve23_c1(real ar)
+static inline real flow0_watch_curve26_c1(real ar)
 {
   return 1e-09 * ar - ar;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + (-vr) + abs(A * ep)) - vr, coefficient of tau^0 */
-static inline real flow0_curve24_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve27_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return t0 + 1e-09 * (1.0 + -vr + fabs(t0)) - vr;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + (-vr) + abs(A * ep)) - vr, coefficient of tau^1 */
-static inline real flow0_curve24_c1(real ar)
+static inline real flow0_watch_curve27_c1(real ar)
 {
   return 1e-09 * -ar - ar;
 }
@@ -525,8 +539,8 @@ static inline real flow0_curve24_c1(real ar)
  * + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of
  * tau^0
  */
-static inline real flow0_curve25_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                    real GDelta, real Vmax)
+static inline real flow0_watch_curve29_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax)
 {
   const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + T + t0) - t0;
@@ -537,7 +551,7 @@ static inline real flow0_curve25_c0(real xr, real vr, real xg, real T, real ep, 
  * + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of
  * tau^1
  */
-static inline real flow0_curve25_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve29_c1(real vr, real ar, real ep, real A)
 {
   const real t0 = -(ar / A) + -vr / (A * ep);
   return -1.0 + 1e-09 * (-1.0 + t0) - t0;
@@ -548,7 +562,7 @@ static inline real flow0_curve25_c1(real vr, real ar, real ep, real A)
  * + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of
  * tau^2
  */
-static inline real flow0_curve25_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve29_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * t0 - t0;
@@ -559,8 +573,8 @@ static inline real flow0_curve25_c2(real ar, real ep, real A)
  * ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^0
  */
-static inline real flow0_curve26_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                    real GDelta, real Vmax)
+static inline real flow0_watch_curve30_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax)
 {
   const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + T + -t0) - t0;
@@ -571,7 +585,7 @@ static inline real flow0_curve26_c0(real xr, real vr, real xg, real T, real ep, 
  * ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^1
  */
-static inline real flow0_curve26_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve30_c1(real vr, real ar, real ep, real A)
 {
   const real t0 = -(ar / A) + -vr / (A * ep);
   return -1.0 + 1e-09 * (-1.0 + -t0) - t0;
@@ -582,7 +596,7 @@ static inline real flow0_curve26_c1(real vr, real ar, real ep, real A)
  * ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^2
  */
-static inline real flow0_curve26_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve30_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * -t0 - t0;
@@ -593,8 +607,8 @@ static inline real flow0_curve26_c2(real ar, real ep, real A)
  * ep + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^0
  */
-static inline real flow0_curve27_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                    real GDelta, real Vmax)
+static inline real flow0_watch_curve31_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax)
 {
   const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + -T + t0) - t0;
@@ -605,7 +619,7 @@ static inline real flow0_curve27_c0(real xr, real vr, real xg, real T, real ep, 
  * ep + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^1
  */
-static inline real flow0_curve27_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve31_c1(real vr, real ar, real ep, real A)
 {
   const real t0 = -(ar / A) + -vr / (A * ep);
   return -1.0 + 1e-09 * (1.0 + t0) - t0;
@@ -616,7 +630,7 @@ static inline real flow0_curve27_c1(real vr, real ar, real ep, real A)
  * ep + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
  * of tau^2
  */
-static inline real flow0_curve27_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve31_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * t0 - t0;
@@ -627,8 +641,8 @@ static inline real flow0_curve27_c2(real ar, real ep, real A)
  * + ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^0
  */
-static inline real flow0_curve28_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                    real GDelta, real Vmax)
+static inline real flow0_watch_curve32_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax)
 {
   const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
   return T + 1e-09 * (1.0 + -T + -t0) - t0;
@@ -639,7 +653,7 @@ static inline real flow0_curve28_c0(real xr, real vr, real xg, real T, real ep, 
  * + ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^1
  */
-static inline real flow0_curve28_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve32_c1(real vr, real ar, real ep, real A)
 {
   const real t0 = -(ar / A) + -vr / (A * ep);
   return -1.0 + 1e-09 * (1.0 + -t0) - t0;
@@ -650,98 +664,14 @@ static inline real flow0_curve28_c1(real vr, real ar, real ep, real A)
  * + ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^2
  */
-static inline real flow0_curve28_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve32_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
   return 1e-09 * -t0 - t0;
 }
 
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + xr)), coefficient
- * of tau^0
- */
-static inline real flow0_curve30_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return t0 - (xr + 1e-09 * (1.0 + fabs(t0) + xr));
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + xr)), coefficient
- * of tau^1
- */
-static inline real flow0_curve30_c1(real vr)
-{
-  return -(vr + 1e-09 * vr);
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + xr)), coefficient
- * of tau^2
- */
-static inline real flow0_curve30_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return -(t0 + 1e-09 * t0);
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr))),
- * coefficient of tau^0
- */
-static inline real flow0_curve31_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return t0 - (xr + 1e-09 * (1.0 + fabs(t0) + -xr));
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr))),
- * coefficient of tau^1
- */
-static inline real flow0_curve31_c1(real vr)
-{
-  return -(vr + 1e-09 * -vr);
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr))),
- * coefficient of tau^2
- */
-static inline real flow0_curve31_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return -(t0 + 1e-09 * -t0);
-}
-
-/* waypoint.kyx:68  vr - 0.000000001 * (1 + vr), coefficient of tau^0 */
-static inline real flow0_curve32_c0(real vr)
-{
-  return vr - 1e-09 * (1.0 + vr);
-}
-
-/* waypoint.kyx:68  vr - 0.000000001 * (1 + vr), coefficient of tau^1 */
-static inline real flow0_curve32_c1(real ar)
-{
-  return ar - 1e-09 * ar;
-}
-
-/* waypoint.kyx:68  -vr - 0.000000001 * (1 + (-vr)), coefficient of tau^0 */
-static inline real flow0_curve33_c0(real vr)
-{
-  const real t0 = -vr;
-  return t0 - 1e-09 * (1.0 + t0);
-}
-
-/* waypoint.kyx:68  -vr - 0.000000001 * (1 + (-vr)), coefficient of tau^1 */
-static inline real flow0_curve33_c1(real ar)
-{
-  const real t0 = -ar;
-  return t0 - 1e-09 * t0;
-}
-
 /* waypoint.kyx:68  0 - T, coefficient of tau^0 */
-static inline real flow0_curve34_c0(real T)
+static inline real flow0_watch_curve33_c0(real T)
 {
   return -T;
 }
@@ -750,7 +680,7 @@ static inline real flow0_curve34_c0(real T)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
  * of tau^0
  */
-static inline real flow0_curve35_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve34_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + fabs(t0) + xr) - t0;
@@ -760,7 +690,7 @@ static inline real flow0_curve35_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
  * of tau^1
  */
-static inline real flow0_curve35_c1(real vr)
+static inline real flow0_watch_curve34_c1(real vr)
 {
   return vr + 1e-09 * vr;
 }
@@ -769,7 +699,7 @@ static inline real flow0_curve35_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
  * of tau^2
  */
-static inline real flow0_curve35_c2(real ar)
+static inline real flow0_watch_curve34_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * t0;
@@ -779,7 +709,7 @@ static inline real flow0_curve35_c2(real ar)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
  * coefficient of tau^0
  */
-static inline real flow0_curve36_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve35_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + fabs(t0) + -xr) - t0;
@@ -789,7 +719,7 @@ static inline real flow0_curve36_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
  * coefficient of tau^1
  */
-static inline real flow0_curve36_c1(real vr)
+static inline real flow0_watch_curve35_c1(real vr)
 {
   return vr + 1e-09 * -vr;
 }
@@ -798,117 +728,129 @@ static inline real flow0_curve36_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
  * coefficient of tau^2
  */
-static inline real flow0_curve36_c2(real ar)
+static inline real flow0_watch_curve35_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * -t0;
 }
 
 /* waypoint.kyx:68  Vmax - vr, coefficient of tau^0 */
-static inline real flow0_still1_c0(real vr, real Vmax)
+static inline real flow0_watch_still1_c0(real vr, real Vmax)
 {
   return Vmax - vr;
 }
 
 /* waypoint.kyx:68  Vmax - vr, coefficient of tau^1 */
-static inline real flow0_still1_c1(real ar)
+static inline real flow0_watch_still1_c1(real ar)
 {
   return -ar;
 }
 
+/* waypoint.kyx:68  2 * b, coefficient of tau^0 */
+static inline real flow0_watch_still2_c0(real b)
+{
+  return 2.0 * b;
+}
+
 /* waypoint.kyx:68  xg + GDelta - (xr + vr^2 / (2 * b)), coefficient of tau^0 */
-static inline real flow0_still2_c0(real xr, real vr, real xg, real b, real GDelta)
+static inline real flow0_watch_still3_c0(real xr, real vr, real xg, real b, real GDelta)
 {
   return xg + GDelta - (xr + vr * vr / (2.0 * b));
 }
 
 /* waypoint.kyx:68  xg + GDelta - (xr + vr^2 / (2 * b)), coefficient of tau^1 */
-static inline real flow0_still2_c1(real vr, real ar, real b)
+static inline real flow0_watch_still3_c1(real vr, real ar, real b)
 {
   return -(vr + (vr * ar + ar * vr) / (2.0 * b));
 }
 
 /* waypoint.kyx:68  xg + GDelta - (xr + vr^2 / (2 * b)), coefficient of tau^2 */
-static inline real flow0_still2_c2(real ar, real b)
+static inline real flow0_watch_still3_c2(real ar, real b)
 {
   return -(ar / 2.0 + ar * ar / (2.0 * b));
 }
 
 /* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^0 */
-static inline real flow0_still3_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_still4_c0(real xr, real xg, real GDelta)
 {
   return xg - GDelta - xr;
 }
 
 /* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^1 */
-static inline real flow0_still3_c1(real vr)
+static inline real flow0_watch_still4_c1(real vr)
 {
   return -vr;
 }
 
 /* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^2 */
-static inline real flow0_still3_c2(real ar)
+static inline real flow0_watch_still4_c2(real ar)
 {
   return -(ar / 2.0);
 }
 
 /* waypoint.kyx:68  T - vr / b, coefficient of tau^0 */
-static inline real flow0_still4_c0(real vr, real T, real b)
+static inline real flow0_watch_still6_c0(real vr, real T, real b)
 {
   return T - vr / b;
 }
 
 /* waypoint.kyx:68  T - vr / b, coefficient of tau^1 */
-static inline real flow0_still4_c1(real ar, real b)
+static inline real flow0_watch_still6_c1(real ar, real b)
 {
   return -1.0 - ar / b;
 }
 
 /* waypoint.kyx:68  xr - (xg - GDelta), coefficient of tau^0 */
-static inline real flow0_still5_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_still7_c0(real xr, real xg, real GDelta)
 {
   return xr - (xg - GDelta);
 }
 
 /* waypoint.kyx:68  xr - (xg - GDelta), coefficient of tau^2 */
-static inline real flow0_still5_c2(real ar)
+static inline real flow0_watch_still7_c2(real ar)
 {
   return ar / 2.0;
 }
 
 /* waypoint.kyx:68  vr - A * ep, coefficient of tau^0 */
-static inline real flow0_still6_c0(real vr, real ep, real A)
+static inline real flow0_watch_still8_c0(real vr, real ep, real A)
 {
   return vr - A * ep;
 }
 
+/* waypoint.kyx:68  A * ep, coefficient of tau^0 */
+static inline real flow0_watch_still9_c0(real ep, real A)
+{
+  return A * ep;
+}
+
 /* waypoint.kyx:68  T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0 */
-static inline real flow0_still7_c0(real xr, real xg, real T, real ep, real b, real A, real GDelta,
-                                   real Vmax)
+static inline real flow0_watch_still10_c0(real xr, real xg, real T, real ep, real b, real A,
+                                          real GDelta, real Vmax)
 {
   return T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b);
 }
 
 /* waypoint.kyx:68  T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1 */
-static inline real flow0_still7_c1(real vr, real ep, real A)
+static inline real flow0_watch_still10_c1(real vr, real ep, real A)
 {
   return -1.0 - -vr / (A * ep);
 }
 
 /* waypoint.kyx:68  T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2 */
-static inline real flow0_still7_c2(real ar, real ep, real A)
+static inline real flow0_watch_still10_c2(real ar, real ep, real A)
 {
   return -(-(ar / 2.0) / (A * ep));
 }
 
 /* waypoint.kyx:68  A * ep - vr, coefficient of tau^0 */
-static inline real flow0_still8_c0(real vr, real ep, real A)
+static inline real flow0_watch_still11_c0(real vr, real ep, real A)
 {
   return A * ep - vr;
 }
 
 /* waypoint.kyx:68  A * ep - vr, coefficient of tau^1 */
-static inline real flow0_still8_c1(real ar)
+static inline real flow0_watch_still11_c1(real ar)
 {
   return -ar;
 }
@@ -917,8 +859,8 @@ static inline real flow0_still8_c1(real ar)
  * waypoint.kyx:68  T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^0
  */
-static inline real flow0_still9_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                   real GDelta, real Vmax)
+static inline real flow0_watch_still13_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax)
 {
   return T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b);
 }
@@ -927,7 +869,7 @@ static inline real flow0_still9_c0(real xr, real vr, real xg, real T, real ep, r
  * waypoint.kyx:68  T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^1
  */
-static inline real flow0_still9_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_still13_c1(real vr, real ar, real ep, real A)
 {
   return -1.0 - (-(ar / A) + -vr / (A * ep));
 }
@@ -936,13 +878,13 @@ static inline real flow0_still9_c1(real vr, real ar, real ep, real A)
  * waypoint.kyx:68  T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
  * coefficient of tau^2
  */
-static inline real flow0_still9_c2(real ar, real ep, real A)
+static inline real flow0_watch_still13_c2(real ar, real ep, real A)
 {
   return -(-(ar / 2.0) / (A * ep));
 }
 
 /* T > 0 */
-static inline bool flow0_at_end(real T)
+static inline bool flow0_watch_at_end(real T)
 {
   return T > 0.0;
 }
@@ -1036,7 +978,7 @@ static inline bool ensure_due(real T)
 }
 
 /* the problem's Q: xr < xg + GDelta & (T > 0 | (xg - GDelta < xr & vr = 0)) */
-static inline bool postcondition_holds(real xr, real vr, real xg, real T, real GDelta)
+static inline bool problem_postcondition(real xr, real vr, real xg, real T, real GDelta)
 {
   return (xr < xg + GDelta) & ((T > 0.0) | ((xg - GDelta < xr) & (vr == 0.0)));
 }
@@ -1045,8 +987,8 @@ static inline bool postcondition_holds(real xr, real vr, real xg, real T, real G
  * A > 0 & b > 0 & ep > 0 & Vmax >= 2 * A * ep & GDelta > Vmax * ep + Vmax^2 / (2 * b) & vr = 0 &
  * xr < xg - GDelta & T > ep + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b
  */
-static inline bool precondition_holds(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                      real GDelta, real Vmax)
+static inline bool problem_precondition(real xr, real vr, real xg, real T, real ep, real b, real A,
+                                        real GDelta, real Vmax)
 {
   return (A > 0.0) & (b > 0.0) & (ep > 0.0) & (2.0 * A * ep <= Vmax)
       & (Vmax * ep + Vmax * Vmax / (2.0 * b) < GDelta) & (vr == 0.0) & (xr < xg - GDelta)
@@ -1151,8 +1093,8 @@ static inline void model_settle(int flow, const real *x, const real *p, real end
 }
 
 /*
- * Margins along a flow: coefficients by powers of the time since it began.   c: (NMARGIN,
- * NDEGREE + 1)
+ * Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE +
+ * 1)
  */
 static inline void model_polynomials(int flow, const real *x, const real *p, real (*c)[NDEGREE + 1],
                                      int32_t *degree)
@@ -1161,140 +1103,131 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
     c[0][0] = x[X_vr];
     c[0][1] = x[X_ar];
     degree[0] = 1;
-    c[1][0] = flow0_curve1_c0(x[X_vr]);
-    c[1][1] = flow0_curve1_c1(x[X_ar]);
+    c[1][0] = flow0_watch_curve1_c0(x[X_vr]);
+    c[1][1] = flow0_watch_curve1_c1(x[X_ar]);
     degree[1] = 1;
-    c[2][0] = flow0_curve2_c0(x[X_vr]);
-    c[2][1] = flow0_curve2_c1(x[X_ar]);
+    c[2][0] = flow0_watch_curve2_c0(x[X_vr]);
+    c[2][1] = flow0_watch_curve2_c1(x[X_ar]);
     degree[2] = 1;
-    c[3][0] = flow0_curve3_c0(x[X_vr], p[P_Vmax]);
-    c[3][1] = flow0_curve3_c1(x[X_ar]);
+    c[3][0] = flow0_watch_curve3_c0(x[X_vr], p[P_Vmax]);
+    c[3][1] = flow0_watch_curve3_c1(x[X_ar]);
     degree[3] = 1;
-    c[4][0] = flow0_curve4_c0(x[X_vr], p[P_Vmax]);
-    c[4][1] = flow0_curve4_c1(x[X_ar]);
+    c[4][0] = flow0_watch_curve4_c0(x[X_vr], p[P_Vmax]);
+    c[4][1] = flow0_watch_curve4_c1(x[X_ar]);
     degree[4] = 1;
-    c[5][0] = flow0_curve5_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
-    c[5][1] = flow0_curve5_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[5][2] = flow0_curve5_c2(x[X_ar], p[P_b]);
-    degree[5] = 2;
-    c[6][0] = flow0_curve6_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
-    c[6][1] = flow0_curve6_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[6][2] = flow0_curve6_c2(x[X_ar], p[P_b]);
+    c[5][0] = flow0_watch_curve5_c0(p[P_b]);
+    degree[5] = 0;
+    c[6][0] = flow0_watch_curve6_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
+    c[6][1] = flow0_watch_curve6_c1(x[X_vr], x[X_ar], p[P_b]);
+    c[6][2] = flow0_watch_curve6_c2(x[X_ar], p[P_b]);
     degree[6] = 2;
-    c[7][0] = flow0_curve7_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[7][1] = flow0_curve7_c1(x[X_vr]);
-    c[7][2] = flow0_curve7_c2(x[X_ar]);
+    c[7][0] = flow0_watch_curve7_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
+    c[7][1] = flow0_watch_curve7_c1(x[X_vr], x[X_ar], p[P_b]);
+    c[7][2] = flow0_watch_curve7_c2(x[X_ar], p[P_b]);
     degree[7] = 2;
-    c[8][0] = flow0_curve8_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[8][1] = flow0_curve8_c1(x[X_vr]);
-    c[8][2] = flow0_curve8_c2(x[X_ar]);
+    c[8][0] = flow0_watch_curve8_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[8][1] = flow0_watch_curve8_c1(x[X_vr]);
+    c[8][2] = flow0_watch_curve8_c2(x[X_ar]);
     degree[8] = 2;
-    c[9][0] = flow0_curve9_c0(x[X_vr]);
-    c[9][1] = flow0_curve9_c1(x[X_ar]);
-    degree[9] = 1;
-    c[10][0] = flow0_curve10_c0(x[X_vr]);
-    c[10][1] = flow0_curve10_c1(x[X_ar]);
+    c[9][0] = flow0_watch_curve9_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[9][1] = flow0_watch_curve9_c1(x[X_vr]);
+    c[9][2] = flow0_watch_curve9_c2(x[X_ar]);
+    degree[9] = 2;
+    c[10][0] = flow0_watch_curve10_c0(x[X_vr]);
+    c[10][1] = flow0_watch_curve10_c1(x[X_ar]);
     degree[10] = 1;
-    c[11][0] = flow0_curve11_c0(x[X_vr], x[X_T], p[P_b]);
-    c[11][1] = flow0_curve11_c1(x[X_ar], p[P_b]);
+    c[11][0] = flow0_watch_curve11_c0(x[X_vr]);
+    c[11][1] = flow0_watch_curve11_c1(x[X_ar]);
     degree[11] = 1;
-    c[12][0] = flow0_curve12_c0(x[X_vr], x[X_T], p[P_b]);
-    c[12][1] = flow0_curve12_c1(x[X_ar], p[P_b]);
-    degree[12] = 1;
-    c[13][0] = flow0_curve13_c0(x[X_vr], x[X_T], p[P_b]);
-    c[13][1] = flow0_curve13_c1(x[X_ar], p[P_b]);
+    c[12][0] = p[P_b];
+    degree[12] = 0;
+    c[13][0] = flow0_watch_curve13_c0(x[X_vr], x[X_T], p[P_b]);
+    c[13][1] = flow0_watch_curve13_c1(x[X_ar], p[P_b]);
     degree[13] = 1;
-    c[14][0] = flow0_curve14_c0(x[X_vr], x[X_T], p[P_b]);
-    c[14][1] = flow0_curve14_c1(x[X_ar], p[P_b]);
+    c[14][0] = flow0_watch_curve14_c0(x[X_vr], x[X_T], p[P_b]);
+    c[14][1] = flow0_watch_curve14_c1(x[X_ar], p[P_b]);
     degree[14] = 1;
-    c[15][0] = flow0_curve15_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[15][1] = flow0_curve15_c1(x[X_vr]);
-    c[15][2] = flow0_curve15_c2(x[X_ar]);
-    degree[15] = 2;
-    c[16][0] = flow0_curve16_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[16][1] = flow0_curve16_c1(x[X_vr]);
-    c[16][2] = flow0_curve16_c2(x[X_ar]);
-    degree[16] = 2;
-    c[17][0] = flow0_curve17_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[17][1] = flow0_curve17_c1(x[X_ar]);
-    degree[17] = 1;
-    c[18][0] = flow0_curve18_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[18][1] = flow0_curve18_c1(x[X_ar]);
-    degree[18] = 1;
-    c[19][0] = flow0_curve19_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+    c[15][0] = flow0_watch_curve15_c0(x[X_vr], x[X_T], p[P_b]);
+    c[15][1] = flow0_watch_curve15_c1(x[X_ar], p[P_b]);
+    degree[15] = 1;
+    c[16][0] = flow0_watch_curve16_c0(x[X_vr], x[X_T], p[P_b]);
+    c[16][1] = flow0_watch_curve16_c1(x[X_ar], p[P_b]);
+    degree[16] = 1;
+    c[17][0] = flow0_watch_curve17_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[17][1] = flow0_watch_curve17_c1(x[X_vr]);
+    c[17][2] = flow0_watch_curve17_c2(x[X_ar]);
+    degree[17] = 2;
+    c[18][0] = flow0_watch_curve18_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[18][1] = flow0_watch_curve18_c1(x[X_vr]);
+    c[18][2] = flow0_watch_curve18_c2(x[X_ar]);
+    degree[18] = 2;
+    c[19][0] = flow0_watch_curve19_c0(x[X_vr], p[P_ep], p[P_A]);
+    c[19][1] = flow0_watch_curve19_c1(x[X_ar]);
+    degree[19] = 1;
+    c[20][0] = flow0_watch_curve20_c0(x[X_vr], p[P_ep], p[P_A]);
+    c[20][1] = flow0_watch_curve20_c1(x[X_ar]);
+    degree[20] = 1;
+    c[21][0] = flow0_watch_curve21_c0(p[P_ep], p[P_A]);
+    degree[21] = 0;
+    c[22][0] = flow0_watch_curve22_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
         p[P_Vmax]);
-    c[19][1] = flow0_curve19_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[19][2] = flow0_curve19_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[19] = 2;
-    c[20][0] = flow0_curve20_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[20][1] = flow0_curve20_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[20][2] = flow0_curve20_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[20] = 2;
-    c[21][0] = flow0_curve21_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[21][1] = flow0_curve21_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[21][2] = flow0_curve21_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[21] = 2;
-    c[22][0] = flow0_curve22_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[22][1] = flow0_curve22_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[22][2] = flow0_curve22_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[22][1] = flow0_watch_curve22_c1(x[X_vr], p[P_ep], p[P_A]);
+    c[22][2] = flow0_watch_curve22_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[22] = 2;
-    c[23][0] = flow0_curve23_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[23][1] = flow0_curve23_c1(x[X_ar]);
-    degree[23] = 1;
-    c[24][0] = flow0_curve24_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[24][1] = flow0_curve24_c1(x[X_ar]);
-    degree[24] = 1;
-    c[25][0] = flow0_curve25_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[25][1] = flow0_curve25_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[25][2] = flow0_curve25_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[23][0] = flow0_watch_curve23_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax]);
+    c[23][1] = flow0_watch_curve23_c1(x[X_vr], p[P_ep], p[P_A]);
+    c[23][2] = flow0_watch_curve23_c2(x[X_ar], p[P_ep], p[P_A]);
+    degree[23] = 2;
+    c[24][0] = flow0_watch_curve24_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax]);
+    c[24][1] = flow0_watch_curve24_c1(x[X_vr], p[P_ep], p[P_A]);
+    c[24][2] = flow0_watch_curve24_c2(x[X_ar], p[P_ep], p[P_A]);
+    degree[24] = 2;
+    c[25][0] = flow0_watch_curve25_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax]);
+    c[25][1] = flow0_watch_curve25_c1(x[X_vr], p[P_ep], p[P_A]);
+    c[25][2] = flow0_watch_curve25_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[25] = 2;
-    c[26][0] = flow0_curve26_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+    c[26][0] = flow0_watch_curve26_c0(x[X_vr], p[P_ep], p[P_A]);
+    c[26][1] = flow0_watch_curve26_c1(x[X_ar]);
+    degree[26] = 1;
+    c[27][0] = flow0_watch_curve27_c0(x[X_vr], p[P_ep], p[P_A]);
+    c[27][1] = flow0_watch_curve27_c1(x[X_ar]);
+    degree[27] = 1;
+    c[28][0] = p[P_A];
+    degree[28] = 0;
+    c[29][0] = flow0_watch_curve29_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
         p[P_GDelta], p[P_Vmax]);
-    c[26][1] = flow0_curve26_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[26][2] = flow0_curve26_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[26] = 2;
-    c[27][0] = flow0_curve27_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+    c[29][1] = flow0_watch_curve29_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
+    c[29][2] = flow0_watch_curve29_c2(x[X_ar], p[P_ep], p[P_A]);
+    degree[29] = 2;
+    c[30][0] = flow0_watch_curve30_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
         p[P_GDelta], p[P_Vmax]);
-    c[27][1] = flow0_curve27_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[27][2] = flow0_curve27_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[27] = 2;
-    c[28][0] = flow0_curve28_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[28][1] = flow0_curve28_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[28][2] = flow0_curve28_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[28] = 2;
-    c[29][0] = x[X_T];
-    c[29][1] = -1.0;
-    degree[29] = 1;
-    c[30][0] = flow0_curve30_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[30][1] = flow0_curve30_c1(x[X_vr]);
-    c[30][2] = flow0_curve30_c2(x[X_ar]);
+    c[30][1] = flow0_watch_curve30_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
+    c[30][2] = flow0_watch_curve30_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[30] = 2;
-    c[31][0] = flow0_curve31_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[31][1] = flow0_curve31_c1(x[X_vr]);
-    c[31][2] = flow0_curve31_c2(x[X_ar]);
+    c[31][0] = flow0_watch_curve31_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+        p[P_GDelta], p[P_Vmax]);
+    c[31][1] = flow0_watch_curve31_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
+    c[31][2] = flow0_watch_curve31_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[31] = 2;
-    c[32][0] = flow0_curve32_c0(x[X_vr]);
-    c[32][1] = flow0_curve32_c1(x[X_ar]);
-    degree[32] = 1;
-    c[33][0] = flow0_curve33_c0(x[X_vr]);
-    c[33][1] = flow0_curve33_c1(x[X_ar]);
+    c[32][0] = flow0_watch_curve32_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+        p[P_GDelta], p[P_Vmax]);
+    c[32][1] = flow0_watch_curve32_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
+    c[32][2] = flow0_watch_curve32_c2(x[X_ar], p[P_ep], p[P_A]);
+    degree[32] = 2;
+    c[33][0] = flow0_watch_curve33_c0(x[X_T]);
+    c[33][1] = 1.0;
     degree[33] = 1;
-    c[34][0] = flow0_curve34_c0(x[X_T]);
-    c[34][1] = 1.0;
-    degree[34] = 1;
-    c[35][0] = flow0_curve35_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[35][1] = flow0_curve35_c1(x[X_vr]);
-    c[35][2] = flow0_curve35_c2(x[X_ar]);
+    c[34][0] = flow0_watch_curve34_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[34][1] = flow0_watch_curve34_c1(x[X_vr]);
+    c[34][2] = flow0_watch_curve34_c2(x[X_ar]);
+    degree[34] = 2;
+    c[35][0] = flow0_watch_curve35_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[35][1] = flow0_watch_curve35_c1(x[X_vr]);
+    c[35][2] = flow0_watch_curve35_c2(x[X_ar]);
     degree[35] = 2;
-    c[36][0] = flow0_curve36_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[36][1] = flow0_curve36_c1(x[X_vr]);
-    c[36][2] = flow0_curve36_c2(x[X_ar]);
-    degree[36] = 2;
   }
 }
 
@@ -1311,20 +1244,27 @@ static inline bool model_holds(int flow, int formula, const int8_t *sign)
     if (formula == 0)
       return (sign[0] >= 0);
     if (formula == 1)
-      return (((sign[1] >= 0) | (sign[2] >= 0)) & ((sign[3] >= 0) | (sign[4] >= 0)) & ((sign[5] > 0)
-          | (sign[6] > 0)) & ((sign[7] >= 0) | (sign[8] >= 0) | (sign[9] >= 0) | (sign[10] >= 0)
-          | (sign[11] >= 0) | (sign[12] >= 0) | (sign[13] >= 0) | (sign[14] >= 0)) & ((sign[15] > 0)
-          | (sign[16] > 0) | (((sign[17] >= 0) | (sign[18] >= 0)) & ((sign[19] > 0) | (sign[20] > 0)
-          | (sign[21] > 0) | (sign[22] > 0))) | (((sign[23] >= 0) | (sign[24] >= 0)) & ((sign[25] > 0)
-          | (sign[26] > 0) | (sign[27] > 0) | (sign[28] > 0)))));
+      return (((sign[1] >= 0) | (sign[2] >= 0)) & ((sign[3] >= 0) | (sign[4] >= 0)) & (((sign[5] != 0)
+          & (sign[6] > 0)) | ((sign[5] != 0) & (sign[7] > 0))) & ((sign[8] >= 0) | (sign[9] >= 0)
+          | (sign[10] >= 0) | (sign[11] >= 0) | ((sign[12] != 0) & (sign[13] >= 0)) | ((sign[12] != 0)
+          & (sign[14] >= 0)) | ((sign[12] != 0) & (sign[15] >= 0)) | ((sign[12] != 0)
+          & (sign[16] >= 0))) & ((sign[17] > 0) | (sign[18] > 0) | (((sign[19] >= 0) | (sign[20] >= 0))
+          & (((sign[21] != 0) & (sign[12] != 0) & (sign[22] > 0)) | ((sign[21] != 0) & (sign[12] != 0)
+          & (sign[23] > 0)) | ((sign[21] != 0) & (sign[12] != 0) & (sign[24] > 0)) | ((sign[21] != 0)
+          & (sign[12] != 0) & (sign[25] > 0)))) | (((sign[26] >= 0) | (sign[27] >= 0))
+          & (((sign[28] != 0) & (sign[21] != 0) & (sign[12] != 0) & (sign[29] > 0)) | ((sign[28] != 0)
+          & (sign[21] != 0) & (sign[12] != 0) & (sign[30] > 0)) | ((sign[28] != 0) & (sign[21] != 0)
+          & (sign[12] != 0) & (sign[31] > 0)) | ((sign[28] != 0) & (sign[21] != 0) & (sign[12] != 0)
+          & (sign[32] > 0))))));
     if (formula == 3)
       return false;
     if (formula == 4)
-      return ((sign[29] > 0) & (((sign[30] >= 0) & (sign[31] >= 0)) | (sign[32] > 0) | (sign[33] > 0)));
+      return ((sign[33] < 0) & (((sign[34] <= 0) & (sign[35] <= 0)) | ((sign[10] < 0)
+          & (sign[11] < 0))));
     if (formula == 5)
-      return (sign[34] >= 0);
+      return (sign[33] >= 0);
     if (formula == 6)
-      return (((sign[35] > 0) | (sign[36] > 0)) & ((sign[9] >= 0) | (sign[10] >= 0)));
+      return (((sign[34] > 0) | (sign[35] > 0)) & ((sign[10] >= 0) | (sign[11] >= 0)));
   }
   return true;
 }
@@ -1334,32 +1274,39 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
 {
   if (flow == 0) {
     const dl2c_span still0 = dl2c_line(x[X_vr], x[X_ar], duration);
-    const dl2c_span still1 = dl2c_line(flow0_still1_c0(x[X_vr], p[P_Vmax]), flow0_still1_c1(x[X_ar]),
+    const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_vr], p[P_Vmax]),
+        flow0_watch_still1_c1(x[X_ar]), duration);
+    const dl2c_span still2 = dl2c_constant(flow0_watch_still2_c0(p[P_b]));
+    const dl2c_span still3 = dl2c_parabola(flow0_watch_still3_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b],
+        p[P_GDelta]), flow0_watch_still3_c1(x[X_vr], x[X_ar], p[P_b]), flow0_watch_still3_c2(x[X_ar],
+        p[P_b]), duration);
+    const dl2c_span still4 = dl2c_parabola(flow0_watch_still4_c0(x[X_xr], x[X_xg], p[P_GDelta]),
+        flow0_watch_still4_c1(x[X_vr]), flow0_watch_still4_c2(x[X_ar]), duration);
+    const dl2c_span still5 = dl2c_constant(p[P_b]);
+    const dl2c_span still6 = dl2c_line(flow0_watch_still6_c0(x[X_vr], x[X_T], p[P_b]),
+        flow0_watch_still6_c1(x[X_ar], p[P_b]), duration);
+    const dl2c_span still7 = dl2c_parabola(flow0_watch_still7_c0(x[X_xr], x[X_xg], p[P_GDelta]),
+        x[X_vr], flow0_watch_still7_c2(x[X_ar]), duration);
+    const dl2c_span still8 = dl2c_line(flow0_watch_still8_c0(x[X_vr], p[P_ep], p[P_A]), x[X_ar],
         duration);
-    const dl2c_span still2 = dl2c_parabola(flow0_still2_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b],
-        p[P_GDelta]), flow0_still2_c1(x[X_vr], x[X_ar], p[P_b]), flow0_still2_c2(x[X_ar], p[P_b]),
-        duration);
-    const dl2c_span still3 = dl2c_parabola(flow0_still3_c0(x[X_xr], x[X_xg], p[P_GDelta]),
-        flow0_still3_c1(x[X_vr]), flow0_still3_c2(x[X_ar]), duration);
-    const dl2c_span still4 = dl2c_line(flow0_still4_c0(x[X_vr], x[X_T], p[P_b]),
-        flow0_still4_c1(x[X_ar], p[P_b]), duration);
-    const dl2c_span still5 = dl2c_parabola(flow0_still5_c0(x[X_xr], x[X_xg], p[P_GDelta]), x[X_vr],
-        flow0_still5_c2(x[X_ar]), duration);
-    const dl2c_span still6 = dl2c_line(flow0_still6_c0(x[X_vr], p[P_ep], p[P_A]), x[X_ar], duration);
-    const dl2c_span still7 = dl2c_parabola(flow0_still7_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b],
-        p[P_A], p[P_GDelta], p[P_Vmax]), flow0_still7_c1(x[X_vr], p[P_ep], p[P_A]),
-        flow0_still7_c2(x[X_ar], p[P_ep], p[P_A]), duration);
-    const dl2c_span still8 = dl2c_line(flow0_still8_c0(x[X_vr], p[P_ep], p[P_A]),
-        flow0_still8_c1(x[X_ar]), duration);
-    const dl2c_span still9 = dl2c_parabola(flow0_still9_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep],
-        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_still9_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]),
-        flow0_still9_c2(x[X_ar], p[P_ep], p[P_A]), duration);
-    const dl2c_span still10 = dl2c_line(x[X_T], -1.0, duration);
-    return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1) & dl2c_stays_open(still2)
-        & (dl2c_stays_closed(still3) | dl2c_stays_equal(still0) | dl2c_stays_closed(still4))
-        & (dl2c_stays_open(still5) | (dl2c_stays_closed(still6) & dl2c_stays_open(still7))
-        | (dl2c_stays_closed(still8) & dl2c_stays_open(still9))) & dl2c_stays_open(still10))
-        & flow0_at_end(y[X_T]);
+    const dl2c_span still9 = dl2c_constant(flow0_watch_still9_c0(p[P_ep], p[P_A]));
+    const dl2c_span still10 = dl2c_parabola(flow0_watch_still10_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep],
+        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still10_c1(x[X_vr], p[P_ep], p[P_A]),
+        flow0_watch_still10_c2(x[X_ar], p[P_ep], p[P_A]), duration);
+    const dl2c_span still11 = dl2c_line(flow0_watch_still11_c0(x[X_vr], p[P_ep], p[P_A]),
+        flow0_watch_still11_c1(x[X_ar]), duration);
+    const dl2c_span still12 = dl2c_constant(p[P_A]);
+    const dl2c_span still13 = dl2c_parabola(flow0_watch_still13_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T],
+        p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still13_c1(x[X_vr], x[X_ar],
+        p[P_ep], p[P_A]), flow0_watch_still13_c2(x[X_ar], p[P_ep], p[P_A]), duration);
+    const dl2c_span still14 = dl2c_line(x[X_T], -1.0, duration);
+    return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1) & dl2c_stays_apart(still2)
+        & dl2c_stays_open(still3) & (dl2c_stays_closed(still4) | dl2c_stays_equal(still0)
+        | (dl2c_stays_apart(still5) & dl2c_stays_closed(still6))) & (dl2c_stays_open(still7)
+        | (dl2c_stays_closed(still8) & dl2c_stays_apart(still9) & dl2c_stays_apart(still5)
+        & dl2c_stays_open(still10)) | (dl2c_stays_closed(still11) & dl2c_stays_apart(still12)
+        & dl2c_stays_apart(still9) & dl2c_stays_apart(still5) & dl2c_stays_open(still13)))
+        & dl2c_stays_open(still14)) & flow0_watch_at_end(y[X_T]);
   }
   return true;
 }
@@ -1484,8 +1431,8 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++)
     facts[F_ensure_due * row + i] = ensure_due(x[X_T * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = postcondition_holds(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], x[X_T * stride + i], p[P_GDelta * stride + i]);
+    facts[F_postcondition * row + i] = problem_postcondition(x[X_xr * stride + i],
+        x[X_vr * stride + i], x[X_xg * stride + i], x[X_T * stride + i], p[P_GDelta * stride + i]);
 }
 
 /*
@@ -1549,7 +1496,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
 /* The problem's P, strict. */
 static inline bool model_precondition(const real *x, const real *p)
 {
-  return precondition_holds(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]);
+  return problem_precondition(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]);
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
@@ -1611,31 +1558,34 @@ static inline bool model_accept(const real *x, const real *p)
 
 static const int32_t POINT_START[2] = {0, 4};
 static const int32_t MASK_START[2] = {0, 4};
-static const int8_t DECISIONS[4][1] = {{0}, {1}, {2}, {3}};
+static const int16_t DECISIONS[4][1] = {{0}, {1}, {2}, {3}};
 static const real INPUT_LOW[1] = {0.0};
 static const real INPUT_HIGH[1] = {0.0};
-static const int8_t PATH0_MET[] = {0};
-static const int8_t PATH0_MARKED[] = {0, 0};
-static const int8_t PATH0_INPUTS[] = {0};
-static const int8_t PATH1_MET[] = {0};
-static const int8_t PATH1_MARKED[] = {0, 0};
-static const int8_t PATH1_INPUTS[] = {0};
-static const int8_t PATH2_MET[] = {0};
-static const int8_t PATH2_MARKED[] = {0, 0};
-static const int8_t PATH2_INPUTS[] = {0};
-static const int8_t PATH3_MET[] = {0};
-static const int8_t PATH3_MARKED[] = {0, 0};
-static const int8_t PATH3_INPUTS[] = {0};
+static const int32_t CHOICE_DRAW[1] = {-1};
+static const int32_t INPUT_DRAW[1] = {-1};
+static const int32_t FLOW_DRAW[1] = {-1};
+static const int16_t PATH0_MET[] = {0};
+static const int16_t PATH0_MARKED[] = {0, 0};
+static const int16_t PATH0_INPUTS[] = {0};
+static const int16_t PATH1_MET[] = {0};
+static const int16_t PATH1_MARKED[] = {0, 0};
+static const int16_t PATH1_INPUTS[] = {0};
+static const int16_t PATH2_MET[] = {0};
+static const int16_t PATH2_MARKED[] = {0, 0};
+static const int16_t PATH2_INPUTS[] = {0};
+static const int16_t PATH3_MET[] = {0};
+static const int16_t PATH3_MARKED[] = {0, 0};
+static const int16_t PATH3_INPUTS[] = {0};
 static const dl2c_path PATHS[4] = {
-  {0, -1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS},
-  {0, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS},
-  {0, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS},
-  {0, -1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS},
+  {0, -1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS, 0},
+  {0, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS, 0},
+  {0, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS, 0},
+  {0, -1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS, 0},
 };
 static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};
-static const int32_t FLOW_MARGINS[1] = {37};
+static const int32_t FLOW_MARGINS[1] = {36};
 static const real SAMPLE_LOW[64][10] = {
   {0.0, -10.0, 7.091804922202365, 0.0, 0.0, 0.1, 4.317730279521504, 1.0, 7.091804922202365, 7.93611576627678},
   {0.0, -10.0, 9.061339470123748, 0.0, 0.0, 0.1, 4.48406973026821, 1.0, 9.061339470123748, 9.03222926189029},
