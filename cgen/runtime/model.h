@@ -45,6 +45,7 @@
  *   void model_lie(int flow, x, p, real *lie)                    (3, NMARGIN) where margins are sampled
  *   void model_project(int flow, p, real *y)                     back onto what the flow leaves invariant
  *   bool model_quiet(int flow, x, p, real duration, y)           it plainly changes no watch
+ *   bool model_calm(int flow, const dl2c_hull *x, p, watch)      no event where x is inside; kernels LINEAR, NUMERIC
  *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE
  *   void model_roots(int flow, x, p, real *g, real *dg)          margins of its domain, their Lie derivatives
  *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) how its rates depend on x
@@ -62,6 +63,7 @@
 
 #include "dl2c.h"
 #include "flow_exact.h"
+#include "hull.h"
 #include "numbers.h"
 
 /* The longest list of decisions or inputs of one path that a table row holds. */
