@@ -132,8 +132,8 @@ static void dl2c_track_hull(const dl2c_track *track, dl2c_hull *x)
     real down = 0.0;
     real up = 0.0;
     for (int i = 1; i <= track->degree; i++) {
-      down += c[i] < 0.0 ? c[i] : 0.0;
-      up += c[i] > 0.0 ? c[i] : 0.0;
+      down += dl2c_min(c[i], 0.0);
+      up += dl2c_max(c[i], 0.0);
     }
     const real rounding = (fabs(c[0]) + up - down) * DL2C_TRACK_ROUNDING;
     x[k] = dl2c_hull_of(dl2c_min(c[0] + down - rounding, track->end[k]),
