@@ -72,7 +72,7 @@ DL2C_INLINE void dl2c_move_lanes(const real *restrict x, const real *restrict p,
     for (int k = 0; k < NX; k++) end[k] = start[k];
 #else
     well &= model_motion(DL2C_LANE_FLOW, start, constants, end, &time) == DL2C_SETTLED;
-    well &= model_quiet(DL2C_LANE_FLOW, start, constants, time);
+    well &= model_quiet(DL2C_LANE_FLOW, start, constants, time, end);
 #endif
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) state[k * DL2C_BLOCK + i] = end[k];

@@ -13,7 +13,9 @@
 #include "pieces.h"
 
 typedef struct dl2c_linear {
-  real jacobian[NX * NX];
+  int32_t count; /* entries of the Jacobian that are not zero, row by row: */
+  int32_t row[NX * NX], column[NX * NX];
+  real entry[NX * NX];
   real now, stop;
   real last[NX]; /* the state at `now` */
 } dl2c_linear;
@@ -24,10 +26,18 @@ typedef struct dl2c_linear {
 static void dl2c_linear_start(dl2c_linear *linear, int flow, const real *x, const real *p,
                               real stop)
 {
+  real jacobian[NX * NX];
   linear->now = 0.0;
   linear->stop = stop;
   memcpy(linear->last, x, sizeof linear->last);
-  model_jacobian(flow, x, p, linear->jacobian);
+  model_jacobian(flow, x, p, jacobian);
+  linear->count = 0;
+  for (int k = 0; k < NX * NX; k++) {
+    if (jacobian[k] == 0.0) continue;
+    linear->row[linear->count] = k / NX;
+    linear->column[linear->count] = k % NX;
+    linear->entry[linear->count++] = jacobian[k];
+  }
 }
 
 static bool dl2c_linear_done(const dl2c_linear *linear) { return linear->now >= linear->stop; }
@@ -35,18 +45,18 @@ static bool dl2c_linear_done(const dl2c_linear *linear) { return linear->now >= 
 /* The last two terms after the time h, relative to the largest one of their variable. */
 static real dl2c_linear_rest(const real (*c)[NX], real h)
 {
-  real rest = 0.0;
-  for (int k = 0; k < NX; k++) {
-    real power = 1.0;
-    real largest = 0.0;
-    real last = 0.0;
-    for (int i = 0; i <= DL2C_TRACK_DEGREE; i++, power *= h) {
+  real largest[NX] = {0.0};
+  real last[NX] = {0.0};
+  real power = 1.0;
+  for (int i = 0; i <= DL2C_TRACK_DEGREE; i++, power *= h)
+    for (int k = 0; k < NX; k++) {
       const real term = fabs(c[i][k] * power);
-      largest = dl2c_max(term, largest);
-      if (i >= DL2C_TRACK_DEGREE - 1) last = dl2c_max(term, last);
+      largest[k] = dl2c_max(term, largest[k]);
+      if (i >= DL2C_TRACK_DEGREE - 1) last[k] = dl2c_max(term, last[k]);
     }
-    if (last > 0.0) rest = dl2c_max(rest, last / largest);
-  }
+  real rest = 0.0;
+  for (int k = 0; k < NX; k++)
+    if (last[k] > 0.0) rest = dl2c_max(rest, last[k] / largest[k]);
   return rest;
 }
 
@@ -57,12 +67,12 @@ static bool dl2c_linear_step(dl2c_linear *linear, int flow, const real *p, dl2c_
   real c[DEGREE + 1][NX];
   memcpy(c[0], linear->last, sizeof c[0]);
   model_rates(flow, linear->last, p, c[1]);
-  for (int i = 1; i < DEGREE; i++)
-    for (int k = 0; k < NX; k++) {
-      real sum = 0.0;
-      for (int j = 0; j < NX; j++) sum += linear->jacobian[k * NX + j] * c[i][j];
-      c[i + 1][k] = sum / (real)(i + 1);
-    }
+  for (int i = 1; i < DEGREE; i++) {
+    for (int k = 0; k < NX; k++) c[i + 1][k] = 0.0;
+    for (int k = 0; k < linear->count; k++)
+      c[i + 1][linear->row[k]] += linear->entry[k] * c[i][linear->column[k]];
+    for (int k = 0; k < NX; k++) c[i + 1][k] /= (real)(i + 1);
+  }
   bool finite = true;
   for (int i = 0; i <= DEGREE; i++) finite &= dl2c_all_finite(c[i], NX);
   if (!finite) return false;

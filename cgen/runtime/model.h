@@ -44,7 +44,8 @@
  *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) of the rates; kernels LINEAR, NUMERIC
  *   void model_lie(int flow, x, p, real *lie)                    (3, NMARGIN) where margins are sampled
  *   void model_project(int flow, p, real *y)                     back onto what the flow leaves invariant
- *   bool model_quiet(int flow, x, p, real duration)              plainly no watch fails
+ *   bool model_quiet(int flow, x, p, real duration, y)           it plainly changes no watch
+ *   bool model_calm(int flow, const dl2c_hull *x, p, watch)      no event where x is inside; kernels LINEAR, NUMERIC
  *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE
  *   void model_roots(int flow, x, p, real *g, real *dg)          margins of its domain, their Lie derivatives
  *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) how its rates depend on x
@@ -62,6 +63,7 @@
 
 #include "dl2c.h"
 #include "flow_exact.h"
+#include "hull.h"
 #include "numbers.h"
 
 /* The longest list of decisions or inputs of one path that a table row holds. */
@@ -111,14 +113,24 @@ typedef enum dl2c_watched {
   DL2C_MET = 2, /* an obligation that was met before it was due */
 } dl2c_watched;
 
-/* margin over a stretch of time as a quadratic: its Bernstein coefficients, which enclose it. */
+/*
+ * A margin of degree 0 to 2 over a stretch of time: its Bernstein coefficients, which enclose it. The
+ * operations of dl2c_curve_of in their order, so that these are the coefficients of its curve.
+ */
 typedef struct dl2c_span {
   real b0, b1, b2;
 } dl2c_span;
 
-static inline dl2c_span dl2c_span_of(real c0, real c1, real c2, real length)
+static inline dl2c_span dl2c_constant(real c0) { return (dl2c_span){c0, c0, c0}; }
+static inline dl2c_span dl2c_line(real c0, real c1, real length)
 {
-  return (dl2c_span){c0, c0 + 0.5 * length * c1, (c2 * length + c1) * length + c0};
+  return (dl2c_span){c0, c0, c1 * length + c0};
+}
+static inline dl2c_span dl2c_parabola(real c0, real c1, real c2, real length)
+{
+  const real half = c1 * length / 2.0;
+  const real middle = half + c0;
+  return (dl2c_span){c0, middle, c2 * (length * length) + half + middle};
 }
 
 /* Whether the margin plainly keeps to its condition: >= 0, > 0, != 0, = 0. */

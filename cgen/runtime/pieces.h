@@ -25,6 +25,9 @@ typedef struct dl2c_track {
   real end[NX];
 } dl2c_track;
 
+/* How far rounding takes a value of a track, relative to the sum of its terms. */
+#define DL2C_TRACK_ROUNDING 0x1p-46
+
 /* Where terms are sampled: sin(k*pi/24)^2, more closely towards the ends. */
 static const real DL2C_NODE[DL2C_NODES] = {
     0.0,
@@ -116,6 +119,25 @@ static void dl2c_track_at(const dl2c_track *track, real s, real *x)
     real value = track->c[k][track->degree];
     for (int i = track->degree - 1; i >= 0; i--) value = value * s + track->c[k][i];
     x[k] = value;
+  }
+}
+
+/*
+ * What a track stays in: s^i is between 0 and 1, and rounding adds little.   x: (NX)
+ */
+static void dl2c_track_hull(const dl2c_track *track, dl2c_hull *x)
+{
+  for (int k = 0; k < NX; k++) {
+    const real *c = track->c[k];
+    real down = 0.0;
+    real up = 0.0;
+    for (int i = 1; i <= track->degree; i++) {
+      down += dl2c_min(c[i], 0.0);
+      up += dl2c_max(c[i], 0.0);
+    }
+    const real rounding = (fabs(c[0]) + up - down) * DL2C_TRACK_ROUNDING;
+    x[k] = dl2c_hull_of(dl2c_min(c[0] + down - rounding, track->end[k]),
+                        dl2c_max(c[0] + up + rounding, track->end[k]));
   }
 }
 

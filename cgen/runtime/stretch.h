@@ -142,6 +142,20 @@ static bool dl2c_sample_margins(const dl2c_stretch *stretch, dl2c_events *events
   return close;
 }
 
+/* Whether a whole track plainly has no events that matter. */
+static bool dl2c_calm(const dl2c_stretch *stretch, const uint8_t *watch)
+{
+#if DL2C_TRACKED_FLOWS
+  dl2c_hull x[NX];
+  if (stretch->track == NULL) return false;
+  dl2c_track_hull(stretch->track, x);
+  return model_calm(stretch->flow, x, stretch->p, watch);
+#else
+  (void)stretch, (void)watch;
+  return false;
+#endif
+}
+
 /* Where and why a motion ends within a track. */
 typedef enum dl2c_halt {
   DL2C_NO_HALT = 0,
@@ -161,6 +175,10 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
   dl2c_breach failure = {0};
   stretch->low = 0.0;
   stretch->width = 1.0;
+  if (dl2c_calm(stretch, watch)) {
+    memset(sign, 1, NMARGIN);
+    return DL2C_NO_HALT;
+  }
   while (stretch->low < 1.0) {
     if (!dl2c_sample_margins(stretch, &events) && stretch->width > DL2C_NARROWEST) {
       stretch->width *= 0.5;

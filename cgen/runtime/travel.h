@@ -144,7 +144,7 @@ static inline dl2c_motion dl2c_flow(int flow, dl2c_travel *travel, real *y)
   dl2c_motion motion = dl2c_longest(flow, x, p, y, &travel->duration);
   if (motion == DL2C_SETTLED && travel->part < 1.0)
     motion = dl2c_stop(flow, x, p, travel->duration * travel->part, y, &travel->duration);
-  if (NWATCH == 0 || motion != DL2C_SETTLED || model_quiet(flow, x, p, travel->duration))
+  if (NWATCH == 0 || motion != DL2C_SETTLED || model_quiet(flow, x, p, travel->duration, y))
     return motion;
   const real length = travel->duration;
   const real stop = dl2c_watch_motion(flow, x, p, length, travel->watch);

@@ -6,6 +6,7 @@ of initial states; tables; the runtime, compiled with the model as one unit.
 """
 
 from dl2c.emit.flow_c import flow_functions
+from dl2c.emit.hull_c import calm_function
 from dl2c.emit.judge_c import judge_functions
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.model_h import model_h, title_of
@@ -63,6 +64,7 @@ def _track_functions(environment: Environment, leaves: Leaves) -> list[str]:
     sampled = {k: plan.margins for k, plan in plans.items() if plan.curves is None}
     return [
         *([jacobian_function(environment, leaves, tracked)] if tracked else []),
+        *([calm_function(environment, leaves.builder)] if tracked else []),
         *([lie_function(environment, leaves, sampled)] if sampled else []),
     ]
 

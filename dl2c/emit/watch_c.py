@@ -12,13 +12,16 @@ from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import after
 from dl2c.emit.plan import Environment
 from dl2c.ir.kernel import FlowPlan
+from dl2c.ir.logic import conjunction
 from dl2c.ir.margins import margin_of
-from dl2c.ir.model import And, Compare, Flow, Formula, Or, Symbol, Term, Truth
+from dl2c.ir.model import TRUE, And, Compare, Flow, Formula, Or, Symbol, Term, Truth
+from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.printer import print_formula, print_term
 from dl2c.ir.watch import watches_of
 
 STATE = "const real *x, const real *p"
 STAYS = {">=": "dl2c_stays_closed", ">": "dl2c_stays_open", "!=": "dl2c_stays_apart", "=": "dl2c_stays_equal"}
+SPANS = ("constant", "line", "parabola")
 
 
 def watch_functions(environment: Environment, leaves: Leaves) -> list[str]:
@@ -147,18 +150,26 @@ def _quiet(environment: Environment, leaves: Leaves) -> str:
             continue
         lines: list[str] = []
         for j, (margin, curve) in enumerate(zip(plan.still_margins, plan.still_curves, strict=True)):
-            name, where = f"flow{k}_watch_still{j}", place(plan.flow.span)
-            about = f"{where}  {print_term(margin)}, coefficient of tau^"
-            terms = [leaves.term(f"{name}_c{i}", c, f"{about}{i}") for i, c in enumerate(curve)]
-            padded = [*terms, "0.0", "0.0"][:3]
-            lines += wrapped(f"const dl2c_span still{j} = dl2c_span_of({', '.join(padded)}, duration);")
-        lines += wrapped(f"return {_still(plan.still, plan.still_margins)};")
+            lines += wrapped(f"const dl2c_span still{j} = {_span(k, j, margin, curve, plan, leaves)};")
+        parts = [_still(plan.still, plan.still_margins)]
+        at_end = conjunction(w.at_end for w in plan.watches)
+        if at_end != TRUE:
+            parts.append(leaves.condition(f"flow{k}_watch_at_end", at_end, print_formula(at_end), after))
+        lines += wrapped(f"return {' & '.join(parts)};")
         body += _selected(k, lines)
     return function(
-        f"static inline bool model_quiet(int flow, {STATE}, real duration)",
+        f"DL2C_INLINE bool model_quiet(int flow, {STATE}, real duration, const real *y)",
         [*body, "return true;"],
-        "Whether it is plain that no watch fails along a flow that lasts so long.",
+        "Whether a flow of that duration, which ends in y, plainly changes no watch that matters.",
     )
+
+
+def _span(k: int, j: int, margin: Term, curve: Coefficients, plan: FlowPlan, leaves: Leaves) -> str:
+    """What encloses a margin of degree two at most."""
+    about = f"{place(plan.flow.span)}  {print_term(margin)}, coefficient of tau^"
+    terms = [leaves.term(f"flow{k}_watch_still{j}_c{i}", c, f"{about}{i}") for i, c in enumerate(curve)]
+    length = ["duration"] if len(curve) > 1 else []
+    return f"dl2c_{SPANS[len(curve) - 1]}({', '.join([*terms, *length])})"
 
 
 def _still(formula: Formula, margins: tuple[Term, ...]) -> str:

@@ -54,7 +54,8 @@ class FlowPlan:
     `domain` and, for each watch, `stays`, `due`, `goal` are formulas over `margins` alone.
     `curves` are the coefficients of the margins along the flow, None where they are sampled.
     `quick` is the straight-line motion of simple flows. `snaps` says for a margin which
-    variable is set to its bound when the flow ends there.
+    variable is set to its bound when the flow ends there. `written` are the domain and, for each
+    watch, what implies that it stays, before they were split into margins.
     """
 
     flow: Flow
@@ -70,6 +71,7 @@ class FlowPlan:
     still: Formula | None
     still_margins: tuple[Term, ...]
     still_curves: tuple[Coefficients, ...]
+    written: tuple[Formula, ...]
 
     @property
     def formulas(self) -> tuple[Formula, ...]:
@@ -125,6 +127,7 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
         still=still if simple else None,
         still_margins=still_margins,
         still_curves=still_curves if still_curves is not None and simple else (),
+        written=(flow.watched, *(w.plainly if w.kind == "safety" else w.stays for w in watches)),
     )
 
 

@@ -16,19 +16,26 @@ from dl2c.ir.model import (
     TRUE,
     ZERO,
     And,
+    Block,
     Bound,
+    Choice,
     Compare,
     Div,
+    Evolve,
     Formula,
+    If,
     Model,
     Mul,
     Neg,
     Number,
     Or,
     Pow,
+    Repeat,
+    Statement,
     Symbol,
     Term,
     Truth,
+    While,
 )
 
 SMALLEST = Fraction(1, 10**300)
@@ -41,7 +48,10 @@ class Watch:
 
     For a safety predicate that is its violation, and `cuts` says that the flow ends there. For
     an obligation D -> P `stays` is "neither D nor P"; where that fails, it was met if P (`goal`)
-    holds, else it failed if D (`due`) does. `plainly` is a simpler condition that implies `stays`.
+    holds, else it failed if D (`due`) does.
+
+    A flow that keeps to `plainly` all along and ends in `at_end` changes nothing: the watch does not
+    fail, and whether it was met does not matter.
     """
 
     predicate: int
@@ -50,11 +60,13 @@ class Watch:
     due: Formula
     goal: Formula
     plainly: Formula
+    at_end: Formula
     cuts: bool
 
 
 def watches_of(model: Model) -> tuple[Watch, ...]:
     """All watches of a model, in the order of its predicates."""
+    last = not model.lead and flows_come_last(model.body)
     found: list[Watch] = []
     least = {c.name: _distance(c.bound, c.value) for c in model.constants}
     for k, predicate in enumerate(model.predicates):
@@ -62,11 +74,12 @@ def watches_of(model: Model) -> tuple[Watch, ...]:
         if predicate.category == "safety" and model.continuous:
             trigger = predicate.on_failure
             cuts = trigger is not None and trigger.action != "continue"
-            found.append(Watch(k, "safety", relaxed, TRUE, FALSE, exact, cuts))
+            found.append(Watch(k, "safety", relaxed, TRUE, FALSE, exact, TRUE, cuts))
         elif predicate.category == "progress" and predicate.due is not None and predicate.due != TRUE:
-            due = _guarded(predicate.due, least)
-            plainly = conjunction(_guarded(negation(f), least) for f in (predicate.due, predicate.relaxed))
-            found.append(Watch(k, "obligation", plainly, due, relaxed, plainly, False))
+            due, early = (_guarded(f, least) for f in (predicate.due, negation(predicate.due)))
+            stays = conjunction([early, _guarded(negation(predicate.relaxed), least)])
+            plainly, at_end = (early, negation(predicate.due)) if last else (stays, TRUE)
+            found.append(Watch(k, "obligation", stays, due, relaxed, plainly, at_end, False))
     return tuple(found)
 
 
@@ -114,3 +127,26 @@ def _distance(bound: Bound, value: Fraction | None) -> Fraction:
         return abs(value)
     low, high = bound.low, bound.high
     return max(Fraction(0), Fraction(0) if low is None else low, Fraction(0) if high is None else -high)
+
+
+def flows_come_last(block: Block) -> bool:
+    """Whether nothing follows a flow in any run: an obligation that is not due when it ends is not judged."""
+    return not any(_flows(s) for s in block[:-1]) and all(
+        flows_come_last(part) for s in block[-1:] for part in _parts(s)
+    )
+
+
+def _flows(statement: Statement) -> bool:
+    return isinstance(statement, Evolve) or any(_flows(s) for part in _parts(statement) for s in part)
+
+
+def _parts(statement: Statement) -> tuple[Block, ...]:
+    match statement:
+        case If(_, _, then, orelse):
+            return then, orelse
+        case Choice(_, alternatives):
+            return tuple(a.body for a in alternatives)
+        case While(body=body) | Repeat(body=body):
+            return (body + body,)
+        case _:
+            return ()

@@ -629,32 +629,32 @@ static inline bool model_holds(int flow, int formula, const int8_t *sign)
   return true;
 }
 
-/* Whether it is plain that no watch fails along a flow that lasts so long. */
-static inline bool model_quiet(int flow, const real *x, const real *p, real duration)
+/* Whether a flow of that duration, which ends in y, plainly changes no watch that matters. */
+DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real duration, const real *y)
 {
-  (void)p;
+  (void)p; (void)y;
   if (flow == 0) {
-    const dl2c_span still0 = dl2c_span_of(flow0_watch_still0_c0(x[X_h]),
-        flow0_watch_still0_c1(x[X_v]), 0.0, duration);
-    const dl2c_span still1 = dl2c_span_of(flow0_watch_still1_c0(x[X_h]), x[X_v], 0.0, duration);
-    const dl2c_span still2 = dl2c_span_of(x[X_door], 0.0, 0.0, duration);
-    const dl2c_span still3 = dl2c_span_of(flow0_watch_still3_c0(x[X_clock]), -1.0, 0.0, duration);
-    const dl2c_span still4 = dl2c_span_of(flow0_watch_still4_c0(x[X_h]),
-        flow0_watch_still4_c1(x[X_v]), 0.0, duration);
-    const dl2c_span still5 = dl2c_span_of(flow0_watch_still5_c0(x[X_h]),
-        flow0_watch_still5_c1(x[X_v]), 0.0, duration);
-    const dl2c_span still6 = dl2c_span_of(flow0_watch_still6_c0(x[X_load]), 0.0, 0.0, duration);
+    const dl2c_span still0 = dl2c_line(flow0_watch_still0_c0(x[X_h]), flow0_watch_still0_c1(x[X_v]),
+        duration);
+    const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_h]), x[X_v], duration);
+    const dl2c_span still2 = dl2c_constant(x[X_door]);
+    const dl2c_span still3 = dl2c_line(flow0_watch_still3_c0(x[X_clock]), -1.0, duration);
+    const dl2c_span still4 = dl2c_line(flow0_watch_still4_c0(x[X_h]), flow0_watch_still4_c1(x[X_v]),
+        duration);
+    const dl2c_span still5 = dl2c_line(flow0_watch_still5_c0(x[X_h]), flow0_watch_still5_c1(x[X_v]),
+        duration);
+    const dl2c_span still6 = dl2c_constant(flow0_watch_still6_c0(x[X_load]));
     return ((dl2c_stays_closed(still0) | dl2c_stays_closed(still1) | dl2c_stays_equal(still2))
         & dl2c_stays_open(still3) & ((dl2c_stays_open(still4) & dl2c_stays_open(still5))
         | dl2c_stays_open(still6)));
   }
   if (flow == 1) {
-    const dl2c_span still0 = dl2c_span_of(flow1_watch_still0_c0(x[X_h]), 0.0, 0.0, duration);
-    const dl2c_span still1 = dl2c_span_of(flow1_watch_still1_c0(x[X_h]), 0.0, 0.0, duration);
-    const dl2c_span still2 = dl2c_span_of(x[X_door], 0.0, 0.0, duration);
-    const dl2c_span still3 = dl2c_span_of(flow1_watch_still3_c0(x[X_clock]), -1.0, 0.0, duration);
-    const dl2c_span still4 = dl2c_span_of(flow1_watch_still4_c0(x[X_h]), 0.0, 0.0, duration);
-    const dl2c_span still5 = dl2c_span_of(flow1_watch_still5_c0(x[X_load]), 0.0, 0.0, duration);
+    const dl2c_span still0 = dl2c_constant(flow1_watch_still0_c0(x[X_h]));
+    const dl2c_span still1 = dl2c_constant(flow1_watch_still1_c0(x[X_h]));
+    const dl2c_span still2 = dl2c_constant(x[X_door]);
+    const dl2c_span still3 = dl2c_line(flow1_watch_still3_c0(x[X_clock]), -1.0, duration);
+    const dl2c_span still4 = dl2c_constant(flow1_watch_still4_c0(x[X_h]));
+    const dl2c_span still5 = dl2c_constant(flow1_watch_still5_c0(x[X_load]));
     return ((dl2c_stays_closed(still0) | dl2c_stays_closed(still1) | dl2c_stays_equal(still2))
         & dl2c_stays_open(still3) & (dl2c_stays_open(still4) | dl2c_stays_open(still5)));
   }

@@ -272,13 +272,14 @@ static inline bool model_holds(int flow, int formula, const int8_t *sign)
   return true;
 }
 
-/* Whether it is plain that no watch fails along a flow that lasts so long. */
-static inline bool model_quiet(int flow, const real *x, const real *p, real duration)
+/* Whether a flow of that duration, which ends in y, plainly changes no watch that matters. */
+DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real duration, const real *y)
 {
+  (void)y;
   if (flow == 0) {
-    const dl2c_span still0 = dl2c_span_of(x[X_x], x[X_f], 0.0, duration);
-    const dl2c_span still1 = dl2c_span_of(flow0_watch_still1_c0(x[X_x], p[P_H]),
-        flow0_watch_still1_c1(x[X_f]), 0.0, duration);
+    const dl2c_span still0 = dl2c_line(x[X_x], x[X_f], duration);
+    const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_x], p[P_H]),
+        flow0_watch_still1_c1(x[X_f]), duration);
     return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1));
   }
   return true;

@@ -883,88 +883,10 @@ static inline real flow0_watch_still13_c2(real ar, real ep, real A)
   return -(-(ar / 2.0) / (A * ep));
 }
 
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + xr)), coefficient
- * of tau^0
- */
-static inline real flow0_watch_still15_c0(real xr, real xg, real GDelta)
+/* T > 0 */
+static inline bool flow0_watch_at_end(real T)
 {
-  const real t0 = xg - GDelta;
-  return t0 - (xr + 1e-09 * (1.0 + fabs(t0) + xr));
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + xr)), coefficient
- * of tau^1
- */
-static inline real flow0_watch_still15_c1(real vr)
-{
-  return -(vr + 1e-09 * vr);
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + xr)), coefficient
- * of tau^2
- */
-static inline real flow0_watch_still15_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return -(t0 + 1e-09 * t0);
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr))),
- * coefficient of tau^0
- */
-static inline real flow0_watch_still16_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return t0 - (xr + 1e-09 * (1.0 + fabs(t0) + -xr));
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr))),
- * coefficient of tau^1
- */
-static inline real flow0_watch_still16_c1(real vr)
-{
-  return -(vr + 1e-09 * -vr);
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta - (xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr))),
- * coefficient of tau^2
- */
-static inline real flow0_watch_still16_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return -(t0 + 1e-09 * -t0);
-}
-
-/* waypoint.kyx:68  vr - 0.000000001 * (1 + vr), coefficient of tau^0 */
-static inline real flow0_watch_still17_c0(real vr)
-{
-  return vr - 1e-09 * (1.0 + vr);
-}
-
-/* waypoint.kyx:68  vr - 0.000000001 * (1 + vr), coefficient of tau^1 */
-static inline real flow0_watch_still17_c1(real ar)
-{
-  return ar - 1e-09 * ar;
-}
-
-/* waypoint.kyx:68  -vr - 0.000000001 * (1 + (-vr)), coefficient of tau^0 */
-static inline real flow0_watch_still18_c0(real vr)
-{
-  const real t0 = -vr;
-  return t0 - 1e-09 * (1.0 + t0);
-}
-
-/* waypoint.kyx:68  -vr - 0.000000001 * (1 + (-vr)), coefficient of tau^1 */
-static inline real flow0_watch_still18_c1(real ar)
-{
-  const real t0 = -ar;
-  return t0 - 1e-09 * t0;
+  return T > 0.0;
 }
 
 /* waypoint.kyx:62  xr > xg - GDelta & 0 <= ep & vr >= 0 */
@@ -1347,53 +1269,44 @@ static inline bool model_holds(int flow, int formula, const int8_t *sign)
   return true;
 }
 
-/* Whether it is plain that no watch fails along a flow that lasts so long. */
-static inline bool model_quiet(int flow, const real *x, const real *p, real duration)
+/* Whether a flow of that duration, which ends in y, plainly changes no watch that matters. */
+DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real duration, const real *y)
 {
   if (flow == 0) {
-    const dl2c_span still0 = dl2c_span_of(x[X_vr], x[X_ar], 0.0, duration);
-    const dl2c_span still1 = dl2c_span_of(flow0_watch_still1_c0(x[X_vr], p[P_Vmax]),
-        flow0_watch_still1_c1(x[X_ar]), 0.0, duration);
-    const dl2c_span still2 = dl2c_span_of(flow0_watch_still2_c0(p[P_b]), 0.0, 0.0, duration);
-    const dl2c_span still3 = dl2c_span_of(flow0_watch_still3_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b],
+    const dl2c_span still0 = dl2c_line(x[X_vr], x[X_ar], duration);
+    const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_vr], p[P_Vmax]),
+        flow0_watch_still1_c1(x[X_ar]), duration);
+    const dl2c_span still2 = dl2c_constant(flow0_watch_still2_c0(p[P_b]));
+    const dl2c_span still3 = dl2c_parabola(flow0_watch_still3_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b],
         p[P_GDelta]), flow0_watch_still3_c1(x[X_vr], x[X_ar], p[P_b]), flow0_watch_still3_c2(x[X_ar],
         p[P_b]), duration);
-    const dl2c_span still4 = dl2c_span_of(flow0_watch_still4_c0(x[X_xr], x[X_xg], p[P_GDelta]),
+    const dl2c_span still4 = dl2c_parabola(flow0_watch_still4_c0(x[X_xr], x[X_xg], p[P_GDelta]),
         flow0_watch_still4_c1(x[X_vr]), flow0_watch_still4_c2(x[X_ar]), duration);
-    const dl2c_span still5 = dl2c_span_of(p[P_b], 0.0, 0.0, duration);
-    const dl2c_span still6 = dl2c_span_of(flow0_watch_still6_c0(x[X_vr], x[X_T], p[P_b]),
-        flow0_watch_still6_c1(x[X_ar], p[P_b]), 0.0, duration);
-    const dl2c_span still7 = dl2c_span_of(flow0_watch_still7_c0(x[X_xr], x[X_xg], p[P_GDelta]),
+    const dl2c_span still5 = dl2c_constant(p[P_b]);
+    const dl2c_span still6 = dl2c_line(flow0_watch_still6_c0(x[X_vr], x[X_T], p[P_b]),
+        flow0_watch_still6_c1(x[X_ar], p[P_b]), duration);
+    const dl2c_span still7 = dl2c_parabola(flow0_watch_still7_c0(x[X_xr], x[X_xg], p[P_GDelta]),
         x[X_vr], flow0_watch_still7_c2(x[X_ar]), duration);
-    const dl2c_span still8 = dl2c_span_of(flow0_watch_still8_c0(x[X_vr], p[P_ep], p[P_A]), x[X_ar],
-        0.0, duration);
-    const dl2c_span still9 = dl2c_span_of(flow0_watch_still9_c0(p[P_ep], p[P_A]), 0.0, 0.0, duration);
-    const dl2c_span still10 = dl2c_span_of(flow0_watch_still10_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep],
+    const dl2c_span still8 = dl2c_line(flow0_watch_still8_c0(x[X_vr], p[P_ep], p[P_A]), x[X_ar],
+        duration);
+    const dl2c_span still9 = dl2c_constant(flow0_watch_still9_c0(p[P_ep], p[P_A]));
+    const dl2c_span still10 = dl2c_parabola(flow0_watch_still10_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep],
         p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still10_c1(x[X_vr], p[P_ep], p[P_A]),
         flow0_watch_still10_c2(x[X_ar], p[P_ep], p[P_A]), duration);
-    const dl2c_span still11 = dl2c_span_of(flow0_watch_still11_c0(x[X_vr], p[P_ep], p[P_A]),
-        flow0_watch_still11_c1(x[X_ar]), 0.0, duration);
-    const dl2c_span still12 = dl2c_span_of(p[P_A], 0.0, 0.0, duration);
-    const dl2c_span still13 = dl2c_span_of(flow0_watch_still13_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T],
+    const dl2c_span still11 = dl2c_line(flow0_watch_still11_c0(x[X_vr], p[P_ep], p[P_A]),
+        flow0_watch_still11_c1(x[X_ar]), duration);
+    const dl2c_span still12 = dl2c_constant(p[P_A]);
+    const dl2c_span still13 = dl2c_parabola(flow0_watch_still13_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T],
         p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still13_c1(x[X_vr], x[X_ar],
         p[P_ep], p[P_A]), flow0_watch_still13_c2(x[X_ar], p[P_ep], p[P_A]), duration);
-    const dl2c_span still14 = dl2c_span_of(x[X_T], -1.0, 0.0, duration);
-    const dl2c_span still15 = dl2c_span_of(flow0_watch_still15_c0(x[X_xr], x[X_xg], p[P_GDelta]),
-        flow0_watch_still15_c1(x[X_vr]), flow0_watch_still15_c2(x[X_ar]), duration);
-    const dl2c_span still16 = dl2c_span_of(flow0_watch_still16_c0(x[X_xr], x[X_xg], p[P_GDelta]),
-        flow0_watch_still16_c1(x[X_vr]), flow0_watch_still16_c2(x[X_ar]), duration);
-    const dl2c_span still17 = dl2c_span_of(flow0_watch_still17_c0(x[X_vr]),
-        flow0_watch_still17_c1(x[X_ar]), 0.0, duration);
-    const dl2c_span still18 = dl2c_span_of(flow0_watch_still18_c0(x[X_vr]),
-        flow0_watch_still18_c1(x[X_ar]), 0.0, duration);
+    const dl2c_span still14 = dl2c_line(x[X_T], -1.0, duration);
     return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1) & dl2c_stays_apart(still2)
         & dl2c_stays_open(still3) & (dl2c_stays_closed(still4) | dl2c_stays_equal(still0)
         | (dl2c_stays_apart(still5) & dl2c_stays_closed(still6))) & (dl2c_stays_open(still7)
         | (dl2c_stays_closed(still8) & dl2c_stays_apart(still9) & dl2c_stays_apart(still5)
         & dl2c_stays_open(still10)) | (dl2c_stays_closed(still11) & dl2c_stays_apart(still12)
         & dl2c_stays_apart(still9) & dl2c_stays_apart(still5) & dl2c_stays_open(still13)))
-        & dl2c_stays_open(still14) & ((dl2c_stays_closed(still15) & dl2c_stays_closed(still16))
-        | dl2c_stays_open(still17) | dl2c_stays_open(still18)));
+        & dl2c_stays_open(still14)) & flow0_watch_at_end(y[X_T]);
   }
   return true;
 }
