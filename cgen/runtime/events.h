@@ -10,7 +10,7 @@
 
 #include "roots.h"
 
-enum { DL2C_ROOM = NMARGIN * (NDEGREE > 12 ? NDEGREE : 12) };
+enum { DL2C_ROOM = NMARGIN * ((NDEGREE > 12 ? NDEGREE : 12) + 2) };
 
 /* Signs of all margins over a stretch: at its start, just after, and where they change. */
 typedef struct dl2c_events {
