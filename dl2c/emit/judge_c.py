@@ -155,11 +155,12 @@ def _reward(name: str, term: Term, when: str, leaves: Leaves) -> list[str]:
 
 def _endings(model: Model) -> list[str]:
     """Triggers as selections, the least important first; a `continue` counts only where nothing ends."""
-    ending: list[tuple[tuple[int, int, int], str, str, str, str]] = []
+    ending: list[tuple[tuple[int, int, int, int], str, str, str, str]] = []
     going_on: list[str] = []
     for k, predicate in enumerate(model.predicates):
         good = f"facts[F_{predicate.name}_holds * row + i]"
-        for trigger, when in ((predicate.on_success, good), (predicate.on_failure, _failed(predicate, good))):
+        failed = _failed(predicate, good)
+        for order, trigger, when in ((1, predicate.on_success, good), (0, predicate.on_failure, failed)):
             if trigger is None:
                 continue
             status = STATUS[trigger.status]
@@ -167,7 +168,7 @@ def _endings(model: Model) -> list[str]:
                 going_on.append(f"status = dl2c_pick({when}, {status}, status);")
             else:
                 reason = f"DL2C_REASON_PREDICATE + {k}"
-                ending.append((_rank(k, predicate, trigger), when, ENDS[trigger.action], status, reason))
+                ending.append((_rank(k, predicate, trigger, order), when, ENDS[trigger.action], status, reason))
     lines = [
         "int32_t end = DL2C_GOES_ON;",
         "int32_t status = DL2C_NONE;",
@@ -189,9 +190,9 @@ def _failed(predicate: Predicate, good: str) -> str:
     return f"facts[F_{predicate.name}_failed * row + i]" if predicate.category == "progress" else f"!{good}"
 
 
-def _rank(k: int, predicate: Predicate, trigger: Trigger) -> tuple[int, int, int]:
+def _rank(k: int, predicate: Predicate, trigger: Trigger, order: int) -> tuple[int, int, int, int]:
     status = ("failure", "success", "none").index(trigger.status)
-    return status, ("safety", "progress", "stability").index(predicate.category), k
+    return status, ("safety", "progress", "stability").index(predicate.category), k, order
 
 
 def observed(model: Model, options: Options) -> list[tuple[str, Symbol, Bound]]:
