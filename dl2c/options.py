@@ -5,6 +5,7 @@ The same names serve the command line (`--on-blocked`), Python (`on_blocked=`) a
 `[tool.dl2c]` of a project (configuration.py), which wins over the defaults here (semantics 9).
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from fractions import Fraction
@@ -22,6 +23,12 @@ Stiff: TypeAlias = Literal["auto", "true", "false"]
 Provider: TypeAlias = Literal["casadi", "system"]
 ProgressFailure: TypeAlias = Literal["due", "literal"]
 
+LARGEST = 10**300
+MAX_LENGTH = 400
+"""Numbers may be so large, and their texts so long."""
+
+MOST_STEPS = 10**18
+
 DEFAULT_DT = Fraction(1, 10)
 """Seconds a flow lasts where the model gives no horizon."""
 
@@ -34,9 +41,12 @@ class Options:
     "continuous" where every path of a step ends with its ODE, else "step". `rtol` and `atol` are
     CVODES' tolerances. `constants` fixes episode
     constants by name, `entry` selects an archive entry.
+    `dt` None means: the model's own horizon, else `DEFAULT_DT`. `constants` fixes episode
+    constants by name, `entry` selects an archive entry, `loop` one of several top-level loops (from 1).
     """
 
     entry: str | None = None
+    loop: int | None = None
     constants: tuple[tuple[str, Fraction], ...] = ()
     dt: Fraction | None = None
     tolerance: Fraction = Fraction(1, 10**9)
@@ -56,6 +66,8 @@ class Options:
     stiff: Stiff = "auto"
     rtol: Fraction = Fraction(1, 10**9)
     atol: Fraction = Fraction(1, 10**11)
+    max_loop: int = 10_000
+    max_repeat: int = 8
     native: bool = False
     sundials: Provider = "casadi"
     given: frozenset[str] = field(default=frozenset(), repr=False)
@@ -108,10 +120,12 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return None if value is None else str(value)
         case "blocked_penalty":
             return float(_exact(name, value))
-        case "max_episode_steps" | "stall_limit":
-            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-                raise UnknownOption(f"`{name}` takes a whole number >= 0, not {value!r}")
-            return value
+        case "max_episode_steps" | "stall_limit" | "max_repeat":
+            return _whole(name, value, 0)
+        case "max_loop":
+            return _whole(name, value, 1)
+        case "loop":
+            return None if value is None else _whole(name, value, 1)
         case "observe_constants" | "native":
             if not isinstance(value, bool):
                 raise UnknownOption(f"`{name}` takes True or False, not {value!r}")
@@ -123,12 +137,26 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return value
 
 
+def _whole(name: str, value: Any, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= MOST_STEPS:
+        raise UnknownOption(f"`{name}` takes a whole number from {least} to {MOST_STEPS:,}")
+    return value
+
+
 def _exact(name: str, value: Any) -> Fraction:
     """Numbers as the user wrote them: a float stands for its shortest decimal."""
-    try:
-        return value if isinstance(value, Fraction) else Fraction(str(value))
-    except ValueError:
-        raise UnknownOption(f"`{name}` takes a number, not {value!r}") from None
+    if not isinstance(value, Fraction):
+        text = str(value).strip()
+        exponent = re.search(r"e[+-]?0*([0-9_]+)$", text, re.IGNORECASE)
+        if len(text) > MAX_LENGTH or (exponent and len(exponent.group(1)) > 3):
+            raise UnknownOption(f"`{name}` takes a number of at most {MAX_LENGTH} digits, up to 1e300")
+        try:
+            value = Fraction(text)
+        except (ValueError, ZeroDivisionError):
+            raise UnknownOption(f"`{name}` takes a number, not {text!r}") from None
+    if abs(value) > LARGEST:
+        raise UnknownOption(f"`{name}` takes a number up to 1e300")
+    return value
 
 
 def _positive(name: str, value: Fraction) -> Fraction:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from dl2c.configuration import configured
 from dl2c.diagnostics import CompileError, Diagnostic, error, in_source_order, warning
+from dl2c.ir.lints import program_warnings
 from dl2c.ir.lower import lower
 from dl2c.ir.printer import print_model
 from dl2c.native.cache import build_key, cached
@@ -124,7 +125,7 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:
     """Parse and resolve; `@episode` completes the options."""
     archive, warnings = parse_archive(source)
-    problem = resolve(entry_of(archive, options))
+    problem = resolve(entry_of(archive, options), options.loop)
     if problem.episode is not None:
         options = _completed(options, problem.episode)
     return problem, replace(options, given=frozenset()), warnings
@@ -187,7 +188,7 @@ def _environment(
     decision = decide(model)
     say("planning initial states")
     sampling = plan_sampling(model, decision=decision)
-    warnings: tuple[Diagnostic, ...] = ()
+    warnings = program_warnings(model)
     if isinstance(sampling, NoSampler):
         if sampling.diagnostic.code in ("unsatisfiable-precondition", "unbounded-variable"):
             raise CompileError(sampling.diagnostic)

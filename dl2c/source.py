@@ -9,6 +9,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+MAX_TEXT = 2_000_000
+"""Characters that a model may have; reading stops soon after them."""
+
 
 @dataclass(frozen=True)
 class Source:
@@ -19,8 +22,14 @@ class Source:
 
     @staticmethod
     def read(path: str | Path) -> "Source":
-        """Read a UTF-8 file; a leading byte order mark is dropped."""
-        return Source(str(path), Path(path).read_text(encoding="utf-8-sig"))
+        """Read a UTF-8 file: no byte order mark, line ends as `\\n`. Raises `OSError`.
+
+        Bytes that are not UTF-8 become lone surrogates, which the parser refuses with their place.
+        """
+        with Path(path).open("rb") as file:
+            content = file.read(4 * MAX_TEXT + 4)
+        text = content.decode("utf-8-sig", "surrogateescape")
+        return Source(str(path), text.replace("\r\n", "\n").replace("\r", "\n"))
 
     @cached_property
     def line_starts(self) -> tuple[int, ...]:

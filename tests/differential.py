@@ -7,15 +7,18 @@ that environments use. Every result of a step is compared to the last bit.
 import math
 import subprocess
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
 from random import Random
+from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
+from kyx_builder import lowered
 from random_models import random_model, random_state
+from streams import Stream
 
 from dl2c.diagnostics import CompileError
 from dl2c.emit.model_c import model_sources
@@ -24,18 +27,21 @@ from dl2c.ir import model as ir
 from dl2c.ir.evaluate import evaluate, truth
 from dl2c.ir.exact import Motion
 from dl2c.ir.follow import follow
-from dl2c.ir.interp import Interpreter, Settings, Step, runs
+from dl2c.ir.interp import Interpreter
 from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.logic import operands
+from dl2c.ir.transition import Openings, Request, Settings, Start, Step
 from dl2c.ir.watch import watches_of
 from dl2c.native.binding import Batch, Library, Sizes
 from dl2c.native.code import cgen_dir
 from dl2c.native.compile import declarations
 from dl2c.native.describe import manifest_of
+from dl2c.native.errors import ResetFailed
 from dl2c.options import Options
 from dl2c.paths.enumerate import enumerate_paths
 
 OUTCOMES = ("none", "success", "failure")
+TRIES = 25
 MAX_PATHS = 24
 """Models with more paths take too long to compile for a test."""
 REASONS = ("", "blocked", "deadlock", "numerical", "solver", "stalled", "diverged", "time_limit", "end")
@@ -117,31 +123,98 @@ class Pair:
         self.seen["events"] += motion.duration < min(limits)
         return motion
 
+    def compare_episode(self, rng: Random, steps: int = 4) -> None:
+        """A random initial state, and random actions until the episode ends."""
+        state, constants = random_state(rng)
+        seed = rng.getrandbits(64)
+        interpreter = self.interpreter(constants)
+        stream = Stream.of(seed, 0)
+        begun = self._begun(interpreter, state, stream)
+        try:
+            self.batch.reset_to(0, seed, list(state.values()), list(constants.values()))
+        except ResetFailed:
+            assert begun is None
+            self.seen["refused"] += 1
+            return
+        if begun is None:
+            assert self.environment.paths.draws or self.environment.paths.reset_draws
+            return
+        start, draws = begun
+        self._check_state(start)
+        self._check_mask(interpreter.openings(start), final=False)
+        for _ in range(steps):
+            choices, inputs = self._actions(rng)
+            ahead = stream.copy()
+            following = ahead.draws(self.environment.paths.draws)
+            self._step(choices, inputs)
+            step = interpreter.step(start, Request(choices, inputs, draws), following)
+            self._check(step, interpreter, (state, constants, start, choices, inputs))
+            self._count(step)
+            if step.terminated or step.truncated:
+                return
+            stream, start, draws = ahead, step.start, following
+
+    def _begun(
+        self, interpreter: Interpreter, state: dict[str, float], stream: Stream
+    ) -> tuple[Start, dict[str, list[float]]] | None:
+        """Where the first step starts, and its draws; None after a few tries; C makes more."""
+        paths = self.environment.paths
+        for _ in range(TRIES if paths.draws or paths.reset_draws else 1):
+            here: Any = state
+            if self.model.prefix:
+                here = interpreter.prefix(state, stream.draws(paths.reset_draws))
+            if here is None:
+                continue
+            draws = stream.draws(paths.draws)
+            start = interpreter.lead(here, draws)
+            if start is not None and interpreter.openings(start).open:
+                return start, draws
+        return None
+
     def compare(self, rng: Random) -> None:
         """One random state and action."""
         state, constants = random_state(rng)
-        paths = self.environment.paths
-        choices = {d.key: rng.randrange(len(d.alternatives)) for d in paths.decisions}
-        inputs = {i.key: rng.uniform(float(i.low) - 1, float(i.high) + 1) for i in paths.inputs}
+        self.step_from(state, constants, *self._actions(rng))
+
+    def step_from(
+        self,
+        state: dict[str, float],
+        constants: dict[str, float],
+        choices: dict[str, int],
+        inputs: dict[str, float],
+    ) -> Step:
+        """One step of both from a state; what it did."""
+        interpreter, start = self.interpreter(constants), Start(state)
         self.batch.set_state(0, list(state.values()), list(constants.values()))
-        interpreter = self.interpreter(constants)
-        self._check_mask(interpreter.enabled(state), final=False)
+        self._check_mask(interpreter.openings(start), final=False)
+        step = interpreter.step(start, Request(choices, inputs))
+        self._step(choices, inputs)
+        self._check(step, interpreter, (state, constants, choices, inputs))
+        self._count(step)
+        return step
+
+    def _actions(self, rng: Random) -> tuple[dict[str, int], dict[str, float]]:
+        """A random action."""
+        paths = self.environment.paths
+        choices = {d.key: rng.randrange(len(d.alternatives)) for d in paths.decisions if d.role == "agent"}
+        own = [i for i in paths.inputs if i.role == "agent"]
+        return choices, {i.key: rng.uniform(float(i.low) - 1, float(i.high) + 1) for i in own}
+
+    def _step(self, choices: dict[str, int], inputs: dict[str, float]) -> None:
         self.batch.choices[0, :] = list(choices.values())
         self.batch.inputs[0, :] = list(inputs.values())
         self.batch.step()
-        step = interpreter.step(state, choices, inputs)
-        self._check(step, interpreter, (state, constants, choices, inputs))
-        self._count(step)
 
     def _check(self, step: Step, interpreter: Interpreter, context: object) -> None:
         b, model = self.batch, self.model
-        x, _ = b.get_state(0)
+        self._check_state(step.start)
         predicates = [p.name for p in model.predicates]
         reason = int(b.reason[0])
         got = {
-            "state": x.tolist(),
             "decisions": b.executed_choices[0].tolist(),
             "values": b.executed_inputs[0].tolist(),
+            "drawn_choices": b.drawn_choices[0].tolist(),
+            "drawn_inputs": b.drawn_inputs[0].tolist(),
             "blocked": bool(b.blocked[0]),
             "duration": float(b.duration[0]),
             "reward": float(b.rewards[0]),
@@ -151,40 +224,48 @@ class Pair:
             "status": OUTCOMES[int(b.status[0])],
             "reason": predicates[reason - 16] if reason >= 16 else REASONS[reason],
         }
-        paths = self.environment.paths
         want = {
-            "state": [step.state[v.name] for v in model.variables],
-            "decisions": [step.decisions[d.key] for d in paths.decisions],
-            "values": [step.values[i.key] for i in paths.inputs],
-            **{name: getattr(step, name) for name in list(got)[3:]},
+            "decisions": self._decided(step, "agent"),
+            "values": self._given(step, "agent"),
+            "drawn_choices": self._decided(step, "env"),
+            "drawn_inputs": self._given(step, "env"),
+            **{name: getattr(step, name) for name in list(got)[4:]},
         }
         for name, value in got.items():
             assert same(value, want[name], self.rounding), (
                 f"{model.name}: {name} is {value!r}, should be {want[name]!r}\n{context}"
             )
         if model.postcondition is not None:
-            holds = truth(model.postcondition, interpreter.environment(step.state))
+            holds = truth(model.postcondition, interpreter.environment(step.judged))
             assert bool(b.postcondition[0]) == holds
-        self._check_mask(step.mask, final=step.terminated or step.truncated)
+        self._check_mask(step.openings, final=step.terminated or step.truncated)
 
-    def _check_mask(self, enabled: tuple[bool, ...], final: bool) -> None:
+    def _decided(self, step: Step, role: str) -> list[int]:
+        return [step.decisions.get(d.key, -1) for d in self.environment.paths.decisions if d.role == role]
+
+    def _given(self, step: Step, role: str) -> list[Any]:
+        return [step.values.get(i.key, math.nan) for i in self.environment.paths.inputs if i.role == role]
+
+    def _check_state(self, start: Start) -> None:
+        x, _ = self.batch.get_state(0)
+        want = [start.state[v.name] for v in self.model.variables]
+        assert same(x.tolist(), want, self.rounding), f"{self.model.name}: state is {x}, should be {want}"
+
+    def _check_mask(self, openings: Openings, final: bool) -> None:
         got = self.batch.mask[0].tolist()
-        want: list[int] = []
-        all_runs = list(runs(self.model.body))
-        for decision in self.environment.paths.decisions:
-            taken = [
-                dict(r.decisions)[decision.key]
-                for r, e in zip(all_runs, enabled, strict=True)
-                if e and not final and decision.key in dict(r.decisions)
-            ]
-            n = len(decision.alternatives)
-            want += [int(not taken or k in taken) for k in range(n)]
+        want = [
+            int(final or not openings.mask or openings.mask[d.key][k])
+            for d in self.environment.paths.decisions
+            if d.role == "agent"
+            for k in range(len(d.alternatives))
+        ]
         assert got == want, f"{self.model.name}: mask {got}, should be {want}"
 
     def _count(self, step: Step) -> None:
         self.seen["steps"] += 1
         self.seen["blocked"] += step.blocked
         self.seen["deadlock"] += step.reason == "deadlock"
+        self.seen["diverged"] += step.reason == "diverged"
         self.seen["numerical"] += step.reason == "numerical"
         self.seen["ended"] += bool(step.reason)
 
@@ -214,9 +295,15 @@ def uses_libm(model: ir.Model) -> bool:
 
 
 def run_models(
-    seeds: range, pairs_each: int, folder: Path, make: Callable[[int], ir.Model] = random_model
+    seeds: range,
+    pairs_each: int,
+    folder: Path,
+    make: Callable[[int], ir.Model] = random_model,
+    episodes: bool = False,
 ) -> tuple[list[Pair], Counter[str]]:
-    """Compare all models that a range of seeds gives, each on `pairs_each` states and actions."""
+    """Compare all models that a range of seeds gives, each on `pairs_each` states and actions, or on
+    so many episodes.
+    """
     environments = [e for s in seeds if (e := environment_of(make(s))) is not None]
     libraries = compiled(environments, folder)
     total: Counter[str] = Counter()
@@ -225,9 +312,20 @@ def run_models(
         settings = ("fallback", "fallback", "truncate", "terminate")[k % 4]
         pair = Pair(environment, library, settings, -0.25 if k % 3 == 0 else 0.0)
         rng = Random(1000 + k)
+        compare = pair.compare_episode if episodes else pair.compare
         with np.errstate(all="ignore"):
             for _ in range(pairs_each):
-                pair.compare(rng)
+                compare(rng)
         total += pair.seen
         pairs.append(pair)
     return pairs, total
+
+
+def pair_of(
+    program: str, folder: Path, variables: str = "Real x; Real v;", options: Mapping[str, Any] | None = None
+) -> Pair:
+    """Both forms of a model whose step is the program."""
+    environment = environment_of(lowered(f"true -> [{{{program}}}*] x > -99", "", variables, options=options))
+    assert environment is not None
+    (library,) = compiled([environment], Path(mkdtemp(dir=folder)))
+    return Pair(environment, library, "fallback", 0.0)

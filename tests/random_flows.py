@@ -4,7 +4,7 @@ from dataclasses import replace
 from fractions import Fraction
 from random import Random
 
-from random_models import ORDERS, grid, random_model, variable
+from random_models import ORDERS, grid, random_model, random_program, variable
 
 from dl2c.ir.logic import conjunction, disjunction, relaxed
 from dl2c.ir.model import (
@@ -36,6 +36,19 @@ def wild_model(seed: int) -> Model:
         name=f"wild{seed}",
         predicates=tuple(_predicate(rng, k, model) for k in range(rng.randint(1, 3))),
         continuous=rng.random() < 0.8,
+    )
+
+
+def wild_program(seed: int) -> Model:
+    """Program number `seed` with wild flows, durations that somebody decides, and watches."""
+    rng = Random(f"wild program {seed}")
+    model = random_program(seed)
+    return replace(
+        model.with_flows(tuple(_flow(rng, f) for f in model.flows)),
+        name=f"wildprogram{seed}",
+        predicates=tuple(_predicate(rng, k, model) for k in range(rng.randint(1, 3))),
+        continuous=rng.random() < 0.8,
+        duration=rng.choice(("max", "sample", "sample", "agent", "agent")),
     )
 
 

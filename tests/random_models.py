@@ -4,10 +4,11 @@ Models use every kind of IR node. Numbers come from a coarse grid, so that value
 bounds, ties and zeros often.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from random import Random
 
+from dl2c.ir.leading import leading
 from dl2c.ir.logic import conjunction, disjunction, negation, relaxed
 from dl2c.ir.model import (
     FALSE,
@@ -36,6 +37,8 @@ from dl2c.ir.model import (
     Number,
     Pow,
     Predicate,
+    Repeat,
+    Role,
     Statement,
     Sub,
     Symbol,
@@ -43,6 +46,7 @@ from dl2c.ir.model import (
     Test,
     Trigger,
     Variable,
+    While,
 )
 
 VARIABLES = ("x", "y", "z", "u")
@@ -65,9 +69,12 @@ def grid(rng: Random, span: int = 4) -> Fraction:
 
 @dataclass
 class Builder:
-    """One random model in the making."""
+    """One random model in the making. `forms` adds loops and what the agent does not decide."""
 
     rng: Random
+    forms: bool = False
+    role: Role = "agent"
+    loops: int = 0
     flows: list[Flow] = field(default_factory=list)
     choices: int = 0
     assigned: dict[str, int] = field(default_factory=dict)
@@ -129,6 +136,8 @@ class Builder:
         return tuple(statements)
 
     def statement(self, depth: int) -> list[Statement]:
+        if self.forms and self.rng.random() < 0.45:
+            return self.form(depth)
         r = self.rng.random()
         if r < 0.4 or (depth == 0 and r < 0.75):
             return [Assign(self.rng.choice(VARIABLES), self.term())]
@@ -142,8 +151,40 @@ class Builder:
             return [If(condition, negation(condition), then, orelse)]
         return [self.choice(depth)]
 
+    def key(self, name: str) -> str:
+        return f"prefix_{name}" if self.role == "reset" else name
+
+    def form(self, depth: int) -> list[Statement]:
+        """A loop, or a decision of the environment; nested in `depth` others at most."""
+        kind = self.rng.randrange(4 if self.role == "agent" else 2)
+        if kind == 0:
+            return [self.while_loop()]
+        if kind == 1:
+            self.loops += 1
+            key = self.key(f"loop_{self.loops - 1}")
+            return [Repeat(key, self.inner(), self.rng.randint(1, 2), self.role)]
+        role, self.role = self.role, "env"
+        made: list[Statement] = [self.choice(min(depth, 1) or 1)] if kind == 2 else self.input()
+        self.role = role
+        return made
+
+    def while_loop(self) -> While:
+        """Counts a variable down; or not, now and then."""
+        name = self.rng.choice(VARIABLES)
+        condition = Compare(">", variable(name), Number(grid(self.rng)))
+        less = Assign(name, Sub(variable(name), Number(Fraction(self.rng.randint(1, 4), 2))))
+        body = (*self.inner(), less) if self.rng.random() < 0.9 else self.inner()
+        return While(condition, negation(condition), body)
+
+    def inner(self) -> Block:
+        """The body of a loop; sometimes time passes in it."""
+        forms, self.forms = self.forms, self.rng.random() < 0.15
+        body = self.block(0, False) if self.rng.random() < 0.8 else (self.choice(1),)
+        self.forms = forms
+        return (*body, self.flow()) if self.rng.random() < 0.2 else body
+
     def choice(self, depth: int, last: bool = False) -> Choice:
-        key = f"choice_{self.choices}"
+        key = self.key(f"choice_{self.choices}")
         self.choices += 1
         fallback = self.rng.randrange(4)
         alternatives: list[Alternative] = []
@@ -152,14 +193,14 @@ class Builder:
             if self.rng.random() < 0.7:
                 body = (Test(self.formula(1)), *body)
             alternatives.append(Alternative(body, fallback == k))
-        return Choice(key, tuple(alternatives))
+        return Choice(key, tuple(alternatives), self.role)
 
     def input(self, variable_name: str = "") -> list[Statement]:
         """`v := *` with tests linear in v."""
         name = variable_name or self.rng.choice(VARIABLES)
         count = self.assigned.get(name, 0)
         self.assigned[name] = count + 1
-        key = f"assign_{name}" if count == 0 else f"assign_{name}_{count}"
+        key = self.key(f"assign_{name}" if count == 0 else f"assign_{name}_{count}")
         if len(self.inputs) >= 3:
             return []
         self.inputs.append(key)
@@ -174,7 +215,7 @@ class Builder:
                 other = [v for v in VARIABLES if v != name]
                 limit = self.rng.choice((Number(grid(self.rng)), variable(self.rng.choice(other))))
                 tests.append(Compare(op, scaled, limit))
-        return [AssignAny(name, key), Test(conjunction(tests))]
+        return [AssignAny(name, key, self.role), Test(conjunction(tests))]
 
     def with_inputs(self) -> Block:
         """Alternatives that each take an input and flow, and perhaps a second input before them."""
@@ -282,10 +323,36 @@ def random_model(seed: int) -> Model:
         body = builder.block(1, False)
     if rng.random() < 0.85:
         body = (Assign(CLOCK, Number(Fraction(0))), *body)
+    return finished(builder, f"random{seed}", body)
+
+
+def random_program(seed: int) -> Model:
+    """Model number `seed` of those with loops inside a step, programs before the loop and decisions
+    of the environment."""
+    rng = Random(seed)
+    builder = Builder(rng, forms=True)
+    body: list[Statement] = []
+    for _ in range(rng.randint(1, 2)):
+        body += builder.form(0) if rng.random() < 0.7 else builder.statement(0)
+    if rng.random() < 0.8:
+        body.append(builder.flow())
+        body += builder.after_flow() if rng.random() < 0.3 else []
+    prefix: Block = ()
+    if rng.random() < 0.4:
+        builder.role, builder.inputs = "reset", []
+        prefix = (*builder.block(0, False), *((builder.flow(),) if rng.random() < 0.5 else ()))
+    lead, rest = leading((Assign(CLOCK, Number(Fraction(0))), *body))
+    model = finished(builder, f"program{seed}", rest)
+    return replace(model, lead=lead, prefix=prefix, max_loop=rng.choice((2, 5, 12)))
+
+
+def finished(builder: Builder, name: str, body: Block) -> Model:
+    """The model around a body."""
+    rng = builder.rng
     bound = Bound(Fraction(-5), Fraction(5))
     return Model(
-        name=f"random{seed}",
-        source=f"random{seed}.kyx",
+        name=name,
+        source=f"{name}.kyx",
         variables=tuple(Variable(v, bound, observed=True) for v in (*VARIABLES, CLOCK)),
         constants=tuple(Constant(c, Bound(Fraction(1, 2), Fraction(2))) for c in CONSTANTS),
         precondition=TRUE,

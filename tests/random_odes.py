@@ -60,7 +60,10 @@ def _nonlinear(rng: Random) -> dict[str, Term]:
             {"x": Neg(Call("sqrt", (Add(Number(Fraction(9)), X),))), "y": Mul(X, Z), "z": one},
             {"x": Mul(Y, Z), "y": Neg(Mul(X, Z)), "z": Div(X, Number(Fraction(4)))},
             {"x": Call("exp", (Neg(Pow(X, 2)),)), "y": Call("sin", (T,))},
-            {"x": Div(Y, Add(two, Call("cos", (X,)))), "y": Sub(A, Mul(Y, Call("sqrt", (Add(Pow(X, 2), one),))))},
+            {
+                "x": Div(Y, Add(two, Call("cos", (X,)))),
+                "y": Sub(A, Mul(Y, Call("sqrt", (Add(Pow(X, 2), one),)))),
+            },
         )
     )
 

@@ -85,7 +85,8 @@ def test_every_option_can_be_configured(project: Any) -> None:
         "[tool.dl2c]\ndt = 0.1\ntolerance = 1e-6\nprogress_failure = 'literal'\nobserve_constants = false\n"
         "obs_dtype = 'float64'\nobservation_bounds = 'unbounded'\naction_format = 'box'\n"
         "action_map = 'squash'\non_blocked = 'truncate'\nblocked_penalty = -2.5\nmax_episode_steps = 3\n"
-        "stall_limit = 4\nnative = true\n[tool.dl2c.constants]\nk = 0.3\n"
+        "stall_limit = 4\nnative = true\nduration = 'sample'\nsafety_check = 'step'\nintegrator = 'cvodes'\n"
+        "stiff = 'true'\nrtol = 1e-6\natol = 1e-8\nsundials = 'system'\n[tool.dl2c.constants]\nk = 0.3\n"
     )
     found = configured(defaults)
     assert [n for n in NAMES if getattr(found, n) == getattr(defaults, n)] == []

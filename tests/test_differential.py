@@ -6,10 +6,25 @@ from pathlib import Path
 
 import pytest
 from differential import Pair, run_models
-from random_flows import wild_model
+from random_flows import wild_model, wild_program
+from random_models import random_program
 
 from dl2c.ir.logic import atoms, operands
-from dl2c.ir.model import And, Block, Call, Choice, Compare, Formula, If, Model, Or, Term, Truth
+from dl2c.ir.model import (
+    And,
+    Block,
+    Call,
+    Choice,
+    Compare,
+    Formula,
+    If,
+    Model,
+    Or,
+    Repeat,
+    Term,
+    Truth,
+    While,
+)
 
 STATEMENTS = {"Assign", "AssignAny", "Test", "Choice", "If", "Evolve"}
 TERMS = {"Number", "Symbol", "Neg", "Add", "Sub", "Mul", "Div", "Pow", "Call"}
@@ -40,9 +55,26 @@ def test_flows_of_any_form_agree(tmp_path: Path) -> None:
     assert seen["events"] >= 0.2 * seen["flows"]
 
 
+def test_durations_that_the_agent_or_chance_decides_agree(tmp_path: Path) -> None:
+    pairs, seen = run_models(range(40), 20, tmp_path, wild_program, episodes=True)
+    assert {pair.model.duration for pair in pairs} == {"max", "sample", "agent"}
+    assert seen["failed"] > 0
+    assert seen["steps"] >= 500
+
+
 @pytest.mark.slow
 def test_flows_of_any_form_agree_in_many_models(tmp_path: Path) -> None:
     run_models(range(10_000, 10_400), 40, tmp_path, wild_model)
+
+
+def test_interpreter_and_compiled_code_agree_on_every_form_of_program(tmp_path: Path) -> None:
+    pairs, seen = run_models(range(90), 25, tmp_path, random_program, episodes=True)
+    kinds = {kind for pair in pairs for kind in _kinds(pair.model)}
+    assert kinds >= STATEMENTS | {"While", "Repeat"}
+    assert sum(bool(pair.model.prefix) for pair in pairs) >= 5
+    assert sum(bool(pair.model.lead) for pair in pairs) >= 5
+    assert sum(bool(pair.environment.paths.draws) and not pair.model.lead for pair in pairs) >= 3
+    assert min(seen["steps"], seen["blocked"], seen["diverged"], seen["refused"]) > 0
 
 
 @pytest.mark.slow
@@ -74,7 +106,7 @@ def _assert_coverage(pairs: list[Pair], seen: Counter[str]) -> None:
 
 
 def _kinds(model: Model) -> Iterator[str]:
-    yield from _block(model.body)
+    yield from _block((*model.prefix, *model.lead, *model.body))
     for flow in model.flows:
         yield from _formula(flow.domain)
         for _, rate in flow.equations:
@@ -90,6 +122,8 @@ def _block(block: Block) -> Iterator[str]:
     for statement in block:
         yield type(statement).__name__
         match statement:
+            case While(body=body) | Repeat(body=body):
+                yield from _block(body)
             case Choice(_, alternatives):
                 for alternative in alternatives:
                     yield from _block(alternative.body)

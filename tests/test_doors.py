@@ -19,7 +19,7 @@ from gymnasium.vector import AutoresetMode
 
 import dl2c
 from dl2c.native.errors import ResetFailed
-from dl2c.options import UnknownOption
+from dl2c.options import Options, UnknownOption, with_options
 from dl2c.training.evaluation import evaluate
 
 WAYPOINT = "example:waypoint"
@@ -223,3 +223,52 @@ def test_importing_dl2c_is_cheap_and_registers_the_ids() -> None:
         "assert {'dl2c/Model-v0', 'dl2c/Waypoint-v0'} <= set(gymnasium.registry)"
     )
     subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=True)
+
+
+CHOSEN = {
+    "duration": "sample",
+    "safety_check": "step",
+    "integrator": "exact",
+    "stiff": "true",
+    "rtol": "1e-6",
+    "atol": "0.0001",
+    "tolerance": "1e-7",
+    "progress_failure": "literal",
+    "dt": "0.25",
+    "on_blocked": "truncate",
+    "blocked_penalty": "-0.5",
+    "max_episode_steps": 7,
+    "stall_limit": 3,
+    "action_format": "box",
+    "action_map": "squash",
+    "observe_constants": False,
+    "obs_dtype": "float64",
+    "observation_bounds": "unbounded",
+}
+"""An option of every kind, each with a value that is not its default."""
+
+
+def test_every_door_takes_every_option(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command line, Python and `@episode` lead to the same environment."""
+    monkeypatch.setenv("CFLAGS", "-O0")
+    python = dl2c.make(MIXED, **CHOSEN).manifest
+    chosen = with_options(Options(), CHOSEN)
+    assert all(getattr(chosen, name) != getattr(Options(), name) for name in CHOSEN)
+    words = {name: str(value).lower() for name, value in CHOSEN.items()}
+    written = ", ".join(f"{name}={value}" for name, value in words.items())
+    episode = dl2c.make(MIXED.replace("Problem", f"/* @episode: {written} */\nProblem")).manifest
+    assert episode.options == python.options
+    del words["observe_constants"]
+    flags = [part for name, value in words.items() for part in (f"--{name.replace('_', '-')}", value)]
+    shown = json.loads(command("info", MIXED, "--json", "--no-observe-constants", *flags).stdout)
+    assert shown["options"] == json.loads(python.to_json())["options"]
+
+
+@pytest.mark.parametrize("name", ["duration", "safety_check", "integrator", "stiff", "rtol", "atol"])
+def test_every_door_refuses_what_an_option_does_not_take(name: str) -> None:
+    with pytest.raises(UnknownOption, match=f"`{name}` takes"):
+        dl2c.make(MIXED, **{name: "soup"})
+    with pytest.raises(dl2c.CompileError, match=r"soup|decimal"):
+        dl2c.make(MIXED.replace("Problem", f"/* @episode: {name}=soup */\nProblem"))
+    refused = command("check", WAYPOINT, f"--{name.replace('_', '-')}", "soup", check=False)
+    assert refused.returncode == 1 and f"`{name}` takes" in refused.stderr

@@ -1,6 +1,5 @@
 """The models that come with dl2c: other tools accept each of them, and it keeps its promise."""
 
-import functools
 import math
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import dl2c
-from dl2c.diagnostics import CompileError
 from dl2c.env.registration import EXAMPLES
 from dl2c.native.binding import Batch
 from dl2c.options import Options
@@ -23,26 +21,6 @@ FOLDER = Path(__file__).resolve().parent.parent / "examples"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.kyx"))
 IDENTIFIERS = {model: f"dl2c/{name}-v0" for name, model in EXAMPLES.items()}
 UNPROVED = {"forced_acceleration"}
-
-
-@functools.cache
-def refused(name: str) -> bool:
-    """Whether a flow of the example cannot be integrated yet; every other mistake fails the test."""
-    try:
-        check_model(Source.read(FOLDER / f"{name}.kyx"), Options())
-    except CompileError as error:
-        assert {d.code for d in error.diagnostics} == {"flow-not-exact"}, error
-        return True
-    return False
-
-
-@pytest.fixture(params=NAMES)
-def name(request: pytest.FixtureRequest) -> str:
-    """The name of an example that can be built."""
-    found: str = request.param
-    if refused(found):
-        pytest.skip(f"the flow of {found} is not polynomial")
-    return found
 
 
 def seeded(batch: Batch) -> Batch:
@@ -83,15 +61,16 @@ def test_models_are_readable_by_keymaera_x(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_models_have_no_warnings(name: str) -> None:
-    if not refused(name):
-        assert check_model(Source.read(FOLDER / f"{name}.kyx"), Options()) == ()
+    assert check_model(Source.read(FOLDER / f"{name}.kyx"), Options()) == ()
 
 
 @pytest.mark.filterwarnings("ignore:.*normalized.*")
+@pytest.mark.parametrize("name", NAMES)
 def test_gymnasium_accepts_it(name: str) -> None:
     check_env(gym.make(f"dl2c:{IDENTIFIERS[name]}").unwrapped, skip_render_check=True)
 
 
+@pytest.mark.parametrize("name", NAMES)
 def test_stable_baselines_accepts_it(name: str) -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     model = f"example:{name}"
@@ -101,6 +80,7 @@ def test_stable_baselines_accepts_it(name: str) -> None:
     checker.check_env(env, warn=False)
 
 
+@pytest.mark.parametrize("name", NAMES)
 def test_what_is_proved_holds_in_every_run(name: str) -> None:
     batch = seeded(dl2c.build(f"example:{name}").library.batch(20, autoreset="same_step"))
     rng = np.random.default_rng(0)

@@ -17,7 +17,12 @@ GOOD = sorted((HERE / "good").glob("*.kyx"))
 SUFFIX = {"tree": "kyx", "expanded": "txt", "ir": "txt", "paths": "txt", "c": "c"}
 WANTED = [
     *((WAYPOINT, stage) for stage in SUFFIX),
-    *((path, stage) for path in GOOD if path.stem in ("tank", "lift") for stage in ("ir", "paths", "c")),
+    *(
+        (path, stage)
+        for path in GOOD
+        if path.stem in ("tank", "lift", "walk")
+        for stage in ("ir", "paths", "c")
+    ),
 ]
 
 

@@ -85,7 +85,7 @@ def test_a_number_beyond_the_doubles_is_refused() -> None:
 
 def test_a_value_without_distance_is_refused() -> None:
     with pytest.raises(CompileError) as refused:
-        lowered("true -> [{x := v;}*] p(x)", "/* @safety: shape={1 < 2} */\nBool p(Real y) <-> y > 0;")
+        lowered("true -> [{x := v;}*] p(x)", "/* @safety: shape={false} */\nBool p(Real y) <-> y > 0;")
     assert codes(refused.value) == ["no-distance"]
 
 

@@ -9,9 +9,6 @@ from dl2c.diagnostics import CompileError
 from dl2c.ir.evaluate import evaluate
 from dl2c.ir.model import UNBOUNDED, Bound, Flow, Trigger
 from dl2c.ir.printer import print_formula, print_term
-from dl2c.options import Options
-from dl2c.pipeline import check_model
-from dl2c.source import Source
 
 # Flows ------------------------------------------------------------------------
 
@@ -187,23 +184,3 @@ def test_lowering_is_a_function_of_the_text() -> None:
     text = model_text("true -> [{x := v;}*] x > 0")
     assert text == model_text("true -> [{x := v;}*] x > 0")
     assert lowered("true -> [{x := v;}*] x > 0") == lowered("true -> [{x := v;}*] x > 0")
-
-
-def test_a_progress_failure_that_is_never_due_is_said() -> None:
-    text = """
-    Theorem "goal"
-    Definitions
-      /* @progress: reward=1, on_success=terminate:success, on_failure=terminate:failure */
-      Bool goal(Real x) <-> x > 5;
-    End.
-    ProgramVariables
-      /* @var: bound=[0:4] */
-      Real x;
-      Real t;
-    End.
-    Problem x >= 0 -> [{ t := 0; {x' = 1, t' = 1 & t <= 1} }*] POST End.
-    End.
-    """
-    for post, wanted in (("x >= 0", ["failure-never-due"]), ("(x > 3 -> goal(x))", [])):
-        found = check_model(Source("goal.kyx", text.replace("POST", post)), Options())
-        assert [d.code for d in found] == wanted

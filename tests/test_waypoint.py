@@ -9,10 +9,11 @@ import pytest
 
 from dl2c.ir.evaluate import evaluate
 from dl2c.ir.exact import ExactPlan, advance, plan
-from dl2c.ir.interp import Interpreter, runs
+from dl2c.ir.interp import Interpreter
 from dl2c.ir.logic import atoms
 from dl2c.ir.lower import lower
 from dl2c.ir.model import Model
+from dl2c.ir.transition import Request, Start
 from dl2c.native.binding import Batch, Library
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive
@@ -85,13 +86,10 @@ def test_exact_arithmetic_agrees_with_the_compiled_code(library: Library, model:
 def agrees(
     exact: Interpreter, batch: Batch, model: Model, state: dict[str, Any], mask: list[int], choice: int
 ) -> bool:
-    enabled = exact.enabled(state)
-    shown = [0] * len(mask)
-    for run, open_ in zip(runs(model.body), enabled, strict=True):
-        shown[run.decisions[0][1]] |= int(open_)
-    if shown != mask:
+    start = Start(state)
+    if [int(m) for m in exact.openings(start).mask["choice_0"]] != mask:
         return False
-    step = exact.step(state, {"choice_0": choice}, {})
+    step = exact.step(start, Request({"choice_0": choice}))
     reason = int(batch.reason[0])
     told = model.predicates[reason - 16].name if reason >= 16 else {0: "", 2: "deadlock"}.get(reason, "?")
     same = step.decisions["choice_0"] == int(batch.executed_choices[0, 0])
@@ -101,7 +99,7 @@ def agrees(
 
 def near_a_branch(exact: Interpreter, model: Model, state: dict[str, Any], choice: int) -> bool:
     """Whether some condition is within 1e-9 of its boundary, before or after the step."""
-    after = exact.step(state, {"choice_0": choice}, {}).state
+    after = exact.step(Start(state), Request({"choice_0": choice})).state
     formulas = [p.guard for p in enumerate_paths(model).paths] + [q.formula for q in model.predicates]
     for values in (state, after):
         env = exact.environment(values)

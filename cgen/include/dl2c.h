@@ -13,7 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define DL2C_ABI_VERSION 2
+#define DL2C_ABI_VERSION 3
 #define DL2C_STREAM_VERSION 1
 
 #ifdef DL2C_SHARED
@@ -30,6 +30,7 @@ typedef enum dl2c_status {
   DL2C_ERR_RESET = -3, /* no admissible initial state found in the allowed number of draws */
   DL2C_ERR_STATE = -4, /* a given state violates the precondition, or no run is possible from it */
   DL2C_ERR_SOLVER = -5, /* the library of differential equation solvers is missing or lacks a function */
+  DL2C_ERR_BLOCKED = -6, /* no run is possible from any of many initial states drawn */
 } dl2c_status;
 
 /* How an episode stands (info["status"]). */
@@ -85,8 +86,10 @@ typedef struct dl2c_sizes {
   int32_t nx;       /* program variables */
   int32_t np;       /* episode constants */
   int32_t nobs;     /* observation entries */
-  int32_t nchoice;  /* discrete decisions of a step */
-  int32_t ninput;   /* continuous decisions of a step */
+  int32_t nchoice;  /* discrete decisions of the agent in a step */
+  int32_t ninput;   /* continuous decisions of the agent in a step */
+  int32_t nenvchoice; /* discrete decisions of the environment in a step */
+  int32_t nenvinput;  /* continuous decisions of the environment in a step */
   int32_t nmask;    /* alternatives of all discrete decisions together */
   int32_t npred;    /* annotated predicates */
   int32_t nflow;    /* flows */
@@ -106,6 +109,8 @@ typedef struct dl2c_buffers {
   int8_t *mask;           /* (n, nmask) 1 where an alternative has a run */
   int32_t *executed_choices; /* (n, nchoice) the run taken; the request where a decision was not met */
   double *executed_inputs;   /* (n, ninput) */
+  int32_t *drawn_choices; /* (n, nenvchoice) what the environment decided, -1 where it did not */
+  double *drawn_inputs;   /* (n, nenvinput) likewise, NaN where it did not */
   int32_t *status;        /* (n) dl2c_outcome */
   int32_t *reason;        /* (n) dl2c_reason, or DL2C_REASON_PREDICATE + index */
   int32_t *cost;          /* (n) violated @safety predicates */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT-0 */
-/* actions.h -- which paths are open, which values of an input pass, which path a request takes. */
+/* actions.h -- which paths are open, which values of an input pass. */
 #ifndef DL2C_ACTIONS_H
 #define DL2C_ACTIONS_H
 
@@ -124,37 +124,6 @@ DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t s
         if (dl2c_admissible(k, PATHS[k].inputs[j], own_x, own_p).empty)
           enabled[(k - first) * stride + i] = 0;
   }
-}
-
-/*
- * The open path to try first: the requested one, else the one that agrees longest with
- * the request, then one whose first other alternative is marked as fallback, then the
- * first in program order. Once a run has left the request only that order counts.
- * Returns -1 if none is open. No branch depends on what is open.
- */
-static inline int dl2c_preferred(int point, const uint8_t *enabled, const int32_t *choices,
-                                 bool left, bool *as_requested)
-{
-  const int first = POINT_START[point];
-  int best = -1;
-  int best_rank = -1;
-  bool best_whole = false;
-  for (int k = first; k < POINT_START[point + 1]; k++) {
-    const int met = PATHS[k].nmet;
-    int agreed = 0;
-    bool whole = true;
-    for (int j = 0; j < met; j++) {
-      whole = whole && DECISIONS[k][PATHS[k].met[j]] == choices[PATHS[k].met[j]];
-      agreed += whole;
-    }
-    const int rank = left ? 0 : whole ? 2 * NCHOICE + 2 : 2 * agreed + PATHS[k].marked[agreed];
-    const bool better = enabled[k - first] && rank > best_rank;
-    best = better ? k : best;
-    best_rank = better ? rank : best_rank;
-    best_whole = better ? whole && !left : best_whole;
-  }
-  *as_requested = best_whole;
-  return best;
 }
 
 /* The value an input takes, and in *executed how the action space writes it. */

@@ -17,7 +17,9 @@ void dl2c_model_sizes(dl2c_sizes *out)
       .np = NP,
       .nobs = NOBS,
       .nchoice = NCHOICE,
-      .ninput = NU,
+      .ninput = NINPUT,
+      .nenvchoice = NENVCHOICE,
+      .nenvinput = NENVINPUT,
       .nmask = NMASK,
       .npred = NPRED,
       .nflow = NFLOW,
@@ -47,8 +49,11 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
   b->steps = calloc(rows, sizeof *b->steps);
   b->elapsed = calloc(rows, sizeof *b->elapsed);
   b->stalled = calloc(rows, sizeof *b->stalled);
+  b->rng = calloc(NSTEPDRAW > 0 ? rows : 1, sizeof *b->rng);
+  b->start = calloc(NSTEPDRAW > 0 ? rows : 1, sizeof *b->start);
+  b->seen = calloc(DL2C_LOOKS_AHEAD ? rows * NMASK + 1 : 1, sizeof *b->seen);
   if (!b->x || !b->p || !b->enabled || !b->ended || !b->seed || !b->episode || !b->steps
-      || !b->elapsed || !b->stalled) {
+      || !b->elapsed || !b->stalled || !b->rng || !b->start || !b->seen) {
     dl2c_batch_free(b);
     return DL2C_ERR_NOMEM;
   }
@@ -78,6 +83,9 @@ void dl2c_batch_free(dl2c_batch *b)
   free(b->steps);
   free(b->elapsed);
   free(b->stalled);
+  free(b->rng);
+  free(b->start);
+  free(b->seen);
   free(b);
 }
 
@@ -106,16 +114,16 @@ dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, 
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
   if (!dl2c_all_finite(x, NX) || !model_precondition(x, p)) return DL2C_ERR_STATE;
-  uint8_t enabled[NPATH];
-  uint8_t open = 0;
-  dl2c_enabled(0, x, p, 1, 1, enabled);
-  for (int k = 0; k < DL2C_NSTART; k++) open |= enabled[k];
-  if (!open) return DL2C_ERR_STATE;
-  dl2c_reseed(b, i, seed);
-  b->episode[i]++;
-  dl2c_clear_results(b, i);
-  dl2c_begin(b, i, x, p);
-  return DL2C_OK;
+  const uint64_t key = seed == NULL ? b->seed[i] : *seed;
+  dl2c_rng rng = dl2c_rng_make(key, seed == NULL ? b->episode[i] : 0);
+  for (int tries = 0; tries < (NDRAW > 0 ? DL2C_MAX_DEADLOCKS : 1); tries++) {
+    if (!dl2c_begin(b, i, &rng, x, p)) continue;
+    dl2c_reseed(b, i, seed);
+    b->episode[i]++;
+    dl2c_clear_results(b, i);
+    return DL2C_OK;
+  }
+  return DL2C_ERR_STATE;
 }
 
 dl2c_status dl2c_batch_step(dl2c_batch *b)
@@ -143,6 +151,8 @@ dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, cons
   dl2c_store(b, i, x);
   for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
   b->ended[i] = 0;
+  if (NSTEPDRAW > 0) b->start[i].closed = false;
+  dl2c_show_postcondition(b, i);
   dl2c_show(b, i);
   return DL2C_OK;
 }
@@ -179,6 +189,7 @@ const char *dl2c_status_text(dl2c_status status)
   case DL2C_ERR_ARG: return "a null pointer, a size that is not positive or an index out of range";
   case DL2C_ERR_NOMEM: return "out of memory";
   case DL2C_ERR_RESET: return "no admissible initial state was found";
+  case DL2C_ERR_BLOCKED: return "none of 1000 initial states that were drawn has a run";
   case DL2C_ERR_STATE: return "the state violates the precondition, or no run is possible from it";
   case DL2C_ERR_SOLVER: return "the library of differential equation solvers is missing or unfit";
   }

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * curve.h -- polynomials on [0,1] in Bernstein form, parts of them, and the only zero of a part.
  *

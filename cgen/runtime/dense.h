@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /* dense.h -- small dense linear systems: LU factors with row exchanges, in place, without
  * allocation. */
 #ifndef DL2C_DENSE_H

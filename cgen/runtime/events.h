@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * events.h -- what happens along a stretch of a flow: where its conditions first fail.
  *
@@ -10,7 +11,8 @@
 
 #include "roots.h"
 
-enum { DL2C_ROOM = NMARGIN * ((NDEGREE > 12 ? NDEGREE : 12) + 2) };
+/* Every margin may cross once for each degree, and once more at once. */
+enum { DL2C_ROOM = NMARGIN * ((NDEGREE > 12 ? NDEGREE : 12) + 1) };
 
 /* Signs of all margins over a stretch: at its start, just after, and where they change. */
 typedef struct dl2c_events {
@@ -21,15 +23,15 @@ typedef struct dl2c_events {
 } dl2c_events;
 
 /* The first failure of one condition, and the signs that tell what happened there. */
-typedef struct dl2c_failure {
+typedef struct dl2c_breach {
   dl2c_exit exit;
   int8_t at[NMARGIN];
   int8_t after[NMARGIN];
-} dl2c_failure;
+} dl2c_breach;
 
 static inline int8_t dl2c_sign_of(real a) { return (int8_t)((a > 0.0) - (a < 0.0)); }
 
-static void dl2c_fails(int flow, int formula, const dl2c_events *events, dl2c_failure *failure)
+static void dl2c_fails(int flow, int formula, const dl2c_events *events, dl2c_breach *failure)
 {
   failure->exit =
       dl2c_first_exit(flow, formula, events->crossings, events->count, FLOW_MARGINS[flow],
@@ -49,7 +51,7 @@ static bool dl2c_reached(const dl2c_exit *exit, real stop, bool included)
  */
 static real dl2c_watch(int flow, const dl2c_events *events, real limit, uint8_t *watch)
 {
-  dl2c_failure failures[NWATCH + 1] = {0};
+  dl2c_breach failures[NWATCH + 1] = {0};
   real stop = 2.0;
   for (int w = 0; w < NWATCH; w++) {
     if (watch[w] != DL2C_WATCHING) continue;

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * flow_cvodes.h -- flows followed step by step by SUNDIALS CVODES.
  *

@@ -28,9 +28,10 @@ DL2C_INLINE void dl2c_endings(int64_t count, const dl2c_options *options,
   const uint8_t *restrict undefined = judged->undefined;
   for (int64_t i = 0; i < count; i++) {
     const int32_t no_run = attempt[i] == DL2C_NO_RUN;
+    const int32_t failed = attempt[i] >= DL2C_NUMERICAL;
     const int32_t unsolved = attempt[i] == DL2C_NO_SOLUTION;
-    const int32_t numerical = (attempt[i] == DL2C_NUMERICAL) | unsolved;
-    const int32_t lack = dl2c_pick(unsolved, DL2C_REASON_SOLVER, DL2C_REASON_NUMERICAL);
+    const int32_t cause = dl2c_pick(unsolved, DL2C_REASON_SOLVER, DL2C_REASON_NUMERICAL);
+    const int32_t failure = dl2c_pick(attempt[i] == DL2C_DIVERGED, DL2C_REASON_DIVERGED, cause);
     const int32_t closed = !open[i];
     const int32_t lost = undefined[i];
     int32_t other = others[i];
@@ -42,9 +43,9 @@ DL2C_INLINE void dl2c_endings(int64_t count, const dl2c_options *options,
     const int32_t end = dl2c_pick(so, kind, ends[i]);
     const int32_t status = dl2c_pick(so, DL2C_NONE, statuses[i]);
     const int32_t reason = dl2c_pick(so, other, reasons[i]);
-    ends[i] = dl2c_pick(numerical, DL2C_TRUNCATE, dl2c_pick(no_run, refused, end));
-    statuses[i] = dl2c_pick(numerical | no_run, DL2C_NONE, status);
-    reasons[i] = dl2c_pick(numerical, lack, dl2c_pick(no_run, stuck, reason));
+    ends[i] = dl2c_pick(failed, DL2C_TRUNCATE, dl2c_pick(no_run, refused, end));
+    statuses[i] = dl2c_pick(failed | no_run, DL2C_NONE, status);
+    reasons[i] = dl2c_pick(failed, failure, dl2c_pick(no_run, stuck, reason));
   }
 }
 
@@ -106,15 +107,18 @@ DL2C_INLINE void dl2c_judge_block(dl2c_batch *b, int64_t first, int64_t count, d
 {
   const real *x = b->x + first;
   const real *p = b->p + first;
-  dl2c_test(b, first, count, DL2C_BLOCK, s->facts);
-  dl2c_any_enabled(b, first, count, s->open);
+  model_facts(x, p, b->stride, count, DL2C_BLOCK, s->facts);
   dl2c_late(b, first, count, s->late);
   model_revise(count, s->watch, s->late, DL2C_BLOCK, s->facts);
   model_judge(x, p, b->stride, count, s->facts, DL2C_BLOCK, &s->judged);
+  dl2c_lead_block(b, first, count, s->attempt);
+  dl2c_open_lanes(b, first, count);
+  dl2c_any_enabled(b, first, count, s->open);
   dl2c_conclude(b, first, count, s);
   model_observe(x, p, b->stride, count, DL2C_BLOCK, s->obs, b->out.saturated + first);
   dl2c_rows(count, s->obs, (dl2c_obs *)b->out.obs + first * NOBS);
-  dl2c_masks(count, b->enabled + first, b->stride, b->ended + first, b->out.mask + first * NMASK);
+  dl2c_masks(count, b->enabled + first, b->stride, b->ended + first, b->seen + first * NMASK,
+             b->out.mask + first * NMASK);
 }
 
 #endif

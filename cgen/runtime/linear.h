@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * linear.h -- flows with linear equations by their power series.
  *

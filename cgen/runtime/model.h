@@ -7,16 +7,25 @@
  * size zero do not exist in C: tables have at least one entry. Functions with stride and
  * count work on lanes: value k of environment i is x[k*stride + i], i < count.
  *
- *   enum { NX, NP, NU, NCHOICE, NMASK, NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE,
- *          NBOX, NMARGIN, NDEGREE, NWATCH, DL2C_LOOPS, DL2C_STEPS_IN_LANES };
+ *   enum { NX, NP, NU, NINPUT, NENVINPUT, NDECISION, NCHOICE, NENVCHOICE, NMASK, NSTEPDRAW, NDRAW,
+ *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NBOX, NMARGIN,
+ *          NDEGREE, NWATCH, DL2C_LOOPS,
+ *          DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
  *   typedef float dl2c_obs;                      one observation entry, or double
  *   static const dl2c_path PATHS[];              all paths, grouped by point
  *   static const int32_t POINT_START[];          (NPOINT + 1) first path of each point
- *   static const int8_t DECISIONS[][];           (NPATH, NCHOICE) alternative taken, or -1
+ *   static const int16_t DECISIONS[][];          (NPATH, NDECISION) alternative taken, or -1
  *   static const int32_t MASK_START[];           (NCHOICE + 1) first mask entry of each decision
+ *   static const int32_t CHOICE_DRAW[], INPUT_DRAW[], FLOW_DRAW[];   first number drawn for it, or -1
  *   static const double INPUT_LOW[], INPUT_HIGH[];
  *   static const double SAMPLE_LOW[][], SAMPLE_HIGH[][], SAMPLE_SHARE[]; static const int32_t SAMPLE_ALIAS[];
+ *
+ * The NDECISION discrete decisions are in this order: NCHOICE of the agent, NENVCHOICE of the
+ * environment, then those of the program before the loop; so are the NU inputs, NINPUT and NENVINPUT
+ * of them. A step draws NSTEPDRAW numbers, the program before the loop the rest of NDRAW. A step
+ * starts at point 0, its leading statements at DL2C_POINT_LEAD, the program before the loop at
+ * DL2C_POINT_PREFIX; 0 for none.
  *
  *   void model_guards(int point, x, p, stride, count, uint8_t *enabled)   tests that no input decides
  *   void model_limits(int path, int input, x, p, real *low, real *high)
@@ -60,13 +69,14 @@ enum { DL2C_END = -1 };
 #define DL2C_NO_FLOW (-1)
 
 typedef struct dl2c_path {
-  int32_t flow;         /* DL2C_NO_FLOW for none */
-  int32_t target;       /* the next point, or DL2C_END */
-  int32_t nmet;         /* decisions met, */
-  const int8_t *met;    /* which, in order, */
-  const int8_t *marked; /* and whether the alternative taken is marked as fallback */
-  int32_t ninput;       /* inputs met, */
-  const int8_t *inputs; /* and which, in order */
+  int32_t flow;          /* DL2C_NO_FLOW for none */
+  int32_t target;        /* the next point, or DL2C_END */
+  int32_t nmet;          /* decisions met, */
+  const int16_t *met;    /* which, in order, */
+  const int16_t *marked; /* and whether the alternative taken is marked as fallback */
+  int32_t ninput;        /* inputs met, */
+  const int16_t *inputs; /* and which, in order */
+  int32_t enters;        /* it begins with an iteration of a while loop */
 } dl2c_path;
 
 /* offset + slope * value >= 0: a lower limit of the value where slope > 0, else an upper one. */

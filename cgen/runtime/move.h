@@ -10,7 +10,10 @@ static void dl2c_clear_results(dl2c_batch *b, int64_t i)
 {
   for (int c = 0; c < NCHOICE; c++)
     b->out.executed_choices[i * NCHOICE + c] = b->out.choices[i * NCHOICE + c];
-  for (int j = 0; j < NU; j++) b->out.executed_inputs[i * NU + j] = b->out.inputs[i * NU + j];
+  for (int j = 0; j < NINPUT; j++)
+    b->out.executed_inputs[i * NINPUT + j] = b->out.inputs[i * NINPUT + j];
+  for (int c = 0; c < NENVCHOICE; c++) b->out.drawn_choices[i * NENVCHOICE + c] = -1;
+  for (int j = 0; j < NENVINPUT; j++) b->out.drawn_inputs[i * NENVINPUT + j] = (double)NAN;
   b->out.rewards[i] = 0.0;
   b->out.terminated[i] = 0;
   b->out.truncated[i] = 0;
@@ -27,6 +30,7 @@ typedef enum dl2c_attempt {
   DL2C_NO_RUN = 1,    /* neither the request nor, where allowed, another alternative has a run */
   DL2C_NUMERICAL = 2, /* the run led to an undefined or infinite value */
   DL2C_NO_SOLUTION = 3, /* the solver failed */
+  DL2C_DIVERGED = 4,  /* while loops did not come to an end */
 } dl2c_attempt;
 
 /* Everything that a step of one block computes on its way. */
@@ -82,38 +86,71 @@ DL2C_INLINE void dl2c_commit(dl2c_batch *b, int64_t at, int64_t count, const dl2
   dl2c_count(b, at, count, moves->duration + lane);
 }
 
+/* Shows what a run of environment i decided. */
+static void dl2c_show_run(dl2c_batch *b, int64_t i, const dl2c_trial *run)
+{
+  for (int c = 0; c < NCHOICE; c++)
+    if (run->taken[c] >= 0) b->out.executed_choices[i * NCHOICE + c] = run->taken[c];
+  for (int j = 0; j < NINPUT; j++)
+    if (run->given[j]) b->out.executed_inputs[i * NINPUT + j] = run->executed[j];
+  for (int c = 0; c < NENVCHOICE; c++)
+    b->out.drawn_choices[i * NENVCHOICE + c] = run->taken[NCHOICE + c];
+  for (int j = 0; j < NENVINPUT; j++)
+    if (run->given[NINPUT + j]) b->out.drawn_inputs[i * NENVINPUT + j] = run->value[NINPUT + j];
+}
+
 /* Moves environment i as requested, in scalar code.   watch: (NWATCH, DL2C_BLOCK) */
 static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch)
 {
-  uint8_t watched[NWATCH + 1] = {0};
-  real x[NX];
   real p[NP + 1];
+  dl2c_trial start;
   uint8_t enabled[NPATH];
-  dl2c_load(b, i, x, p);
+  dl2c_stand(b, i, &start, p);
   for (int k = 0; k < DL2C_NSTART; k++) enabled[k] = b->enabled[k * b->stride + i];
 
   dl2c_clear_results(b, i);
   b->out.reset[i] = 0;
-  dl2c_run run = {
+  const dl2c_request request = {
       .choices = b->out.choices + i * NCHOICE,
-      .inputs = b->out.inputs + i * NU,
+      .inputs = b->out.inputs + i * NINPUT,
+      .draws = NSTEPDRAW > 0 ? b->start[i].draws : NULL,
       .p = p,
       .map = b->options.action_map,
       .request_only = b->options.on_blocked != DL2C_BLOCKED_FALLBACK,
-      .decided = b->out.executed_choices + i * NCHOICE,
-      .executed = b->out.executed_inputs + i * NU,
-      .watch = watched,
       .solver = b->solver,
   };
-  const bool moved = dl2c_complete(&run, 0, enabled, false, x);
-  const real duration = moved && !run.numerical ? run.duration : 0.0;
-  if (moved && !run.numerical) dl2c_store(b, i, x);
+  dl2c_trial run = start;
+  const bool moved = dl2c_complete(&request, &run, enabled, NULL);
+  const bool sound = moved && run.failure == DL2C_SOUND;
+  const real duration = sound ? run.duration : 0.0;
+  if (sound) dl2c_store(b, i, run.x);
+  dl2c_show_run(b, i, moved ? &run : &start);
   dl2c_count(b, i, 1, &duration);
-  b->out.blocked[i] = run.blocked || !moved;
+  b->out.blocked[i] = run.left || !moved;
   if (!moved) return DL2C_NO_RUN;
-  if (run.numerical) return run.motion == DL2C_UNSOLVED ? DL2C_NO_SOLUTION : DL2C_NUMERICAL;
-  for (int w = 0; w < NWATCH; w++) watch[w * DL2C_BLOCK] = watched[w];
+  switch (run.failure) {
+  case DL2C_LOST: return DL2C_NUMERICAL;
+  case DL2C_UNSOLVABLE: return DL2C_NO_SOLUTION;
+  case DL2C_ENDLESS: return DL2C_DIVERGED;
+  default: break;
+  }
+  for (int w = 0; w < NWATCH; w++) watch[w * DL2C_BLOCK] = run.watch[w];
   return DL2C_RAN;
+}
+
+/* Draws for the next step of every environment of a block that moved, and begins that step. */
+DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
+                                 const uint8_t *attempt)
+{
+  if (NSTEPDRAW == 0) return;
+  for (int64_t i = 0; i < count; i++) {
+    if (attempt[i] != DL2C_RAN) continue;
+    real x[NX];
+    real p[NP + 1];
+    dl2c_load(b, first + i, x, p);
+    dl2c_lead(b->rng + first + i, x, p, b->start + first + i);
+    dl2c_store(b, first + i, b->start[first + i].trial.x);
+  }
 }
 
 /* Moves a block: in lanes where the model and every state in it allow, else one by one. */

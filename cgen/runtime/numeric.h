@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * numeric.h -- flows that are followed track by track, by power series or by the solver.
  */

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * pieces.h -- motion as polynomials: a track, and curves through what it is sampled at.
  *

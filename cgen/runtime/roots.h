@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * roots.h -- all zeros of margins along a piece of a flow, and when a formula first fails.
  *

@@ -3,6 +3,7 @@
 #ifndef DL2C_STATE_H
 #define DL2C_STATE_H
 
+#include "ahead.h"
 #include "lanes.h"
 #include "sampler.h"
 
@@ -21,6 +22,9 @@ struct dl2c_batch {
   real *elapsed;     /* (n) time in this episode */
   int64_t *stalled;  /* (n) zero-duration steps in a row */
   struct dl2c_solver *solver; /* NULL where no flow needs one */
+  dl2c_rng *rng;     /* (n) what the environment decides, only where it does */
+  dl2c_start *start; /* (n) likewise */
+  uint8_t *seen;     /* (n, NMASK) alternatives of open runs, only where masks look ahead */
 };
 
 #define DL2C_NSTART (POINT_START[1])
@@ -47,11 +51,42 @@ static void dl2c_store(dl2c_batch *b, int64_t i, const real *x)
   for (int k = 0; k < NX; k++) b->x[k * b->stride + i] = x[k];
 }
 
-/* Tests the states of environments `first` to `first + count`: open paths, and facts of (NFACT, row). */
-DL2C_INLINE void dl2c_test(dl2c_batch *b, int64_t first, int64_t count, int64_t row, uint8_t *facts)
+/* Where the next step of environment i starts. */
+static void dl2c_stand(const dl2c_batch *b, int64_t i, dl2c_trial *trial, real *p)
 {
-  dl2c_enabled(0, b->x + first, b->p + first, b->stride, count, b->enabled + first);
-  model_facts(b->x + first, b->p + first, b->stride, count, row, facts);
+  real x[NX];
+  dl2c_load(b, i, x, p);
+  dl2c_begin_run(trial, 0, x);
+  if (NSTEPDRAW > 0) *trial = b->start[i].trial;
+  memcpy(trial->x, x, sizeof x);
+}
+
+/* Which paths of environment i lead to its first flow, and what they decide. */
+static void dl2c_look_from(dl2c_batch *b, int64_t i)
+{
+  dl2c_trial trial;
+  real p[NP + 1];
+  uint8_t enabled[NPATH];
+  uint8_t *seen = b->seen + i * NMASK;
+  const bool closed = NSTEPDRAW > 0 && b->start[i].closed;
+  dl2c_stand(b, i, &trial, p);
+  dl2c_open(&trial, p, enabled);
+  memset(seen, 0, NMASK);
+  for (int k = 0; k < DL2C_NSTART; k++) {
+    uint8_t only[NPATH] = {0};
+    dl2c_trial ahead = trial;
+    only[k] = enabled[k];
+    b->enabled[k * b->stride + i] = !closed && dl2c_look(p, &ahead, only, seen);
+  }
+}
+
+/* Which paths of point 0 are open in environments `first` to `first + count`. */
+DL2C_INLINE void dl2c_open_lanes(dl2c_batch *b, int64_t first, int64_t count)
+{
+  if (DL2C_LOOKS_AHEAD)
+    for (int64_t i = 0; i < count; i++) dl2c_look_from(b, first + i);
+  else
+    dl2c_enabled(0, b->x + first, b->p + first, b->stride, count, b->enabled + first);
 }
 
 /* Whether some path is open in each environment.   open: (count) */
@@ -66,14 +101,29 @@ DL2C_INLINE void dl2c_any_enabled(const dl2c_batch *b, int64_t first, int64_t co
     for (int64_t i = 0; i < count; i++) some[i] |= enabled[k * stride + i];
 }
 
+/* The mask of an environment that looked ahead.   seen, mask: (NMASK) */
+static inline void dl2c_mask(const uint8_t *seen, bool final, int8_t *mask)
+{
+  for (int c = 0; c < NCHOICE; c++) {
+    bool met = false;
+    for (int a = MASK_START[c]; a < MASK_START[c + 1]; a++) met |= seen[a] != 0;
+    for (int a = MASK_START[c]; a < MASK_START[c + 1]; a++) mask[a] = final || !met || seen[a];
+  }
+}
+
 /*
- * Masks: an alternative is open if an open path takes it; all are where no open path meets
- * their decision, and in a final state. First a row for each alternative, then one for each
- * environment.   enabled: (paths, stride)   mask: (count, NMASK)
+ * Masks: an alternative is open if an open path takes it; all are where no open path meets their
+ * decision, and in a final state. First a row for each alternative, then one for each environment.
+ * enabled: (paths, stride) seen, mask: (count, NMASK)
  */
 DL2C_INLINE void dl2c_masks(int64_t count, const uint8_t *restrict enabled, int64_t stride,
-                            const uint8_t *restrict final, int8_t *restrict mask)
+                            const uint8_t *restrict final, const uint8_t *restrict seen,
+                            int8_t *restrict mask)
 {
+  if (DL2C_LOOKS_AHEAD) {
+    for (int64_t i = 0; i < count; i++) dl2c_mask(seen + i * NMASK, final[i], mask + i * NMASK);
+    return;
+  }
   int8_t rows[NMASK + 1][DL2C_BLOCK];
   int8_t met[DL2C_BLOCK];
   DL2C_UNROLL
@@ -99,33 +149,54 @@ DL2C_INLINE void dl2c_masks(int64_t count, const uint8_t *restrict enabled, int6
   }
 }
 
-/* Tests and shows the state that environment i is in; whether a run is possible from it. */
-static bool dl2c_show(dl2c_batch *b, int64_t i)
+/* Shows the state that environment i is in; the next step starts there. */
+static void dl2c_show(dl2c_batch *b, int64_t i)
 {
-  uint8_t facts[NFACT];
-  uint8_t open;
-  dl2c_test(b, i, 1, 1, facts);
-  dl2c_any_enabled(b, i, 1, &open);
-  b->out.postcondition[i] = facts[F_postcondition];
+  dl2c_open_lanes(b, i, 1);
   model_observe(b->x + i, b->p + i, b->stride, 1, 1, (dl2c_obs *)b->out.obs + i * NOBS,
                 b->out.saturated + i);
   const uint8_t final = 0;
-  dl2c_masks(1, b->enabled + i, b->stride, &final, b->out.mask + i * NMASK);
-  return open;
+  dl2c_masks(1, b->enabled + i, b->stride, &final, b->seen + i * NMASK, b->out.mask + i * NMASK);
 }
 
-/* Begins an episode in the state given, if a run is possible from it. */
-static bool dl2c_begin(dl2c_batch *b, int64_t i, const real *x, const real *p)
+/* Judges the postcondition where environment i is. */
+static void dl2c_show_postcondition(dl2c_batch *b, int64_t i)
 {
+  uint8_t facts[NFACT];
+  model_facts(b->x + i, b->p + i, b->stride, 1, 1, facts);
+  b->out.postcondition[i] = facts[F_postcondition];
+}
+
+/*
+ * Begins an episode in the state given: executes what stands before the loop, then the leading
+ * statements of the first step. False, and no change, if one of them or the step has no run.
+ */
+static bool dl2c_begin(dl2c_batch *b, int64_t i, dl2c_rng *rng, const real *x, const real *p)
+{
+  real before[NX];
+  memcpy(before, x, sizeof before);
+  dl2c_start start;
+  if (!dl2c_prefix(b->solver, rng, p, before)) return false;
+  dl2c_lead(rng, before, p, &start);
+  const dl2c_request request = {.p = p};
+  if (start.closed || !dl2c_starts(&request, &start.trial)) return false;
+
   for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
-  dl2c_store(b, i, x);
+  dl2c_store(b, i, before);
+  dl2c_show_postcondition(b, i);
+  dl2c_store(b, i, start.trial.x);
+  if (NSTEPDRAW > 0) {
+    b->rng[i] = *rng;
+    b->start[i] = start;
+  }
   b->ended[i] = 0;
   b->steps[i] = 0;
   b->stalled[i] = 0;
   b->elapsed[i] = 0.0;
   b->out.reset[i] = 1;
   b->out.time[i] = 0.0;
-  return dl2c_show(b, i);
+  dl2c_show(b, i);
+  return true;
 }
 
 /* Draws initial states until one has a run. */
@@ -136,9 +207,9 @@ static dl2c_status dl2c_reset_one(dl2c_batch *b, int64_t i)
   dl2c_rng rng = dl2c_rng_make(b->seed[i], b->episode[i]++);
   for (int tries = 0; tries < DL2C_MAX_DEADLOCKS; tries++) {
     if (!dl2c_sample(&rng, x, p)) return DL2C_ERR_RESET;
-    if (dl2c_begin(b, i, x, p)) return DL2C_OK;
+    if (dl2c_begin(b, i, &rng, x, p)) return DL2C_OK;
   }
-  return DL2C_ERR_RESET;
+  return DL2C_ERR_BLOCKED;
 }
 
 #endif

@@ -1,103 +1,232 @@
 /* SPDX-License-Identifier: MIT-0 */
-/* step.h -- one step of one environment: decide, move, judge. A step is a whole run or no change. */
+/* step.h -- one step of one environment: decide and move. A step is a whole run or no change. */
 #ifndef DL2C_STEP_H
 #define DL2C_STEP_H
 
 #include "actions.h"
 #include "travel.h"
 
-/* What a request led to. */
-typedef struct dl2c_run {
-  const int32_t *choices; /* (NCHOICE) requested */
-  const real *inputs;     /* (NU) requested */
+/* What a step is asked for. */
+typedef struct dl2c_request {
+  const int32_t *choices; /* (NCHOICE) alternatives */
+  const real *inputs;     /* (NINPUT) values */
+  const real *draws;      /* numbers in [0, 1) for all else, see CHOICE_DRAW */
   const real *p;
-  int32_t map;       /* dl2c_action_map */
-  bool request_only; /* do not fall back to other alternatives */
-  bool blocked;      /* the run taken is not the one requested */
-  bool numerical;    /* it led to an undefined or infinite value */
-  dl2c_motion motion; /* what became of its last flow */
-  real duration;      /* time its flows took */
-  uint8_t *watch;     /* (NWATCH) dl2c_watched so far */
   struct dl2c_solver *solver; /* NULL where no flow needs one */
-  int32_t *decided;  /* (NCHOICE) alternatives taken, the request where none was met */
-  real *executed;    /* (NU) inputs as the action space writes them */
-} dl2c_run;
+  int32_t map;
+  bool request_only; /* do not fall back to other alternatives */
+} dl2c_request;
+
+typedef enum dl2c_failure {
+  DL2C_SOUND = 0,
+  DL2C_LOST = 1,    /* an undefined or infinite value */
+  DL2C_ENDLESS = 2, /* too many iterations of while loops */
+  DL2C_UNSOLVABLE = 3, /* the solver failed */
+} dl2c_failure;
+
+/* A run so far. */
+typedef struct dl2c_trial {
+  int32_t point;
+  int32_t failure;             /* dl2c_failure */
+  int32_t entered;             /* iterations of while loops */
+  bool left;                   /* it is not the run requested */
+  real duration;               /* time its flows took */
+  int16_t taken[NDECISION + 1]; /* alternatives, -1 where a decision was not met */
+  bool given[NU + 1];          /* inputs met, */
+  real value[NU + 1];          /* their values, */
+  real executed[NU + 1];       /* and how the action space writes them */
+  uint8_t watch[NWATCH + 1];   /* dl2c_watched */
+  real x[NX];
+} dl2c_trial;
+
+/* A run that begins at a point. */
+static inline void dl2c_begin_run(dl2c_trial *trial, int point, const real *x)
+{
+  *trial = (dl2c_trial){.point = point};
+  for (int c = 0; c < NDECISION; c++) trial->taken[c] = -1;
+  memcpy(trial->x, x, sizeof trial->x);
+}
 
 /*
- * The part of its longest duration that a flow takes, from 0 to 1; noted among the inputs in effect.
- * Always the whole where neither the agent nor chance decides on durations.
+ * The part of its longest duration that a flow takes, from 0 to 1: all of it, or what the agent or
+ * chance decides.
  */
-static inline real dl2c_share(dl2c_run *run, int flow)
+static inline real dl2c_share(const dl2c_request *request, dl2c_trial *trial, int flow)
 {
+  if (FLOW_DRAW[flow] >= 0) return 1.0 - request->draws[FLOW_DRAW[flow]];
   const int input = FLOW_DURATION[flow];
-  if (input < 0) return 1.0;
+  if (NU == 0 || input < 0) return 1.0;
   const dl2c_range range = {false, 0.0, 1.0};
-  return dl2c_resolve(run->map, range, run->inputs[input], &run->executed[input]);
-}
-
-/* Moves y along a flow and notes what happened on the way. False: the run came to nothing. */
-static inline bool dl2c_evolve(dl2c_run *run, int flow, real *y, real *duration)
-{
-  dl2c_travel travel = {.p = run->p, .solver = run->solver, .part = dl2c_share(run, flow), .watch = run->watch};
-  run->motion = dl2c_flow(flow, &travel, y);
-  *duration = travel.duration;
-  return run->motion == DL2C_SETTLED;
-}
-
-/* Executes one path from x into y: inputs, assignments, flow. False: a value is undefined. */
-static inline bool dl2c_follow(dl2c_run *run, int path, const real *x, real *y, real *duration)
-{
-  real u[NU + 1];
-  for (int j = 0; j < PATHS[path].ninput; j++) {
-    const int input = PATHS[path].inputs[j];
-    const dl2c_range range = dl2c_admissible(path, input, x, run->p);
-    u[input] = dl2c_resolve(run->map, range, run->inputs[input], &run->executed[input]);
+  if (!trial->given[input]) {
+    trial->given[input] = true;
+    trial->value[input] =
+        dl2c_resolve(request->map, range, request->inputs[input], &trial->executed[input]);
   }
-  *duration = 0.0;
-  memcpy(y, x, sizeof(real) * NX);
-  if (!model_update(path, x, run->p, u, y) || !dl2c_all_finite(y, NX)) return false;
-  return PATHS[path].flow == DL2C_NO_FLOW || dl2c_evolve(run, PATHS[path].flow, y, duration);
+  return trial->value[input];
+}
+
+/* Moves y along a flow, and notes in the run what happened on the way. */
+static inline void dl2c_evolve(const dl2c_request *request, dl2c_trial *trial, int flow, real *y)
+{
+  dl2c_travel travel = {
+      .p = request->p,
+      .solver = request->solver,
+      .part = dl2c_share(request, trial, flow),
+      .watch = trial->watch,
+  };
+  const dl2c_motion motion = dl2c_flow(flow, &travel, y);
+  trial->duration += travel.duration;
+  if (motion == DL2C_UNDEFINED) trial->failure = DL2C_LOST;
+  if (motion == DL2C_UNSOLVED) trial->failure = DL2C_UNSOLVABLE;
 }
 
 /*
- * Completes a step from a point, trying its open paths in order of preference and
- * returning to them when a later test fails. x holds the state at the point, and on
- * success the state after the step.
- *   enabled: (paths of the point), used up
+ * Which paths are open where a run stands. Decisions and inputs that it met keep their outcome.
+ *   enabled: (paths of the point)
  */
-static bool dl2c_complete(dl2c_run *run, int point, uint8_t *enabled, bool left, real *x)
+static inline void dl2c_open(const dl2c_trial *trial, const real *p, uint8_t *enabled)
+{
+  const int first = POINT_START[trial->point];
+  model_guards(trial->point, trial->x, p, 1, 1, enabled);
+  for (int k = first; k < POINT_START[trial->point + 1]; k++) {
+    bool open = enabled[k - first];
+    for (int j = 0; j < PATHS[k].nmet && open; j++) {
+      const int met = PATHS[k].met[j];
+      open = trial->taken[met] < 0 || trial->taken[met] == DECISIONS[k][met];
+    }
+    for (int j = 0; NU > 0 && j < PATHS[k].ninput && open; j++) {
+      const int input = PATHS[k].inputs[j];
+      open = trial->given[input] ? model_admits(k, input, trial->x, p, trial->value[input])
+                                 : !dl2c_admissible(k, input, trial->x, p).empty;
+    }
+    enabled[k - first] = open;
+  }
+}
+
+/*
+ * How a path ranks, decision by decision; the least is tried first. Decisions of the agent: the
+ * one requested, then a marked one, then in program order, which alone counts once the run has
+ * left the request. Others: by the numbers drawn. Returns whether the run then has left.
+ */
+static inline bool dl2c_rank(const dl2c_request *request, const dl2c_trial *trial, int path,
+                             real *rank)
+{
+  bool left = trial->left;
+  int n = 0;
+  for (int j = 0; j < PATHS[path].nmet; j++) {
+    const int met = PATHS[path].met[j];
+    const int alternative = DECISIONS[path][met];
+    if (trial->taken[met] >= 0) continue;
+    if (NDECISION > NCHOICE && met >= NCHOICE) {
+      rank[n] = request->draws[CHOICE_DRAW[met] + alternative];
+    } else if (left || request->choices[met] == alternative) {
+      rank[n] = left ? (real)alternative : 0.0;
+    } else {
+      rank[n] = PATHS[path].marked[j] ? 1.0 : (real)(2 + alternative);
+      left = true;
+    }
+    n++;
+  }
+  for (; n < NDECISION; n++) rank[n] = 0.0;
+  return left;
+}
+
+/* The open path to try first, -1 if none is open; left as dl2c_rank says of it. */
+static inline int dl2c_preferred(const dl2c_request *request, const dl2c_trial *trial,
+                                 const uint8_t *enabled, bool *left)
+{
+  const int first = POINT_START[trial->point];
+  real ranks[2][NDECISION + 1];
+  int best = -1;
+  int held = 0;
+  for (int k = first; k < POINT_START[trial->point + 1]; k++) {
+    if (!enabled[k - first]) continue;
+    const real *lowest = ranks[held];
+    real *rank = ranks[!held];
+    const bool leaves = dl2c_rank(request, trial, k, rank);
+    int c = 0;
+    while (best >= 0 && c < NDECISION && rank[c] == lowest[c]) c++;
+    if (best >= 0 && (c == NDECISION || rank[c] > lowest[c])) continue;
+    best = k;
+    held = !held;
+    *left = leaves;
+  }
+  return best;
+}
+
+/* The value of an input that a run meets for the first time. */
+static inline void dl2c_give(const dl2c_request *request, dl2c_trial *trial, int path, int input)
+{
+  const dl2c_range range = dl2c_admissible(path, input, trial->x, request->p);
+  trial->given[input] = true;
+  if ((int)NU == (int)NINPUT || (NINPUT > 0 && input < NINPUT)) {
+    trial->value[input] =
+        dl2c_resolve(request->map, range, request->inputs[input], &trial->executed[input]);
+    return;
+  }
+  real value = range.low + (range.high - range.low) * request->draws[INPUT_DRAW[input]];
+  if (!(value >= range.low)) value = range.low;
+  if (value > range.high) value = range.high;
+  trial->value[input] = value;
+}
+
+/* Executes one path: decisions, inputs, assignments, flow. */
+static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, int path)
+{
+  const dl2c_path *taken = &PATHS[path];
+  if (taken->enters && trial->entered++ == DL2C_MAX_LOOP) {
+    trial->failure = DL2C_ENDLESS;
+    return;
+  }
+  for (int j = 0; j < taken->nmet; j++)
+    trial->taken[taken->met[j]] = DECISIONS[path][taken->met[j]];
+  for (int j = 0; NU > 0 && j < taken->ninput; j++)
+    if (!trial->given[taken->inputs[j]]) dl2c_give(request, trial, path, taken->inputs[j]);
+  real y[NX];
+  memcpy(y, trial->x, sizeof y);
+  if (!model_update(path, trial->x, request->p, trial->value, y) || !dl2c_all_finite(y, NX))
+    trial->failure = DL2C_LOST;
+  else if (taken->flow != DL2C_NO_FLOW)
+    dl2c_evolve(request, trial, taken->flow, y);
+  memcpy(trial->x, y, sizeof y);
+  trial->point = taken->target;
+}
+
+/*
+ * Completes a run from the point where it stands, trying open paths in order of preference and
+ * returning to them when a later test fails; a failure ends it too. Only where several paths are
+ * open is there something to return to, so that long loops need no memory.
+ *   enabled: (NPATH) open paths of the point, used up   accepted: what else must hold at the end
+ */
+static bool dl2c_complete(const dl2c_request *request, dl2c_trial *trial, uint8_t *enabled,
+                          bool (*accepted)(const dl2c_request *request, const dl2c_trial *trial))
 {
   for (;;) {
-    bool as_requested;
-    const int path = dl2c_preferred(point, enabled, run->choices, left, &as_requested);
-    if (path < 0 || (run->request_only && !as_requested)) return false;
-    enabled[path - POINT_START[point]] = 0;
+    const int first = POINT_START[trial->point];
+    int open = 0;
+    for (int k = first; k < POINT_START[trial->point + 1]; k++) open += enabled[k - first];
+    bool left = false;
+    const int path = dl2c_preferred(request, trial, enabled, &left);
+    if (path < 0 || (request->request_only && left)) return false;
+    enabled[path - first] = 0;
 
-    real y[NX];
-    real duration;
-    uint8_t watched[NWATCH + 1];
-    memcpy(watched, run->watch, NWATCH);
-    run->numerical = !dl2c_follow(run, path, x, y, &duration);
-    bool done = run->numerical || PATHS[path].target == DL2C_END;
-    if (NPOINT > 1 && !done) {
-      uint8_t next[NPATH];
-      dl2c_enabled(PATHS[path].target, y, run->p, 1, 1, next);
-      done = dl2c_complete(run, PATHS[path].target, next, left || !as_requested, y);
+    dl2c_trial before;
+    if (open > 1) before = *trial;
+    trial->left = left;
+    dl2c_follow(request, trial, path);
+    if (trial->failure != DL2C_SOUND) return true;
+    if (trial->point == DL2C_END) {
+      if (accepted == NULL || accepted(request, trial)) return true;
+    } else if (open == 1) {
+      dl2c_open(trial, request->p, enabled);
+      continue;
     } else {
-      run->blocked = left || !as_requested;
+      uint8_t next[NPATH];
+      dl2c_open(trial, request->p, next);
+      if (dl2c_complete(request, trial, next, accepted)) return true;
     }
-    if (done) {
-      run->duration += duration;
-      for (int c = 0; c < NCHOICE; c++)
-        if (DECISIONS[path][c] >= 0) run->decided[c] = DECISIONS[path][c];
-      memcpy(x, y, sizeof y);
-      return true;
-    }
-    for (int j = 0; j < PATHS[path].ninput; j++)
-      run->executed[PATHS[path].inputs[j]] = run->inputs[PATHS[path].inputs[j]];
-    if (PATHS[path].flow != DL2C_NO_FLOW && FLOW_DURATION[PATHS[path].flow] >= 0)
-      run->executed[FLOW_DURATION[PATHS[path].flow]] = run->inputs[FLOW_DURATION[PATHS[path].flow]];
-    memcpy(run->watch, watched, NWATCH);
+    if (open == 1) return false;
+    *trial = before;
   }
 }
 

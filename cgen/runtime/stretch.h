@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * stretch.h -- what is watched along motion whose margins are no polynomials of time.
  *
@@ -206,7 +207,6 @@ static bool dl2c_stretch_events(const dl2c_stretch *stretch, dl2c_events *events
   if (all_plain) return true;
   dl2c_begin_signs(stretch, curves, noise, events);
   events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
-  if (events->count < 0) events->count = 0;
   return dl2c_curves_fit(stretch, curves);
 }
 
@@ -226,7 +226,7 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
                                  int8_t *sign)
 {
   dl2c_events events;
-  dl2c_failure failure = {0};
+  dl2c_breach failure = {0};
   stretch->low = 0.0;
   stretch->width = 1.0;
   for (int looks = 0; stretch->low < 1.0; looks++) {

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * sundials.h -- the functions of SUNDIALS CVODES that flows are solved with.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /* sundials_system.h -- an installed SUNDIALS, version 6 or 7. */
 #ifndef DL2C_SUNDIALS_SYSTEM_H
 #define DL2C_SUNDIALS_SYSTEM_H

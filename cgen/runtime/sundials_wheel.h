@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * sundials_wheel.h -- SUNDIALS 2.6 as the casadi wheel carries it, loaded at run time.
  *

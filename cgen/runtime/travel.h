@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT-0 */
 /*
  * travel.h -- following a flow: how long its domain lets it last, what is watched on the way.
  *
@@ -28,10 +29,10 @@ typedef struct dl2c_travel {
 #endif
 
 /* The curves of a flow from x over the time `length`, where they are polynomials. */
-static void dl2c_look(int flow, const real *x, const real *p, real length, dl2c_events *events)
+static void dl2c_see_curves(int flow, const real *x, const real *p, real length, dl2c_events *events)
 {
-  real c[NMARGIN][NDEGREE + 1];
-  int32_t degree[NMARGIN];
+  real c[NMARGIN][NDEGREE + 1] = {{0.0}};
+  int32_t degree[NMARGIN] = {0};
   dl2c_curve curves[NMARGIN];
   const int n = FLOW_MARGINS[flow];
   model_polynomials(flow, x, p, c, degree);
@@ -48,7 +49,6 @@ static void dl2c_look(int flow, const real *x, const real *p, real length, dl2c_
   events->count = 0;
   if (length > 0.0)
     events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
-  if (events->count < 0) events->count = 0;
 }
 
 /* Rounding put the end of a motion from x outside the domain: steps back until it is inside. */
@@ -88,8 +88,8 @@ static dl2c_motion dl2c_roam(int flow, const real *x, const real *p, real *y, re
   if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
   if (!(horizon > 0.0)) return DL2C_SETTLED;
   dl2c_events events;
-  dl2c_failure failure = {0};
-  dl2c_look(flow, x, p, horizon, &events);
+  dl2c_breach failure = {0};
+  dl2c_see_curves(flow, x, p, horizon, &events);
   dl2c_fails(flow, 0, &events, &failure);
   real end = horizon;
   if (failure.exit.found) {
@@ -128,7 +128,7 @@ static real dl2c_watch_motion(int flow, const real *x, const real *p, real lengt
   }
 #endif
   dl2c_events events;
-  dl2c_look(flow, x, p, length, &events);
+  dl2c_see_curves(flow, x, p, length, &events);
   return dl2c_watch(flow, &events, 1.0, watch);
 }
 

@@ -7,7 +7,7 @@ from rich.table import Table
 
 from dl2c.env.actions import action_space, encoding
 from dl2c.env.spaces import observation_space
-from dl2c.native.manifest import Manifest, Quantity
+from dl2c.native.manifest import ChoiceSpec, InputSpec, Manifest, Quantity
 
 PIPED_WIDTH = 160
 """Columns of output that is not a terminal's."""
@@ -26,8 +26,14 @@ def describe(manifest: Manifest) -> None:
     for title, columns, rows in (
         ("Observation", ("entry", "low", "high", "unit", "meaning"), _quantities(manifest.observations)),
         ("Constants", ("name", "low", "high", "unit", "meaning", "fixed"), _constants(manifest)),
-        ("Choices", ("decision", "#", "alternative"), _choices(manifest)),
-        ("Inputs", ("decision", "variable", "low", "high"), _inputs(manifest)),
+        ("Choices", ("decision", "#", "alternative"), _choices(manifest.choices)),
+        ("Inputs", ("decision", "variable", "low", "high"), _inputs(manifest.inputs)),
+        ("Choices of the environment", ("decision", "#", "alternative"), _choices(manifest.drawn_choices)),
+        (
+            "Inputs of the environment",
+            ("decision", "variable", "low", "high"),
+            _inputs(manifest.drawn_inputs),
+        ),
         ("Continuous evolutions", ("ODE", "kernel", "because"), _flows(manifest)),
         ("Predicates", ("name", "category"), [(p.name, p.category) for p in manifest.predicates]),
         ("Options", ("name", "value"), [(k, str(v)) for k, v in sorted(manifest.options.items())]),
@@ -56,16 +62,16 @@ def _constants(manifest: Manifest) -> list[tuple[str, ...]]:
     return [(*row, value) for row, value in zip(_quantities(manifest.constants), fixed, strict=True)]
 
 
-def _choices(manifest: Manifest) -> list[tuple[str, ...]]:
+def _choices(choices: Iterable[ChoiceSpec]) -> list[tuple[str, ...]]:
     return [
         ((c.key + (f" {c.name}" if c.name else "")) if k == 0 else "", str(k), text)
-        for c in manifest.choices
+        for c in choices
         for k, text in enumerate(c.alternatives)
     ]
 
 
-def _inputs(manifest: Manifest) -> list[tuple[str, ...]]:
-    return [(i.key, i.variable, f"{i.low:g}", f"{i.high:g}") for i in manifest.inputs]
+def _inputs(inputs: Iterable[InputSpec]) -> list[tuple[str, ...]]:
+    return [(i.key, i.variable, f"{i.low:g}", f"{i.high:g}") for i in inputs]
 
 
 def _flows(manifest: Manifest) -> list[tuple[str, ...]]:

@@ -16,7 +16,14 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
 
 HELP = {
     "entry": "Entry of a KeYmaera X archive that holds several.",
+    "loop": "Which of several top-level loops is the episode's, counted from 1.",
     "dt": "Longest time of a continuous evolution, in seconds.",
+    "duration": "Flows last as long as they may, a random part of that, or one the agent chooses.",
+    "safety_check": "Watch safety predicates along the motion, or after each step.",
+    "integrator": "How a differential equation is solved.",
+    "stiff": "Solve with the method for stiff equations; auto: as the model suggests.",
+    "rtol": "Relative tolerance of CVODES.",
+    "atol": "Absolute tolerance of CVODES.",
     "tolerance": "Relative tolerance of annotated predicates.",
     "progress_failure": "When a progress predicate with on_failure fails.",
     "observe_constants": "Observe the sampled constants too.",
@@ -28,6 +35,8 @@ HELP = {
     "blocked_penalty": "Added to the reward of such a step.",
     "max_episode_steps": "Truncate episodes after so many steps; 0: never.",
     "stall_limit": "Truncate after so many zero-duration steps in a row; 0: never.",
+    "max_loop": "Iterations of while loops in one step after which it counts as diverged.",
+    "max_repeat": "How often other loops inside a step may be repeated.",
     "native": "Tune for this machine's CPU.",
     "sundials": "Which SUNDIALS solves flows: that of casadi, or an installed one.",
 }
@@ -70,7 +79,7 @@ def _flag(option: "Field[Any]") -> inspect.Parameter:
         case "observe_constants" | "native":
             both = f"{name}/--no-{name.removeprefix('--')}"
             return _parameter(option.name, bool | None, typer.Option(both, help=text))
-        case "max_episode_steps" | "stall_limit":
+        case "max_episode_steps" | "stall_limit" | "max_loop" | "max_repeat" | "loop":
             return _parameter(option.name, int | None, typer.Option(name, help=text))
         case _:
             known = get_args(option.type)

@@ -15,7 +15,7 @@ WIDTH = 100
 def comment(text: str) -> str:
     """A block comment, wrapped; nothing in the text can end it early."""
     safe = "".join(c if c.isprintable() and c.isascii() else "?" for c in text.replace("\n", " "))
-    safe = safe.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
+    safe = re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)|(?<=\?)(?=\?)", " ", safe)
     lines = textwrap.wrap(safe, WIDTH - 6, break_long_words=False, break_on_hyphens=False) or [""]
     if len(lines) == 1:
         return f"/* {lines[0]} */"

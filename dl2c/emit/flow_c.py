@@ -14,6 +14,7 @@ from dl2c.emit.plan import Environment
 from dl2c.ir.exact import Edge, ExactPlan
 from dl2c.ir.flow import Solution
 from dl2c.ir.kernel import FlowPlan
+from dl2c.ir.logic import domain_at_end
 from dl2c.ir.model import TRUE, Flow, Symbol
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.printer import print_flow, print_formula, print_term
@@ -56,7 +57,7 @@ def _model_at(environment: Environment) -> str:
 
 
 def _model_inside(environment: Environment) -> str:
-    bounded = [k for k, plan in enumerate(environment.flows) if plan.flow.inside != TRUE]
+    bounded = [k for k, plan in enumerate(environment.flows) if domain_at_end(plan.flow) != TRUE]
     body = [f"if (flow == {k}) return flow{k}_stays(y, p);" for k in bounded]
     return function(
         "static inline bool model_inside(int flow, const real *y, const real *p)",
@@ -169,7 +170,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
 
 
 def _ends_inside(k: int, flow: Flow) -> str:
-    return "true" if flow.inside == TRUE else f"flow{k}_stays(y, p)"
+    return "true" if domain_at_end(flow) == TRUE else f"flow{k}_stays(y, p)"
 
 
 def _moving(plan: ExactPlan) -> list[str]:
@@ -180,7 +181,7 @@ def _moving(plan: ExactPlan) -> list[str]:
 
 def _stays(k: int, plan: FlowPlan, leaves: Leaves) -> str:
     """The domain of a flow as a condition of y; nothing where there is none."""
-    inside = plan.flow.inside
+    inside = domain_at_end(plan.flow)
     if inside == TRUE:
         return ""
     about = f"{place(plan.flow.span)}  {print_formula(inside)}"
@@ -218,7 +219,7 @@ def _exit(k: int, j: int, edge: Edge, leaves: Leaves) -> list[str]:
     """When the motion leaves one condition of the domain."""
     if edge.kind == "equal":
         return [f"const real exit{j} = dl2c_exit_equal();"]
-    stem = f"flow{k}_margin{j}"
+    stem = f"flow{k}_domain_margin{j}"
     terms = _coefficients(stem, edge.margin, f"{place(edge.span)}  {edge.span.text}, margin", leaves)
     padded = [*terms, "0.0", "0.0"][:3]
     return wrapped(f"const real exit{j} = {EXITS[edge.kind]}({', '.join(padded)});")

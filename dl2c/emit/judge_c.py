@@ -45,7 +45,7 @@ def fact_names(model: Model) -> list[str]:
 
 
 def _precondition(model: Model, leaves: Leaves) -> str:
-    holds = leaves.condition("precondition_holds", model.precondition, print_formula(model.precondition))
+    holds = leaves.condition("problem_precondition", model.precondition, print_formula(model.precondition))
     return function(
         f"static inline bool model_precondition({STATE})", [f"return {holds};"], "The problem's P, strict."
     )
@@ -66,7 +66,7 @@ def _facts(model: Model, leaves: Leaves) -> str:
             about = f"{where}  {name} is due: {print_formula(predicate.due)}"
             add(f"F_{name}_due", f"{name}_due", predicate.due, about)
     post = TRUE if model.postcondition is None else model.postcondition
-    add("F_postcondition", "postcondition_holds", post, f"the problem's Q: {print_formula(post)}")
+    add("F_postcondition", "problem_postcondition", post, f"the problem's Q: {print_formula(post)}")
     return function(
         f"DL2C_INLINE void model_facts({LANES}, int64_t row, uint8_t *restrict facts)",
         body,
@@ -155,12 +155,11 @@ def _reward(name: str, term: Term, when: str, leaves: Leaves) -> list[str]:
 
 def _endings(model: Model) -> list[str]:
     """Triggers as selections, the least important first; a `continue` counts only where nothing ends."""
-    ending: list[tuple[tuple[int, int, int, int], str, str, str, str]] = []
+    ending: list[tuple[tuple[int, int, int, bool], str, str, str, str]] = []
     going_on: list[str] = []
     for k, predicate in enumerate(model.predicates):
         good = f"facts[F_{predicate.name}_holds * row + i]"
-        failed = _failed(predicate, good)
-        for order, trigger, when in ((1, predicate.on_success, good), (0, predicate.on_failure, failed)):
+        for trigger, when in ((predicate.on_success, good), (predicate.on_failure, _failed(predicate, good))):
             if trigger is None:
                 continue
             status = STATUS[trigger.status]
@@ -168,7 +167,7 @@ def _endings(model: Model) -> list[str]:
                 going_on.append(f"status = dl2c_pick({when}, {status}, status);")
             else:
                 reason = f"DL2C_REASON_PREDICATE + {k}"
-                ending.append((_rank(k, predicate, trigger, order), when, ENDS[trigger.action], status, reason))
+                ending.append((_rank(k, predicate, trigger), when, ENDS[trigger.action], status, reason))
     lines = [
         "int32_t end = DL2C_GOES_ON;",
         "int32_t status = DL2C_NONE;",
@@ -190,9 +189,11 @@ def _failed(predicate: Predicate, good: str) -> str:
     return f"facts[F_{predicate.name}_failed * row + i]" if predicate.category == "progress" else f"!{good}"
 
 
-def _rank(k: int, predicate: Predicate, trigger: Trigger, order: int) -> tuple[int, int, int, int]:
+def _rank(k: int, predicate: Predicate, trigger: Trigger) -> tuple[int, int, int, bool]:
+    """The place of an ending of predicate k among those that fire at once; the least wins."""
     status = ("failure", "success", "none").index(trigger.status)
-    return status, ("safety", "progress", "stability").index(predicate.category), k, order
+    category = ("safety", "progress", "stability").index(predicate.category)
+    return status, category, k, trigger != predicate.on_failure
 
 
 def observed(model: Model, options: Options) -> list[tuple[str, Symbol, Bound]]:

@@ -26,7 +26,7 @@ class Leaves:
     builder: Builder
     order: Callable[[Symbol], int]
     texts: list[str] = field(default_factory=list[str])
-    made: set[str] = field(default_factory=set[str])
+    made: dict[str, Tape] = field(default_factory=dict[str, Tape])
 
     def term(self, name: str, term: Term, about: str, place: Place = names.slot) -> str:
         """An expression for a term's value, each symbol read where `place` says."""
@@ -67,8 +67,10 @@ class Leaves:
         ordered = sorted(tape.inputs, key=self.order)
         parameters = ", ".join(f"real {names.local(s.name)}" for s in ordered) or "void"
         head = f"static inline {kind} {name}({parameters})"
-        if name not in self.made:
-            self.made.add(name)
+        if name in self.made:
+            assert self.made[name] == tape, f"two functions are called {name}"
+        else:
+            self.made[name] = tape
             self.texts.append(function(head, _body(print_tape(tape, truth=kind == "bool")), about))
         return self.call(name, tape.inputs, place)
 

@@ -1,6 +1,7 @@
 """The header of one environment: indices of its variables, and the sizes of everything."""
 
 import textwrap
+from collections import Counter
 
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import comment, enumeration
@@ -12,6 +13,7 @@ from dl2c.emit.rates_c import root_count
 from dl2c.emit.watch_c import margin_count, margin_degree
 from dl2c.ir.model import Symbol
 from dl2c.ir.watch import watches_of
+from dl2c.paths.path import Decision, Input, Paths
 
 LICENCE = "/* SPDX-License-Identifier: MIT-0 */"
 """Of generated files, as of the runtime they include: whoever has a model owes nothing for its C."""
@@ -19,10 +21,10 @@ LICENCE = "/* SPDX-License-Identifier: MIT-0 */"
 
 def model_h(environment: Environment) -> str:
     """The whole header."""
-    guard = f"DL2C_{file_stem(environment.model.name).upper()}_H"
+    guard = f"DL2C_GENERATED_{file_stem(environment.model.name).upper()}_H"
     return (
         f"{title_of(environment)}\n#ifndef {guard}\n#define {guard}\n\n"
-        f'#include "model.h"\n\n{_sizes(environment)}\n#endif\n'
+        f'#include "model.h"\n\n{_indices(environment)}{_sizes(environment)}\n#endif\n'
     )
 
 
@@ -33,15 +35,25 @@ def title_of(environment: Environment) -> str:
     return f"{LICENCE}\n{comment(title)}"
 
 
-def _sizes(environment: Environment) -> str:
-    """Indices and sizes as enumerations."""
-    model, paths, sampling = environment.model, environment.paths, environment.sampling
+def _indices(environment: Environment) -> str:
+    """Indices of variables, constants, inputs and facts as enumerations."""
+    model = environment.model
     variables = [index(Symbol(v.name, "variable")) for v in model.variables]
     constants = [index(Symbol(c.name, "constant")) for c in model.constants]
-    inputs = [index(i.symbol) for i in paths.inputs]
+    inputs = [index(i.symbol) for i in environment.paths.inputs]
+    return (
+        enumeration(variables, "NX", "state")
+        + enumeration(constants, "NP", "constants of the episode")
+        + enumeration(inputs, "NU", "inputs")
+        + enumeration(fact_names(model), "NFACT", "what a state is tested for")
+    )
+
+
+def _sizes(environment: Environment) -> str:
+    """Sizes as enumerations, and what else the runtime is told by name."""
+    model, paths, sampling = environment.model, environment.paths, environment.sampling
     sizes = {
-        "NCHOICE": len(paths.decisions),
-        "NMASK": sum(len(d.alternatives) for d in paths.decisions),
+        **_decisions(paths),
         "NPRED": len(model.predicates),
         "NOBS": len(observed(model, environment.options)),
         "NPOINT": paths.points,
@@ -55,14 +67,14 @@ def _sizes(environment: Environment) -> str:
         "NWATCH": len(watches_of(model)),
         "DL2C_LOOPS": int(model.loops),
         "DL2C_STEPS_IN_LANES": int(steps_in_lanes(environment)),
+        "DL2C_LOOKS_AHEAD": int(paths.looks_ahead),
+        "DL2C_MAX_LOOP": model.max_loop,
+        "DL2C_POINT_LEAD": paths.lead or 0,
+        "DL2C_POINT_PREFIX": paths.prefix or 0,
     }
     kind = "float" if environment.options.obs_dtype == "float32" else "double"
     return (
-        enumeration(variables, "NX", "state")
-        + enumeration(constants, "NP", "constants of the episode")
-        + enumeration(inputs, "NU", "inputs")
-        + enumeration(fact_names(model), "NFACT", "what a state is tested for")
-        + textwrap.fill(f"enum {{ {', '.join(f'{k} = {v}' for k, v in sizes.items())} }};", 96)
+        textwrap.fill(f"enum {{ {', '.join(f'{k} = {v}' for k, v in sizes.items())} }};", 96)
         + "\n"
         + f"#define DL2C_LANE_FLOW ({next((p.flow for p in paths.paths if p.flow is not None), -1)})\n"
         + _kernels(environment)
@@ -87,3 +99,19 @@ def _kernels(environment: Environment) -> str:
         text += f"#define DL2C_ATOL {number(float(options.atol))}\n"
         text += f"#define DL2C_STIFF DL2C_STIFF_{stiff}\n"
     return text
+
+
+def _decisions(paths: Paths) -> dict[str, int]:
+    """How many decisions there are, whose they are, and how many numbers are drawn."""
+    counts = Counter((type(d), d.role) for d in (*paths.decisions, *paths.inputs))
+    drawn = sum(count for _, count in paths.draws)
+    return {
+        "NINPUT": counts[Input, "agent"],
+        "NENVINPUT": counts[Input, "env"],
+        "NDECISION": len(paths.decisions),
+        "NCHOICE": counts[Decision, "agent"],
+        "NENVCHOICE": counts[Decision, "env"],
+        "NMASK": sum(len(d.alternatives) for d in paths.decisions if d.role == "agent"),
+        "NSTEPDRAW": drawn,
+        "NDRAW": drawn + sum(count for _, count in paths.reset_draws),
+    }

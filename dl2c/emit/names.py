@@ -4,164 +4,40 @@ A dL name keeps its letters and their case. dL allows `_` only at the end of a n
 before its index, so every name made here that has `_` before a letter is new.
 """
 
+import re
+
 from dl2c.ir.model import Symbol
 
 C_WORDS = frozenset(
     [
-        "auto",
-        "break",
-        "case",
-        "char",
-        "const",
-        "continue",
-        "default",
-        "do",
-        "double",
-        "else",
-        "enum",
-        "extern",
-        "float",
-        "for",
-        "goto",
-        "if",
-        "inline",
-        "int",
-        "long",
-        "register",
-        "restrict",
-        "return",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "struct",
-        "switch",
-        "typedef",
-        "union",
-        "unsigned",
-        "void",
-        "volatile",
-        "while",
-        "alignas",
-        "alignof",
-        "bool",
-        "true",
-        "false",
-        "nullptr",
-        "constexpr",
-        "thread_local",
-        "typeof",
-        "asm",
-        "fortran",
-        "linux",
-        "unix",
-        "real",
-        "NULL",
-        "abs",
-        "acos",
-        "asin",
-        "atan",
-        "atan2",
-        "cbrt",
-        "ceil",
-        "cos",
-        "cosh",
-        "div",
-        "erf",
-        "erfc",
-        "exp",
-        "exp2",
-        "expm1",
-        "fabs",
-        "fdim",
-        "floor",
-        "fma",
-        "fmax",
-        "fmin",
-        "fmod",
-        "frexp",
-        "gamma",
-        "hypot",
-        "ilogb",
-        "isfinite",
-        "isinf",
-        "isnan",
-        "isnormal",
-        "j0",
-        "j1",
-        "jn",
-        "labs",
-        "ldexp",
-        "ldiv",
-        "lgamma",
-        "llabs",
-        "llrint",
-        "llround",
-        "log",
-        "log10",
-        "log1p",
-        "log2",
-        "logb",
-        "lrint",
-        "lround",
-        "main",
-        "modf",
-        "nan",
-        "nearbyint",
-        "nextafter",
-        "pow",
-        "remainder",
-        "remquo",
-        "rint",
-        "round",
-        "scalbn",
-        "signbit",
-        "signgam",
-        "signgam",
-        "sin",
-        "sinh",
-        "sqrt",
-        "tan",
-        "tanh",
-        "tgamma",
-        "trunc",
-        "y0",
-        "y1",
-        "yn",
-        "I",
-        "errno",
-        "stdin",
-        "stdout",
-        "stderr",
-        "DBL_MAX",
-        "INFINITY",
-        "NAN",
-        "EOF",
-        "x",
-        "p",
-        "u",
-        "y",
-        "NX",
-        "NP",
-        "NU",
-        "NOBS",
-        "NCHOICE",
-        "NMASK",
-        "NPRED",
-        "NPATH",
-        "NFLOW",
-        "NROOT",
-        "NPOINT",
-        "NFREE",
-        "NBOX",
+        *("alignas", "alignof", "asm", "auto", "bool", "break", "case", "char", "const", "constexpr"),
+        *("continue", "default", "do", "double", "else", "enum", "extern", "false", "float", "for"),
+        *("fortran", "goto", "if", "inline", "int", "long", "nullptr", "register", "restrict", "return"),
+        *("short", "signed", "sizeof", "static", "struct", "switch", "thread_local", "true", "typedef"),
+        *("typeof", "union", "unsigned", "void", "volatile", "while"),
+        *("abs", "acos", "asin", "assert", "atan", "atan2", "cbrt", "ceil", "cos", "cosh", "div", "erf"),
+        *("erfc", "exp", "exp2", "expm1", "fabs", "fdim", "floor", "fma", "fmax", "fmin", "fmod", "frexp"),
+        *("gamma", "hypot", "ilogb", "isfinite", "isinf", "isnan", "isnormal", "j0", "j1", "jn", "labs"),
+        *("ldexp", "ldiv", "lgamma", "llabs", "llrint", "llround", "log", "log10", "log1p", "log2"),
+        *("logb", "lrint", "lround", "main", "modf", "nan", "nearbyint", "nextafter", "pow", "remainder"),
+        *("remquo", "rint", "round", "scalbn", "signbit", "signgam", "sin", "sinh", "sqrt", "tan", "tanh"),
+        *("tgamma", "trunc", "y0", "y1", "yn"),
+        *("BUFSIZ", "DBL_MAX", "EOF", "I", "INFINITY", "NAN", "NULL", "errno", "linux", "stderr", "stdin"),
+        *("stdout", "unix"),
+        *("NBOX", "NCHOICE", "NFACT", "NFLOW", "NFREE", "NMASK", "NOBS", "NP", "NPATH", "NPOINT", "NPRED"),
+        *("NDECISION", "NDEGREE", "NDRAW", "NENVCHOICE", "NENVINPUT", "NINPUT", "NMARGIN", "NROOT"),
+        *("NSTEPDRAW", "NU", "NWATCH", "NX", "p", "real", "u", "x", "y"),
     ]
 )
 """Words that C, its library or the runtime already use."""
 
+ERROR_NUMBER = re.compile(r"E[A-Z0-9]")
+"""C keeps such names for errno.h."""
+
 
 def local(name: str) -> str:
     """A parameter or local variable."""
-    return f"{name}_v" if name in C_WORDS else name
+    return f"{name}_v" if name in C_WORDS or ERROR_NUMBER.match(name) else name
 
 
 def index(symbol: Symbol) -> str:
@@ -185,7 +61,20 @@ def after(symbol: Symbol) -> str:
     return slot(symbol, "y")
 
 
+RUNTIME_FILES = frozenset(
+    [
+        *("actions", "batch", "block", "dl2c", "flow_exact", "judge", "lanes", "model", "move", "numbers"),
+        *("rng", "sampler", "state", "step"),
+    ]
+)
+"""Headers of the runtime, which a model's own header must not hide."""
+
+LONGEST_STEM = 60
+
+
 def file_stem(model_name: str) -> str:
     """The base name of a model's generated files: letters, digits and `_`, not starting with a digit."""
-    stem = "".join(c if c.isascii() and c.isalnum() else "_" for c in model_name) or "model"
+    stem = "".join(c if c.isascii() and c.isalnum() else "_" for c in model_name[:LONGEST_STEM]) or "model"
+    if stem.lower() in RUNTIME_FILES:
+        stem = f"{stem}_model"
     return f"m{stem}" if stem[0].isdigit() else stem

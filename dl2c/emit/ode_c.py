@@ -1,7 +1,7 @@
 """What following a flow step by step needs in C: the Jacobian of its ODE, Lie derivatives of margins.
 
 For flow k: leaf functions `flowK_jac_x_y` for d x' / d y where it is not zero throughout, and
-`flowK_marginJ_lie1` to `flowK_marginJ_lie3` for derivatives of margin J along the flow; then
+`flowK_watch_marginJ_lie1` to `..._lie3` for derivatives of margin J along the flow; then
 `model_jacobian` and `model_lie`, which select a flow. Flows not asked for get zeros.
 """
 
@@ -65,7 +65,7 @@ def _derivatives(k: int, j: int, term: Term, flow: Flow, leaves: Leaves) -> list
     for order in range(1, ORDERS + 1):
         power = f"^{order}" if order > 1 else ""
         about = f"{place(flow.span)}  d{power}/dt{power} ({print_term(term)}) along {print_flow(flow)}"
-        value = leaves.lie(f"flow{k}_margin{j}_lie{order}", term, flow, about, order=order)
+        value = leaves.lie(f"flow{k}_watch_margin{j}_lie{order}", term, flow, about, order=order)
         row = f"{order - 1} * NMARGIN + " if order > 1 else ""
         lines += wrapped(f"lie[{row}{j}] = {value};")
     return lines

@@ -2,7 +2,7 @@
 
 Sections, in order: leaf functions (through `Leaves`), `model_guards`, `model_limits`,
 `model_admits`, `model_update`, and the tables DECISIONS, MASK_START, PATHS, POINT_START,
-INPUT_LOW, INPUT_HIGH.
+INPUT_LOW, INPUT_HIGH, CHOICE_DRAW, INPUT_DRAW, FLOW_DRAW.
 """
 
 from dl2c.emit.cexpr import number
@@ -132,6 +132,7 @@ def steps_in_lanes(environment: Environment) -> bool:
     if any(plan.quick is None for plan in environment.flows):
         return False
     simple = not paths.inputs and paths.points == 1 and len(paths.paths) <= LANE_PATHS
+    simple = simple and not paths.draws and not paths.looks_ahead
     return simple and len({p.flow for p in paths.paths}) == 1
 
 
@@ -170,7 +171,8 @@ def path_tables(environment: Environment) -> list[str]:
         starts.append(starts[-1] + len(paths.of(point)))
     masks = [0]
     for decision in paths.decisions:
-        masks.append(masks[-1] + len(decision.alternatives))
+        if decision.role == "agent":
+            masks.append(masks[-1] + len(decision.alternatives))
     lows = [number(rounded_up(i.low)) for i in paths.inputs]
     highs = [number(rounded_down(i.high)) for i in paths.inputs]
     width = max(1, len(paths.decisions))
@@ -178,13 +180,14 @@ def path_tables(environment: Environment) -> list[str]:
         table("int32_t", "POINT_START", f"[{len(starts)}]", [str(s) for s in starts]),
         table("int32_t", "MASK_START", f"[{len(masks)}]", [str(m) for m in masks]),
         table(
-            "int8_t",
+            "int16_t",
             "DECISIONS",
             f"[{max(1, len(paths.paths))}][{width}]",
             [row(p.decisions) for p in paths.paths] or ["{0}"],
         ),
         table("real", "INPUT_LOW", f"[{max(1, len(lows))}]", lows or ["0.0"]),
         table("real", "INPUT_HIGH", f"[{max(1, len(highs))}]", highs or ["0.0"]),
+        *_draws(environment),
         *(_lists(k, p) for k, p in enumerate(paths.paths)),
         table(
             "dl2c_path",
@@ -195,13 +198,32 @@ def path_tables(environment: Environment) -> list[str]:
     ]
 
 
+def _draws(environment: Environment) -> list[str]:
+    """Where the numbers drawn for each decision, input and flow begin; -1 for none."""
+    paths = environment.paths
+    place: dict[str, int] = {}
+    count = 0
+    for key, numbers in (*paths.draws, *paths.reset_draws):
+        place[key] = count
+        count += numbers
+    tables = {
+        "CHOICE_DRAW": [d.key for d in paths.decisions],
+        "INPUT_DRAW": [i.key for i in paths.inputs],
+        "FLOW_DRAW": [f"flow_{k}" for k in range(len(environment.flows))],
+    }
+    return [
+        table("int32_t", name, f"[{max(1, len(keys))}]", [str(place.get(k, -1)) for k in keys] or ["-1"])
+        for name, keys in tables.items()
+    ]
+
+
 def _lists(k: int, path: Path) -> str:
     """The decisions and inputs a path meets."""
     inputs = [a.input for a in path.admissions]
     return (
-        f"static const int8_t PATH{k}_MET[] = {row(path.met)};\n"
-        f"static const int8_t PATH{k}_MARKED[] = {row([*map(int, path.marks), 0])};\n"
-        f"static const int8_t PATH{k}_INPUTS[] = {row(inputs)};\n"
+        f"static const int16_t PATH{k}_MET[] = {row(path.met)};\n"
+        f"static const int16_t PATH{k}_MARKED[] = {row([*map(int, path.marks), 0])};\n"
+        f"static const int16_t PATH{k}_INPUTS[] = {row(inputs)};\n"
     )
 
 
@@ -209,5 +231,5 @@ def _path(k: int, path: Path) -> str:
     flow = -1 if path.flow is None else path.flow
     return (
         f"{{{flow}, {path.target}, {len(path.met)}, PATH{k}_MET, PATH{k}_MARKED, "
-        f"{len(path.admissions)}, PATH{k}_INPUTS}}"
+        f"{len(path.admissions)}, PATH{k}_INPUTS, {int(path.enters)}}}"
     )

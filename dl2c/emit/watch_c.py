@@ -81,14 +81,14 @@ def _polynomials(environment: Environment, leaves: Leaves) -> str:
         for j, curve in enumerate(plan.curves):
             about = f"{place(plan.flow.span)}  {print_term(plan.margins[j])}, coefficient of tau^"
             for i, coefficient in enumerate(curve):
-                value = leaves.term(f"flow{k}_curve{j}_c{i}", coefficient, f"{about}{i}")
+                value = leaves.term(f"flow{k}_watch_curve{j}_c{i}", coefficient, f"{about}{i}")
                 lines += wrapped(f"c[{j}][{i}] = {value};")
             lines.append(f"degree[{j}] = {len(curve) - 1};")
         body += _selected(k, lines)
     return function(
         f"static inline void model_polynomials(int flow, {STATE}, real (*c)[NDEGREE + 1], int32_t *degree)",
         body,
-        "Margins along a flow: coefficients by powers of the time since it began.   c: (NMARGIN, NDEGREE + 1)",
+        "Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE + 1)",
     )
 
 
@@ -102,7 +102,7 @@ def _sampled(name: str, short: str, environment: Environment, leaves: Leaves) ->
         for j, margin in enumerate(plan.margins):
             about = f"{place(plan.flow.span)}  {short} of {print_term(margin)}"
             term = margin if short == "margin" else size_of(margin)
-            lines += wrapped(f"g[{j}] = {leaves.term(f'flow{k}_{short}{j}', term, about)};")
+            lines += wrapped(f"g[{j}] = {leaves.term(f'flow{k}_watch_{short}{j}', term, about)};")
         body += _selected(k, lines)
     about = {
         "margins": "Margins in a state, for flows along which they are no polynomials.   g: (NMARGIN)",
@@ -154,8 +154,9 @@ def _quiet(environment: Environment, leaves: Leaves) -> str:
             continue
         lines: list[str] = []
         for j, (margin, curve) in enumerate(zip(plan.still_margins, plan.still_curves, strict=True)):
-            about = f"{place(plan.flow.span)}  {print_term(margin)}, coefficient of tau^"
-            terms = [leaves.term(f"flow{k}_still{j}_c{i}", c, f"{about}{i}") for i, c in enumerate(curve)]
+            name, where = f"flow{k}_watch_still{j}", place(plan.flow.span)
+            about = f"{where}  {print_term(margin)}, coefficient of tau^"
+            terms = [leaves.term(f"{name}_c{i}", c, f"{about}{i}") for i, c in enumerate(curve)]
             padded = [*terms, "0.0", "0.0"][:3]
             lines += wrapped(f"const dl2c_span still{j} = dl2c_span_of({', '.join(padded)}, duration);")
         lines += wrapped(f"return {_still(plan.still, plan.still_margins)};")
@@ -199,10 +200,11 @@ def _project(environment: Environment, leaves: Leaves) -> str:
 def _newton(k: int, j: int, invariant: Compare, flow: Flow, leaves: Leaves) -> list[str]:
     off = margin_of(invariant)
     about = f"{place(invariant.span)}  {print_formula(invariant)}"
-    lines = wrapped(f"const real off = {leaves.term(f'flow{k}_off{j}', off, about, after)};")
+    lines = wrapped(f"const real off = {leaves.term(f'flow{k}_invariant_off{j}', off, about, after)};")
     changed: list[str] = []
     for name, _ in flow.equations:
-        slope = leaves.partial(f"flow{k}_off{j}_{name}", off, Symbol(name, "variable"), about, after)
+        symbol = Symbol(name, "variable")
+        slope = leaves.partial(f"flow{k}_invariant_off{j}_{name}", off, symbol, about, after)
         if slope is not None:
             lines += wrapped(f"const real by_{name} = {slope};")
             changed.append(name)

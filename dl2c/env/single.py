@@ -15,7 +15,7 @@ from dl2c.env.actions import action_space, encoding, masks, reader, writer
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import SEEDS, draw_seed
 from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
-from dl2c.env.state import check_reset_options, read_state, reset_state, state_line
+from dl2c.env.state import check_reset_options, read_drawn, read_state, reset_state, state_line
 from dl2c.native.binding import OUTCOME
 
 if TYPE_CHECKING:
@@ -34,8 +34,9 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
     `info` of every step: `status` (none, success, failure), `reason` (why the episode ended, "" while
     it runs), `cost` (violated safety predicates), `blocked`, `executed_action` (the run taken, in the
     encoding of the action space), `duration` and `time` in seconds, `postcondition`, `saturated`; with
-    discrete decisions `action_mask` (int8); at the end `is_success`. `info` of a reset: `action_mask`,
-    `initial_state_certificate` (what is proved of sampled initial states).
+    discrete decisions `action_mask` (int8); with decisions of the environment `environment`, what it
+    decided by key (-1 or NaN for what it did not meet); at the end `is_success`. `info` of a reset:
+    `action_mask`, `initial_state_certificate` (what is proved of sampled initial states).
 
     Pickling or copying an environment gives a fresh one of the same model and options.
     """
@@ -70,6 +71,9 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         outcome, read = batch.outcome.data, OUTCOME.unpack_from
         copy, reasons, fresh_mask = self._obs.copy, reason_names(self.manifest), self._mask_copier(batch)
 
+        manifest = self.manifest
+        drawn = bool(manifest.drawn_choices or manifest.drawn_inputs)
+
         def transition(action: Any) -> Step:
             write(action)
             if failed := native_step():
@@ -88,6 +92,8 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
                 "postcondition": post,
                 "saturated": saturated,
             }
+            if drawn:
+                info["environment"] = {k: v.item() for k, v in read_drawn(manifest, batch).items()}
             if fresh_mask is not None:
                 info["action_mask"] = fresh_mask()
             if end or cut:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,16 @@ def reset_state(
 
 def _values(quantities: tuple[Quantity, ...], state: Mapping[str, float]) -> NDArray[np.float64]:
     return np.array([state.get(q.name, q.value) for q in quantities], np.float64)
+
+
+def read_drawn(manifest: Manifest, batch: "Batch") -> dict[str, NDArray[Any]]:
+    """What the environment decided in the last step, by key: alternatives (-1 where it did not),
+    values (NaN where it did not), each for all environments in fresh memory.
+    """
+    choices = {
+        c.key: batch.drawn_choices[:, k].astype(np.int64) for k, c in enumerate(manifest.drawn_choices)
+    }
+    return choices | {i.key: batch.drawn_inputs[:, k].copy() for k, i in enumerate(manifest.drawn_inputs)}
 
 
 def state_line(manifest: Manifest, batch: "Batch", i: int = 0) -> str:

@@ -17,7 +17,7 @@ from dl2c.env.actions import action_space, encoding, executed, masks, write
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin, spread
 from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
-from dl2c.env.state import check_reset_options, read_state, state_line
+from dl2c.env.state import check_reset_options, read_drawn, read_state, state_line
 
 Bools: TypeAlias = NDArray[np.bool_]
 Infos: TypeAlias = dict[str, Any]
@@ -109,7 +109,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
     def _step_infos(self, mask: Bools, ended: Bools) -> Infos:
         """What the buffers say of the step just taken, where `mask` is true."""
         b = self.batch
-        values = {
+        values: Infos = {
             "status": b.status.astype(np.int8),
             "reason": b.reason.copy(),
             "cost": b.cost.astype(np.int64),
@@ -120,6 +120,8 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
             "postcondition": b.postcondition.copy(),
             "saturated": b.saturated.copy(),
         }
+        if drawn := read_drawn(self.manifest, b):
+            values["environment"] = drawn
         return _masked(values, mask) | _masked({"is_success": b.status == SUCCESS}, mask & ended)
 
     def _final(self, ended: Bools) -> Infos:

@@ -2,8 +2,9 @@
 
 `*_down` gives the largest double that is not above the exact result, `*_up` the
 smallest that is not below it; powers are rounded at every multiplication, roots of
-degree above two to within a few units. Infinite operands are limits of interval
-endpoints (0 * inf is 0), so a finite lower bound never becomes +inf.
+degree above two to within a few units (more where their powers are subnormal). Infinite
+operands are limits of interval endpoints (0 * inf is 0), so a finite lower bound never
+becomes +inf.
 """
 
 import math
@@ -92,16 +93,16 @@ def power_up(m: float, n: int) -> float:
 def root_down(value: float, n: int) -> float:
     if n == 2:
         return sqrt_down(value)
-    r = min(value ** (1 / n), MAX)
+    r, step = min(value ** (1 / n), MAX), 2.0**-50
     while power_up(r, n) > value:
-        r = r * (1 - 2**-50) if r > 1e-300 else 0.0
+        r, step = (r * (1 - step), 2 * step) if r > 1e-300 and step < 1 else (0.0, step)
     return r
 
 
 def root_up(value: float, n: int) -> float:
     if n == 2:
         return sqrt_up(value)
-    r = value ** (1 / n)
+    r, step = value ** (1 / n), 2.0**-50
     while power_down(r, n) < value:
-        r *= 1 + 2**-50
+        r, step = r * (1 + step), 2 * step
     return r

@@ -22,7 +22,7 @@ from dl2c.ir.evaluate import (
     truth,
 )
 from dl2c.ir.flow import NotPolynomial, Solution, solve
-from dl2c.ir.logic import conjuncts
+from dl2c.ir.logic import conjuncts, domain_at_end
 from dl2c.ir.margins import margin_of
 from dl2c.ir.model import Compare, Flow, Symbol, Term
 from dl2c.ir.polynomial import Coefficients
@@ -246,4 +246,4 @@ def _variable(name: str, env: Environment) -> Value:
 def inside(run: Course, values: dict[str, Value]) -> bool:
     """Whether the domain holds after the variables took these values."""
     moved = {**run.env, **{Symbol(x, "variable"): v for x, v in values.items()}}
-    return truth(run.flow.inside, moved, run.exact)
+    return truth(domain_at_end(run.flow), moved, run.exact)

@@ -1,112 +1,28 @@
 """The reference semantics: one step of a model, in plain Python.
 
 Slow and direct on purpose. Compiled code must agree with it; it shares no code with path
-enumeration or code generation. A step explores the runs of the body one by one, each a
-straight line of assignments, tests and flows, executed on a copy of the state
-(semantics 2 to 6). Numbers are doubles or exact rationals; the flow is an argument.
+enumeration or code generation. A step goes through the runs of the body in the order in which
+they are preferred, each a sequence of straight lines executed on a copy of the state, until one
+is complete (semantics 2 to 6). Numbers are doubles or exact rationals; the flow is an argument.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Literal, TypeAlias, assert_never
+from typing import TypeAlias, assert_never
 
 from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal, truth
 from dl2c.ir.exact import Motion
 from dl2c.ir.inputs import Range, admissible
-from dl2c.ir.model import (
-    Assign,
-    AssignAny,
-    Block,
-    Choice,
-    Evolve,
-    If,
-    Model,
-    Predicate,
-    Symbol,
-    Term,
-    Test,
-)
+from dl2c.ir.judge import Happened, judge
+from dl2c.ir.lines import Line, Straight, choices, lines
+from dl2c.ir.model import Assign, AssignAny, Block, Evolve, Model, Number, Symbol, Term, Test
+from dl2c.ir.transition import Draws, Failure, Openings, Request, Settings, Start, Step, Trial
 from dl2c.ir.watch import watches_of
 
 FlowFunction: TypeAlias = Callable[[int, Environment, bool, Value, Sequence[int]], Motion]
 """Follow flow number k from an environment, in doubles or exactly, for a part (0 to 1) of its
 longest duration, with an eye on the watches given (`follow` with the flow's plan)."""
-
-Straight: TypeAlias = Assign | AssignAny | Test | Evolve
-OnBlocked: TypeAlias = Literal["fallback", "truncate", "terminate"]
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """One way through the body: its discrete decisions in order, and what it executes.
-
-    `marks` says for each decision whether the alternative is marked `@fallback`.
-    """
-
-    decisions: tuple[tuple[str, int], ...]
-    marks: tuple[bool, ...]
-    line: tuple[Straight, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """The options that change what a step does."""
-
-    on_blocked: OnBlocked = "fallback"
-    blocked_penalty: float = 0.0
-    limits: Mapping[str, tuple[Fraction, Fraction]] = field(
-        default_factory=dict[str, tuple[Fraction, Fraction]]
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """What a step did. `state` holds the program variables; `mask` the enabled runs of the new state.
-
-    `reason` is empty while the episode goes on; else a predicate's name, or blocked, deadlock,
-    numerical, end. `values` are the inputs in effect, by key.
-    """
-
-    state: dict[str, Value]
-    decisions: dict[str, int]
-    values: dict[str, Value]
-    blocked: bool
-    duration: Value
-    reward: Value
-    cost: int
-    terminated: bool
-    truncated: bool
-    status: str
-    reason: str
-    mask: tuple[bool, ...]
-
-
-def runs(block: Block) -> Iterator[Run]:
-    """Every run of a block, in program order; a deterministic branch contributes its tests."""
-    if not block:
-        yield Run((), (), ())
-        return
-    first, rest = block[0], block[1:]
-    for head in _heads(first):
-        for tail in runs(rest):
-            yield Run(head.decisions + tail.decisions, head.marks + tail.marks, head.line + tail.line)
-
-
-def _heads(statement: object) -> Iterator[Run]:
-    match statement:
-        case Assign() | AssignAny() | Test() | Evolve():
-            yield Run((), (), (statement,))
-        case If(condition, otherwise, then, orelse):
-            for guard, body in ((condition, then), (otherwise, orelse)):
-                for run in runs(body):
-                    yield Run(run.decisions, run.marks, (Test(guard, span=statement.span), *run.line))
-        case Choice(key, alternatives):
-            for k, alternative in enumerate(alternatives):
-                for run in runs(alternative.body):
-                    yield Run(((key, k), *run.decisions), (alternative.fallback, *run.marks), run.line)
-        case _:
-            raise AssertionError(f"not a statement: {statement!r}")
 
 
 class Blocked(Exception):
@@ -127,78 +43,168 @@ class Interpreter:
         env: dict[Symbol, Value | None] = {Symbol(c, "constant"): v for c, v in self.constants.items()}
         return env | {Symbol(x, "variable"): v for x, v in state.items()}
 
-    def enabled(self, state: Mapping[str, Value]) -> tuple[bool, ...]:
-        """For every run of the body: whether it passes every test up to its first flow (semantics 3)."""
-        return tuple(self._ranges(run, state) is not None for run in runs(self.model.body))
+    def openings(self, start: Start) -> Openings:
+        """What is enabled where a step starts (semantics 3)."""
+        runs = list(self._enabled(self.model.body, self._trial(start)))
+        mask: dict[str, tuple[bool, ...]] = {}
+        for choice in choices((*self.model.lead, *self.model.body)):
+            if choice.role == "agent":
+                met = {taken[choice.key] for taken in runs if choice.key in taken}
+                mask[choice.key] = tuple(not met or k in met for k in range(len(choice.alternatives)))
+        return Openings(bool(runs), mask)
+
+    def prefix(self, state: Mapping[str, Value], draws: Draws) -> dict[str, Value] | None:
+        """The state that the program before the loop leads to; None where it is blocked."""
+        trial = replace(self._trial(Start(state)), met=frozenset(self._watches))
+        done = self._complete(self.model.prefix, trial, Request(draws=draws))
+        return None if done is None or done.failure else self._state(done.env)
+
+    def lead(self, state: Mapping[str, Value], draws: Draws) -> Start | None:
+        """Executes the leading statements of a step; None where they or the step after them are blocked."""
+        if not self.model.lead:
+            return Start(state)
+        done = self._complete(self.model.lead, self._trial(Start(state)), Request(draws=draws), self._opens)
+        return None if done is None or done.failure else Start(self._state(done.env), done.taken, done.values)
+
+    def _opens(self, done: Trial) -> bool:
+        return any(True for _ in self._enabled(self.model.body, done))
 
     def step(
-        self,
-        state: Mapping[str, Value],
-        choices: Mapping[str, int],
-        inputs: Mapping[str, Value],
-        late: bool = False,
+        self, start: Start, request: Request, following: Draws | None = None, late: bool = False
     ) -> Step:
-        """One step from a state in which some run is enabled; `late` where the time limit ends the episode."""
-        ranked = self._ranked(state, choices)
-        requested = self._requested(choices)
-        blocked = True
-        for run, ranges in ranked:
-            if run not in requested and self.settings.on_blocked != "fallback":
-                break
-            try:
-                done = self._execute(run, ranges, state, inputs)
-            except Blocked:
-                continue
-            blocked = run not in requested
-            return self._judged(state, run, done, blocked, choices, inputs, late)
-        ending = self.settings.on_blocked if self.settings.on_blocked != "fallback" else "deadlock"
-        return self._unmoved(state, ending, choices, inputs)
+        """One step from where some run is enabled; `following` are the draws for the next, `late` says
+        that the time limit ends the episode.
+        """
+        done = self._complete(self.model.body, self._trial(start), request)
+        if done is None:
+            ending = self.settings.on_blocked if self.settings.on_blocked != "fallback" else "deadlock"
+            return self._unmoved(start, ending, request)
+        return self._judged(start, done, request, following or {}, late)
 
-    def _requested(self, choices: Mapping[str, int]) -> list[Run]:
-        return [r for r in runs(self.model.body) if all(choices[k] == a for k, a in r.decisions)]
-
-    def _ranked(
-        self, state: Mapping[str, Value], choices: Mapping[str, int]
-    ) -> list[tuple[Run, dict[str, Range]]]:
-        """The enabled runs, the requested one first, then by longest agreement, mark and program order."""
-        ranked: list[tuple[tuple[int, int, int], Run, dict[str, Range]]] = []
-        for order, run in enumerate(runs(self.model.body)):
-            ranges = self._ranges(run, state)
-            if ranges is None:
-                continue
-            agreed = 0
-            while (
-                agreed < len(run.decisions) and choices[run.decisions[agreed][0]] == run.decisions[agreed][1]
-            ):
-                agreed += 1
-            whole = agreed == len(run.decisions)
-            marked = whole or run.marks[agreed]
-            ranked.append(((-(10**6 if whole else agreed), -int(marked), order), run, ranges))
-        ranked.sort(key=lambda item: item[0])
-        return [(run, ranges) for _, run, ranges in ranked]
-
-    def _ranges(self, run: Run, state: Mapping[str, Value]) -> dict[str, Range] | None:
-        """The admissible range of each input up to the first flow; None where the run is not enabled."""
-        return admissible(
-            _first_part(self.model, run), self.environment(state), self.settings.limits, self.exact
+    def _trial(self, start: Start) -> Trial:
+        return Trial(
+            self.environment(start.state), start.taken, start.values, literal(Fraction(0), self.exact)
         )
 
-    def _execute(
-        self, run: Run, ranges: Mapping[str, Range], state: Mapping[str, Value], inputs: Mapping[str, Value]
-    ) -> "_Done":
-        """Execute a run. Raises `Blocked`."""
-        env = self.environment(state)
-        values: dict[str, Value] = {}
-        duration: Value = literal(Fraction(0), self.exact)
-        failed: set[int] = set()
-        met: set[int] = set()
-        watches = range(len(watches_of(self.model)))
-        for statement in run.line:
+    def _state(self, env: Environment) -> dict[str, Value]:
+        values = {v.name: env[Symbol(v.name, "variable")] for v in self.model.variables}
+        return {x: v for x, v in values.items() if v is not None}
+
+    # Runs -----------------------------------------------------------------------
+
+    def _complete(
+        self,
+        block: Block,
+        trial: Trial,
+        request: Request,
+        accepted: Callable[[Trial], bool] = lambda done: True,
+    ) -> Trial | None:
+        """The first run from a cut point to the end, or to a failure, in the order of preference."""
+        while True:
+            enabled = [
+                (line, r)
+                for line in lines(block, trial.taken)
+                if (r := self._ranges(line, trial)) is not None
+            ]
+            width = max((len(line.decisions) for line, _ in enabled), default=0)
+            enabled.sort(key=lambda item: self._rank(item[0], trial, request, width))
+            for line, ranges in enabled:
+                left = trial.left or any(
+                    d.role == "agent" and request.choices[d.key] != d.alternative for d in line.decisions
+                )
+                if left and self.settings.on_blocked != "fallback":
+                    return None
+                try:
+                    moved = self._execute(line, ranges, replace(trial, left=left), request)
+                except Blocked:
+                    continue
+                if moved.failure or not line.rest:
+                    if moved.failure or accepted(moved):
+                        return moved
+                elif len(enabled) == 1:
+                    block, trial = line.rest, moved
+                    break
+                elif (done := self._complete(line.rest, moved, request, accepted)) is not None:
+                    return done
+            else:
+                return None
+
+    def _enabled(self, block: Block, trial: Trial) -> Iterator[Mapping[str, int]]:
+        """The decisions of every run that passes all tests up to its first flow, or may do so: a run
+        is not followed beyond a while loop that an input may have decided, nor without end.
+        """
+        while True:
+            open_lines = [line for line in lines(block, trial.taken) if self._ranges(line, trial) is not None]
+            for line in open_lines:
+                new = any(isinstance(s, AssignAny) and s.key not in trial.values for s in line.statements)
+                taken = {**trial.taken, **{d.key: d.alternative for d in line.decisions}}
+                if line.flows or new or not line.rest:
+                    yield taken
+                    continue
+                moved = self._execute(line, {}, trial, Request())
+                if moved.failure:
+                    yield taken
+                elif len(open_lines) == 1:
+                    block, trial = line.rest, moved
+                    break
+                else:
+                    yield from self._enabled(line.rest, moved)
+            else:
+                return
+
+    def _rank(self, line: Line, trial: Trial, request: Request, width: int) -> list[float]:
+        """Lines are tried by agreement with the request, decision by decision, then marked ones
+        first, then in program order; where the run has left the request only that counts.
+        """
+        left = trial.left
+        rank: list[float] = []
+        for made in line.decisions:
+            if made.role != "agent":
+                rank.append(request.draws[made.key][made.alternative])
+            elif left or request.choices[made.key] == made.alternative:
+                rank.append(made.alternative if left else 0)
+            else:
+                rank.append(1 if made.marked else 2 + made.alternative)
+                left = True
+        return [*rank, *[0.0] * (width - len(rank))]
+
+    def _ranges(self, line: Line, trial: Trial) -> dict[str, Range] | None:
+        """The admissible range of each new input up to the first flow; None where the line is not enabled."""
+        return admissible(self._first_part(line, trial), trial.env, self.settings.limits, self.exact)
+
+    def _first_part(self, line: Line, trial: Trial) -> tuple[Straight, ...]:
+        """A line with the domain of its flow as a test; inputs that were met before are assignments."""
+        part: list[Straight] = []
+        for statement in line.statements:
+            match statement:
+                case AssignAny(variable, key) if key in trial.values:
+                    part.append(Assign(variable, Number(Fraction(trial.values[key]))))
+                case Evolve(flow):
+                    part.append(Test(self.model.flows[flow].domain, span=statement.span))
+                case _:
+                    part.append(statement)
+        return tuple(part)
+
+    def _execute(self, line: Line, ranges: Mapping[str, Range], trial: Trial, request: Request) -> Trial:
+        """Execute a line. Raises `Blocked`."""
+        if line.enters and trial.entered == self.model.max_loop:
+            return replace(trial, failure="diverged")
+        env = dict(trial.env)
+        values = dict(trial.values)
+        duration, failed, met = trial.duration, trial.failed, trial.met
+
+        def so_far(failure: Failure = "") -> Trial:
+            taken = {**trial.taken, **{d.key: d.alternative for d in line.decisions}}
+            entered = trial.entered + line.enters
+            return Trial(env, taken, values, duration, trial.left, entered, failure, failed, met)
+
+        for statement in line.statements:
             match statement:
                 case Assign(variable, term):
                     env[Symbol(variable, "variable")] = self._assigned(term, env)
                 case AssignAny(variable, key):
-                    values[key] = ranges[key].nearest(inputs[key]) if key in ranges else inputs[key]
+                    if key not in values:
+                        values[key] = self._value(statement, ranges[key], request)
                     env[Symbol(variable, "variable")] = values[key]
                 case Test(formula):
                     if not truth(formula, env, self.exact):
@@ -207,34 +213,49 @@ class Interpreter:
                     if not truth(self.model.flows[flow].domain, env, self.exact):
                         raise Blocked
                     if not all(in_range(v) for s, v in env.items() if s.kind == "variable"):
-                        return _Done(None, values, duration)
-                    part = self._part(flow, inputs, values)
-                    waiting = [w for w in watches if w not in failed and w not in met]
-                    try:
-                        motion = self.flow(flow, env, self.exact, part, waiting)
-                    except Undefined:
-                        return _Done(None, values, duration)
-                    failed |= set(motion.failed)
-                    met |= set(motion.met)
+                        return so_far("numerical")
+                    waiting = [w for w in self._watches if w not in failed | met]
+                    motion = self._moved(flow, env, self._part(flow, values, request), waiting)
+                    if motion is None:
+                        return so_far("numerical")
+                    failed, met = failed | {*motion.failed}, met | {*motion.met}
                     env |= {Symbol(x, "variable"): v for x, v in motion.values.items()}
                     duration = duration + motion.duration
                 case _:
                     assert_never(statement)
-        final = {v.name: env[Symbol(v.name, "variable")] for v in self.model.variables}
-        whole = {x: v for x, v in final.items() if v is not None and in_range(v)}
-        return _Done(
-            whole if len(whole) == len(final) else None, values, duration, frozenset(failed), frozenset(met)
-        )
+        whole = all(v is not None and in_range(v) for s, v in env.items() if s.kind == "variable")
+        return so_far("" if whole else "numerical")
 
-    def _part(self, flow: int, inputs: Mapping[str, Value], values: dict[str, Value]) -> Value:
-        """The part of its longest duration that a flow takes; noted among the values in effect."""
+    def _moved(self, flow: int, env: Environment, part: Value, waiting: Sequence[int]) -> Motion | None:
+        """Where a flow leads; None where a value is undefined."""
+        try:
+            return self.flow(flow, env, self.exact, part, waiting)
+        except Undefined:
+            return None
+
+    @property
+    def _watches(self) -> range:
+        return range(len(watches_of(self.model)))
+
+    def _part(self, flow: int, values: dict[str, Value], request: Request) -> Value:
+        """The part of its longest duration that a flow takes: all, or what chance or the agent decides."""
         one = literal(Fraction(1), self.exact)
-        if self.model.duration == "max":
+        if f"flow_{flow}" in request.draws:
+            return one - literal(Fraction(request.draws[f"flow_{flow}"][0]), self.exact)
+        if self.model.duration != "agent":
             return one
         key = f"duration_{flow}"
-        part = Range(one * 0, one).nearest(inputs[key])
-        values[key] = part
-        return part
+        if key not in values:
+            values[key] = Range(one * 0, one).nearest(request.inputs[key])
+        return values[key]
+
+    def _value(self, statement: AssignAny, allowed: Range, request: Request) -> Value:
+        """The value of an input that is met for the first time."""
+        if statement.role == "agent":
+            return allowed.nearest(request.inputs[statement.key])
+        (place,) = request.draws[statement.key]
+        span = allowed.high - allowed.low
+        return allowed.nearest(allowed.low + span * literal(Fraction(place), self.exact))
 
     def _assigned(self, term: Term, env: Environment) -> Value | None:
         try:
@@ -242,60 +263,53 @@ class Interpreter:
         except Undefined:
             return None
 
-    def _judged(
-        self,
-        state: Mapping[str, Value],
-        run: Run,
-        done: "_Done",
-        blocked: bool,
-        choices: Mapping[str, int],
-        inputs: Mapping[str, Value],
-        late: bool,
-    ) -> Step:
+    # Endings --------------------------------------------------------------------
+
+    def _judged(self, start: Start, done: Trial, request: Request, following: Draws, late: bool) -> Step:
         """Reward and ending of a completed run (semantics 6)."""
-        numerical = done.state is None
-        after = dict(state) if done.state is None else done.state
-        events = Happened(late=late) if numerical else Happened(done.failed, done.met, late)
+        after = start.state if done.failure else self._state(done.env)
+        events = Happened(late=late) if done.failure else Happened(done.failed, done.met, late)
         outcome = judge(self.model, self.environment(after), self.exact, events)
         reward, reason, status, ends = outcome.reward, outcome.reason, outcome.status, outcome.ends
-        mask = self.enabled(after)
-        if numerical:
-            ends, status, reason = "truncate", "none", "numerical"
+        upcoming = start if done.failure else self.lead(after, following)
+        openings = self.openings(upcoming) if upcoming else Openings(False, {})
+        if done.failure:
+            ends, status, reason = "truncate", "none", done.failure
         elif ends is None:
             if outcome.undefined:
                 ends, reason = "truncate", "numerical"
             elif not self.model.loops:
                 ends, reason = "terminate", "end"
-            elif not any(mask):
+            elif not openings.open:
                 ends, reason = "truncate", "deadlock"
             status = status if ends is None else "none"
-        if blocked:
+        if done.left:
             reward = reward + literal(Fraction(self.settings.blocked_penalty), self.exact)
         return Step(
-            state=after,
-            decisions={**choices, **dict(run.decisions)},
-            values={**inputs, **done.values},
-            blocked=blocked,
-            duration=literal(Fraction(0), self.exact) if numerical else done.duration,
+            judged=after,
+            start=upcoming or Start(after),
+            decisions={**request.choices, **done.taken},
+            values={**request.inputs, **done.values},
+            blocked=done.left,
+            duration=literal(Fraction(0), self.exact) if done.failure else done.duration,
             reward=reward,
             cost=outcome.cost,
             terminated=ends == "terminate",
             truncated=ends == "truncate",
             status=status,
             reason=reason,
-            mask=mask,
+            openings=openings,
         )
 
-    def _unmoved(
-        self, state: Mapping[str, Value], ending: str, choices: Mapping[str, int], inputs: Mapping[str, Value]
-    ) -> Step:
+    def _unmoved(self, start: Start, ending: str, request: Request) -> Step:
         """The requested run blocked and nothing else was run: the state stays (semantics 3)."""
-        outcome = judge(self.model, self.environment(state), self.exact)
+        outcome = judge(self.model, self.environment(start.state), self.exact)
         penalty = literal(Fraction(self.settings.blocked_penalty), self.exact)
         return Step(
-            state=dict(state),
-            decisions=dict(choices),
-            values=dict(inputs),
+            judged=start.state,
+            start=start,
+            decisions={**request.choices, **start.taken},
+            values={**request.inputs, **start.values},
             blocked=True,
             duration=literal(Fraction(0), self.exact),
             reward=outcome.reward + penalty,
@@ -304,104 +318,5 @@ class Interpreter:
             truncated=ending != "terminate",
             status="none",
             reason="deadlock" if ending == "deadlock" else "blocked",
-            mask=self.enabled(state),
+            openings=self.openings(start),
         )
-
-
-@dataclass(frozen=True, slots=True)
-class _Done:
-    """The end of a run; `state` None where a value became undefined or a flow failed."""
-
-    state: dict[str, Value] | None
-    values: dict[str, Value]
-    duration: Value
-    failed: frozenset[int] = frozenset()
-    met: frozenset[int] = frozenset()
-
-
-@dataclass(frozen=True, slots=True)
-class Happened:
-    """What a post-state does not show: the watches that failed or were met on the way, by number, and
-    whether the step is the last that the time limit allows."""
-
-    failed: frozenset[int] = frozenset()
-    met: frozenset[int] = frozenset()
-    late: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What the annotated predicates say of a state. `ends` is the winning end action, if any."""
-
-    reward: Value
-    cost: int
-    ends: str | None
-    status: str
-    reason: str
-    undefined: bool
-
-
-NOTHING = Happened()
-
-
-def judge(model: Model, env: Environment, exact: bool = False, happened: Happened = NOTHING) -> Outcome:
-    """Evaluate every predicate on a post-state; of those that end the episode one wins."""
-    reward: Value = literal(Fraction(0), exact)
-    cost = 0
-    undefined = False
-    continued = "none"
-    firings: list[tuple[int, int, int, str, str, str]] = []
-    for k, predicate in enumerate(model.predicates):
-        own = _watch_of(model, k)
-        good = truth(predicate.relaxed, env, exact)
-        if predicate.category == "safety":
-            good = good and own not in happened.failed
-            cost += not good
-        for term in (predicate.reward if good else predicate.penalty, predicate.shape):
-            if term is not None:
-                try:
-                    reward = reward + evaluate(term, env, exact)
-                except Undefined:
-                    undefined = True
-        fails = _fails(predicate, good, env, exact, own, happened)
-        for trigger, fires in ((predicate.on_success, good), (predicate.on_failure, fails)):
-            if trigger is None or not fires:
-                continue
-            if trigger.action == "continue":
-                continued = trigger.status
-            else:
-                status = ("failure", "success", "none").index(trigger.status)
-                category = ("safety", "progress", "stability").index(predicate.category)
-                firings.append((status, category, k, trigger.action, trigger.status, predicate.name))
-    if not firings:
-        return Outcome(reward, cost, None, continued, "", undefined)
-    *_, ends, status, name = min(firings)
-    return Outcome(reward, cost, ends, status, name, undefined)
-
-
-def _watch_of(model: Model, predicate: int) -> int | None:
-    """The number of the watch of a predicate, if it has one."""
-    found = [w for w, watch in enumerate(watches_of(model)) if watch.predicate == predicate]
-    return found[0] if found else None
-
-
-def _fails(
-    predicate: Predicate, good: bool, env: Environment, exact: bool, watch: int | None, happened: Happened
-) -> bool:
-    """Whether a predicate counts as failed: a progress predicate only when its obligation falls due."""
-    if predicate.category != "progress":
-        return not good
-    if watch is not None and watch in happened.failed:
-        return True
-    if predicate.due is None:
-        return not good and happened.late
-    return not good and watch not in happened.met and truth(predicate.due, env, exact)
-
-
-def _first_part(model: Model, run: Run) -> tuple[Straight, ...]:
-    """A run up to its first flow, whose domain counts as a test."""
-    for k, statement in enumerate(run.line):
-        if isinstance(statement, Evolve):
-            domain = model.flows[statement.flow].domain
-            return (*run.line[:k], Test(domain, span=statement.span))
-    return run.line

@@ -11,7 +11,7 @@ from typing import Literal, TypeAlias
 
 from dl2c.ir.exact import ExactPlan, Snap, plan
 from dl2c.ir.flow import NotPolynomial, Solution, moving, solve
-from dl2c.ir.logic import conjunction, conjuncts, operands
+from dl2c.ir.logic import conjunction, conjuncts, negation, operands
 from dl2c.ir.margins import Moves, TooManyCases, margin_of, margins_of, smooth
 from dl2c.ir.model import (
     ZERO,
@@ -129,7 +129,10 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
 
 
 def _smoothed(watch: Watch, moves: Moves) -> Watch:
-    stays, due, goal = (smooth(f, moves) for f in (watch.stays, watch.due, watch.goal))
+    """Over margins. Signs are always known: an obligation waits also where D or P has no value."""
+    due, goal = smooth(watch.due, moves), smooth(watch.goal, moves)
+    waits = watch.kind == "obligation"
+    stays = conjunction([negation(due), negation(goal)]) if waits else smooth(watch.stays, moves)
     return replace(watch, stays=stays, due=due, goal=goal)
 
 

@@ -3,7 +3,7 @@
 from typing import assert_never
 
 from dl2c.ir.logic import symbols
-from dl2c.ir.model import Assign, AssignAny, Block, Choice, Evolve, Flow, If, Symbol, Test
+from dl2c.ir.model import Assign, AssignAny, Block, Choice, Evolve, Flow, If, Repeat, Symbol, Test, While
 
 
 def overwritten(block: Block, variable: str, flows: tuple[Flow, ...]) -> bool:
@@ -31,6 +31,10 @@ def _scan(block: Block, symbol: Symbol, flows: tuple[Flow, ...]) -> tuple[bool, 
                 branches = [_scan(then, symbol, flows), _scan(orelse, symbol, flows)]
                 reads = symbol in symbols(condition, otherwise) or any(r for r, _ in branches)
                 writes = all(w for _, w in branches)
+            case While(condition, _, body):
+                reads = symbol in symbols(condition) or _scan(body, symbol, flows)[0]
+            case Repeat(_, body):
+                reads, _ = _scan(body, symbol, flows)
             case Choice(_, alternatives):
                 branches = [_scan(a.body, symbol, flows) for a in alternatives]
                 reads, writes = any(r for r, _ in branches), all(w for _, w in branches)

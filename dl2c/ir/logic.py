@@ -20,6 +20,7 @@ from dl2c.ir.model import (
     Compare,
     Comparison,
     Div,
+    Flow,
     Formula,
     Mul,
     Neg,
@@ -40,8 +41,15 @@ def number(value: int | Fraction) -> Number:
     return Number(Fraction(value))
 
 
+MAX_BITS = 100_000
+"""Of the numerator and the denominator of a power that is computed exactly."""
+
+
 def folded(term: Term) -> Term:
-    """The term itself, or its exact value where all its direct operands are numbers."""
+    """The term itself, or its exact value where all its direct operands are numbers.
+
+    A power with too many digits stays as it is.
+    """
     match term:
         case Neg(Number(a)):
             return Number(-a)
@@ -53,7 +61,7 @@ def folded(term: Term) -> Term:
             return Number(a * b)
         case Div(Number(a), Number(b)) if b != 0:
             return Number(a / b)
-        case Pow(Number(a), n):
+        case Pow(Number(a), n) if n * max(a.numerator.bit_length(), a.denominator.bit_length()) <= MAX_BITS:
             return Number(a**n)
         case Call("abs", (Number(a),)):
             return Number(abs(a))
@@ -95,6 +103,12 @@ def disjunction(formulas: Iterable[Formula]) -> Formula:
             case _:
                 parts.append(formula)
     return FALSE if not parts else parts[0] if len(parts) == 1 else Or(tuple(parts))
+
+
+def domain_at_end(flow: Flow) -> Formula:
+    """What must hold where a flow ends."""
+    clocks = [Compare("<=", Symbol(h.clock, "variable"), h.bound) for h in flow.horizons]
+    return conjunction([*clocks, flow.watched])
 
 
 def conjuncts(formula: Formula) -> tuple[Formula, ...]:
@@ -152,12 +166,12 @@ def relaxed(formula: Formula, tolerance: Fraction) -> Formula:
             slack = folded(Mul(Number(tolerance), reduce(lambda a, b: folded(Add(a, b)), sizes, ONE)))
             match op:
                 case "=":
-                    difference = left if right == ZERO else Sub(left, right)
-                    return Compare("<=", Call("abs", (difference,)), slack, span=span)
+                    difference = left if right == ZERO else folded(Sub(left, right))
+                    return Compare("<=", folded(Call("abs", (difference,))), slack, span=span)
                 case "<" | "<=":
-                    return Compare(op, left, slack if right == ZERO else Add(right, slack), span=span)
+                    return Compare(op, left, slack if right == ZERO else folded(Add(right, slack)), span=span)
                 case ">" | ">=":
-                    return Compare(op, Add(left, slack), right, span=span)
+                    return Compare(op, folded(Add(left, slack)), right, span=span)
                 case _:
                     assert_never(op)
         case And(children):
@@ -179,13 +193,13 @@ def delta(formula: Formula) -> Term | None:
         case Compare(op, left, right):
             match op:
                 case "<" | "<=":
-                    return Sub(right, left)
+                    return folded(Sub(right, left))
                 case ">" | ">=":
-                    return Sub(left, right)
+                    return folded(Sub(left, right))
                 case "=":
-                    return Neg(Call("abs", (Sub(left, right),)))
+                    return folded(Neg(folded(Call("abs", (folded(Sub(left, right)),)))))
                 case "!=":
-                    return Call("abs", (Sub(left, right),))
+                    return folded(Call("abs", (folded(Sub(left, right)),)))
                 case _:
                     assert_never(op)
         case And(children) | Or(children):

@@ -5,15 +5,17 @@ error: constants without a value, constructs that cannot be executed.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from typing import assert_never
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir import model as ir
+from dl2c.ir.leading import leading
 from dl2c.ir.liveness import overwritten
-from dl2c.ir.logic import conjunction, disjunction, relaxed, symbols
+from dl2c.ir.logic import conjunction, disjunction, symbols
 from dl2c.ir.lower_program import ProgramLowering
-from dl2c.ir.lower_terms import Scope, lower_delta, lower_formula, lower_term
+from dl2c.ir.lower_terms import Scope, lower_delta, lower_formula, lower_predicate, lower_term
 from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.annotations import (
@@ -39,16 +41,15 @@ def lower(problem: Problem, options: Options) -> ir.Model:
     scope = _scope(problem)
     shape = problem.shape
     found: list[Diagnostic] = []
-    if shape.prefix:
-        found.append(_prefix(shape.prefix[0]))
     code = scan(problem.entry.span.source).text
     lowering = ProgramLowering(scope, _roles(problem), problem.program_annotations, code, options)
-    body = tuple(s for p in shape.body for s in lowering.block(p))
+    step = lowering.sequence(shape.body)
+    lead, body = leading(step)
+    prefix = replace(lowering, resets=True, choices=0, loops=0, assigned={}).sequence(shape.prefix)
     assumptions = [(f.span, lower_formula(f, scope)) for f in shape.assumptions]
     found += [_never_true(span) for span, formula in assumptions if formula == ir.FALSE]
     precondition = conjunction(formula for _, formula in assumptions)
     constants = _constants(problem, options, precondition, found)
-    found += lowering.found
     found += _unused_annotations(problem, lowering)
     found += _after_loop(problem)
     if found:
@@ -57,10 +58,10 @@ def lower(problem: Problem, options: Options) -> ir.Model:
     return ir.Model(
         name=problem.entry.name,
         source=problem.entry.span.source.name,
-        variables=_variables(problem, precondition, body, flows),
+        variables=_variables(problem, precondition, (*prefix, *step), flows),
         constants=constants,
         precondition=precondition,
-        prefix=(),
+        prefix=prefix,
         body=body,
         loops=shape.loop is not None,
         flows=flows,
@@ -69,6 +70,8 @@ def lower(problem: Problem, options: Options) -> ir.Model:
         tolerance=options.tolerance,
         duration=options.duration,
         continuous=_is_continuous(body, options),
+        lead=lead,
+        max_loop=options.max_loop,
     )
 
 
@@ -98,16 +101,6 @@ def _never_true(span: Span) -> Diagnostic:
         span,
         "is never true",
         "relax this condition",
-    )
-
-
-def _prefix(program: tree.Program) -> Diagnostic:
-    return error(
-        "program-before-loop",
-        "a program before the loop cannot be executed",
-        program.span,
-        "this runs before the first step",
-        "express the states it reaches as an assumption: `assumptions -> [{...}*] safe`",
     )
 
 
@@ -159,6 +152,7 @@ def _runs(problem: Problem, place: Span) -> bool:
     """Whether a place is inside the body of a step, or of a definition that the problem uses."""
     loop, first, last = problem.shape.loop, problem.entry.problem.span, problem.shape.body[-1].span
     ranges = [(loop.span.start, loop.span.end) if loop else (first.start, last.end)]
+    ranges += [(p.span.start, p.span.end) for p in problem.shape.prefix]
     used = set(mentioned(problem.entry.problem))
     waiting = list(used)
     while waiting:
@@ -250,11 +244,11 @@ def _bound(bound: tuple[Fraction | None, Fraction | None] | None) -> ir.Bound:
 
 
 def _variables(
-    problem: Problem, precondition: ir.Formula, body: ir.Block, flows: tuple[ir.Flow, ...]
+    problem: Problem, precondition: ir.Formula, program: ir.Block, flows: tuple[ir.Flow, ...]
 ) -> tuple[ir.Variable, ...]:
     assumed = {s.name for s in symbols(precondition)}
     return tuple(
-        _variable(d, a, problem.annotated, d.name not in assumed and overwritten(body, d.name, flows))
+        _variable(d, a, problem.annotated, d.name not in assumed and overwritten(program, d.name, flows))
         for d, a in problem.variables
     )
 
@@ -282,26 +276,26 @@ def _predicates(problem: Problem, scope: Scope, options: Options) -> tuple[ir.Pr
         return tuple(_predicate(p, scope, options) for p in problem.predicates)
     implied: list[ir.Predicate] = []
     if problem.shape.postcondition is not None:
-        formula = lower_formula(problem.shape.postcondition, scope)
+        formula, relaxed = lower_predicate(problem.shape.postcondition, scope, options.tolerance)
         implied.append(
             ir.Predicate(
                 name="postcondition",
                 category="safety",
                 formula=formula,
-                relaxed=relaxed(formula, options.tolerance),
+                relaxed=relaxed,
                 penalty=ir.Number(UNANNOTATED_PENALTY),
                 on_failure=ir.Trigger("terminate", "failure"),
                 span=problem.shape.postcondition.span,
             )
         )
     if problem.shape.progress is not None and problem.shape.postcondition is None:
-        formula = lower_formula(problem.shape.progress, scope)
+        formula, relaxed = lower_predicate(problem.shape.progress, scope, options.tolerance)
         implied.append(
             ir.Predicate(
                 name="progress",
                 category="progress",
                 formula=formula,
-                relaxed=relaxed(formula, options.tolerance),
+                relaxed=relaxed,
                 reward=ir.ONE,
                 on_success=ir.Trigger("terminate", "success"),
                 span=problem.shape.progress.span,
@@ -312,12 +306,12 @@ def _predicates(problem: Problem, scope: Scope, options: Options) -> tuple[ir.Pr
 
 def _predicate(predicate: AnnotatedPredicate, scope: Scope, options: Options) -> ir.Predicate:
     annotation = predicate.annotation
-    formula = lower_formula(predicate.formula, scope)
+    formula, relaxed = lower_predicate(predicate.formula, scope, options.tolerance)
     return ir.Predicate(
         name=predicate.declaration.name,
         category=annotation.category,
         formula=formula,
-        relaxed=relaxed(formula, options.tolerance),
+        relaxed=relaxed,
         reward=_value(predicate.reward, scope),
         penalty=_value(predicate.penalty, scope),
         shape=_value(predicate.shape, scope),

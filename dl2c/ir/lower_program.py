@@ -1,15 +1,14 @@
 """Programs of the syntax tree as IR blocks: decisions named, branches told from choices.
 
-Assumes an expanded, executable program without top-level loop. A choice of exactly two
-alternatives whose first tests are complementary is an `If`; nested choices flatten to one
-(semantics 2).
+Assumes an expanded, executable program. A choice of exactly two alternatives whose first tests
+are complementary is an `If`; nested choices flatten to one; `{?P;a}*; ?!P` is a `While`, any
+other loop a `Repeat` (semantics 2).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import assert_never
 
-from dl2c.diagnostics import Diagnostic, error
 from dl2c.ir import model as ir
 from dl2c.ir.logic import negation, oriented
 from dl2c.ir.lower_flow import lower_flow
@@ -17,7 +16,7 @@ from dl2c.ir.lower_terms import Scope, lower_formula, lower_term
 from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.annotations import ChoiceAnnotation, FallbackAnnotation, ProgramAnnotation
-from dl2c.resolve.shape import alternatives
+from dl2c.resolve.shape import alternatives, statements
 from dl2c.source import Span
 
 SPACE = " \t\r\n{"
@@ -26,10 +25,11 @@ SPACE = " \t\r\n{"
 
 @dataclass(slots=True)
 class ProgramLowering:
-    """One program being lowered: what it reads, and the flows, keys and errors found so far.
+    """One program being lowered: what it reads, and the flows and keys found so far.
 
     `code` is the text of the model with blank comments. `placed` holds for every annotation met
-    where the construct that it belongs to begins.
+    where the construct that it belongs to begins. Where `resets`, chance makes all decisions, under
+    keys of their own.
     """
 
     scope: Scope
@@ -37,17 +37,32 @@ class ProgramLowering:
     annotations: Sequence[ProgramAnnotation]
     code: str
     options: Options
+    resets: bool = False
     flows: list[ir.Flow] = field(default_factory=list[ir.Flow])
     choices: int = 0
+    loops: int = 0
     assigned: dict[str, str] = field(default_factory=dict[str, str])
     placed: dict[ProgramAnnotation, Span] = field(default_factory=dict[ProgramAnnotation, Span])
-    found: list[Diagnostic] = field(default_factory=list[Diagnostic])
+
+    def sequence(self, program: Sequence[tree.Program]) -> ir.Block:
+        """The statements of programs that follow each other."""
+        found: list[ir.Statement] = []
+        rest = list(program)
+        while rest:
+            first = rest.pop(0)
+            loop = self._while(first, rest[0]) if isinstance(first, tree.Loop) and rest else None
+            if loop is not None:
+                found.append(loop)
+                rest.pop(0)
+            else:
+                found += self.block(first)
+        return tuple(found)
 
     def block(self, program: tree.Program) -> ir.Block:
         """The statements of a program, in order."""
         match program:
-            case tree.Compose(left, right):
-                return (*self.block(left), *self.block(right))
+            case tree.Compose():
+                return self.sequence(statements(program))
             case tree.Assign(name, term):
                 return (ir.Assign(name, lower_term(term, self.scope), span=program.span),)
             case tree.AssignAny(name):
@@ -59,41 +74,57 @@ class ProgramLowering:
                 return (ir.Evolve(len(self.flows) - 1, span=program.span),)
             case tree.Choice():
                 return (self._choice(program),)
-            case tree.Loop(span=span):
-                self.found.append(_inner_loop(span))
-                return ()
+            case tree.Loop(child):
+                return (self._repeat(child, program.span),)
             case tree.ProgramConst() | tree.Dual():
                 raise AssertionError("expansion and check_executable leave none of these")
             case _:
                 assert_never(program)
 
     def _assign_any(self, name: str, span: Span) -> ir.AssignAny:
-        key = f"assign_{name}"
+        stem = self._key(f"assign_{name}")
+        key = stem
         count = 0
         while key in self.assigned:
             count += 1
-            key = f"assign_{name}_{count}"
+            key = f"{stem}_{count}"
         self.assigned[key] = name
-        role = self.roles.get(name, "agent")
-        if role == "env":
-            self.found.append(_environment_decides(span))
-        return ir.AssignAny(name, key, role, span=span)
+        return ir.AssignAny(name, key, self._role(self.roles.get(name, "agent")), span=span)
 
     def _choice(self, program: tree.Choice) -> ir.Statement:
         found = alternatives(program)
         if len(found) == 2 and (branch := self._branch(found, program.span)) is not None:
             return branch
-        key = f"choice_{self.choices}"
+        key = self._key(f"choice_{self.choices}")
         self.choices += 1
         annotation = self._annotation_at(program.span)
-        if annotation is not None and annotation.role == "env":
-            self.found.append(_environment_decides(annotation.span))
         marks = [self._is_fallback(a.span) for a in found]
         lowered = tuple(
             ir.Alternative(self.block(a), mark, span=a.span) for a, mark in zip(found, marks, strict=True)
         )
-        role = annotation.role if annotation else "agent"
+        role = self._role(annotation.role if annotation else "agent")
         return ir.Choice(key, lowered, role, annotation.name if annotation else "", span=program.span)
+
+    def _repeat(self, body: tree.Program, span: Span) -> ir.Repeat:
+        key = self._key(f"loop_{self.loops}")
+        self.loops += 1
+        return ir.Repeat(key, self.block(body), self.options.max_repeat, self._role("agent"), span=span)
+
+    def _while(self, loop: tree.Loop, after: tree.Program) -> ir.While | None:
+        """`{?P; body}*; ?!P`, if that is what it is."""
+        first, *body = statements(loop.child)
+        if not isinstance(first, tree.Test) or not isinstance(after, tree.Test):
+            return None
+        condition, otherwise = (lower_formula(t.formula, self.scope) for t in (first, after))
+        if oriented(negation(condition)) != oriented(otherwise):
+            return None
+        return ir.While(condition, otherwise, self.sequence(body), span=loop.span)
+
+    def _key(self, key: str) -> str:
+        return f"prefix_{key}" if self.resets else key
+
+    def _role(self, role: ir.Role) -> ir.Role:
+        return "reset" if self.resets else role
 
     def _branch(self, sides: tuple[tree.Program, ...], span: Span) -> ir.If | None:
         """A deterministic branch, if the first tests exclude each other and one always holds."""
@@ -131,23 +162,3 @@ def _first_test(program: tree.Program) -> tree.Test | None:
     while isinstance(program, tree.Compose):
         program = program.left
     return program if isinstance(program, tree.Test) else None
-
-
-def _inner_loop(span: Span) -> Diagnostic:
-    return error(
-        "inner-loop",
-        "a loop inside the step cannot be executed",
-        span,
-        "only the outermost `{...}*` is run",
-        "unroll the loop, or make it the only loop of the problem",
-    )
-
-
-def _environment_decides(span: Span) -> Diagnostic:
-    return error(
-        "environment-role",
-        "decisions of the environment cannot be executed",
-        span,
-        "`role=env` is not supported",
-        "let the agent decide (`role=agent`), or fix the decision in the model",
-    )

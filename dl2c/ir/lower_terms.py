@@ -11,7 +11,16 @@ from typing import assert_never, cast
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir import model as ir
-from dl2c.ir.logic import always_defined, conjunction, decided, delta, disjunction, folded, negation
+from dl2c.ir.logic import (
+    always_defined,
+    conjunction,
+    delta,
+    disjunction,
+    folded,
+    mapped,
+    negation,
+    relaxed,
+)
 from dl2c.parse import tree
 from dl2c.source import Span
 
@@ -84,24 +93,39 @@ def _power(base: ir.Term, exponent: ir.Term) -> ir.Term:
 
 
 def lower_formula(formula: tree.Formula, scope: Scope) -> ir.Formula:
-    """The negation normal form of a formula."""
+    """The negation normal form of a formula; atoms between numbers are decided."""
+    return _decided(_normal(formula, scope))
+
+
+def lower_predicate(
+    formula: tree.Formula, scope: Scope, tolerance: Fraction
+) -> tuple[ir.Formula, ir.Formula]:
+    """An annotated predicate, as it is and with every atom of the source relaxed (semantics 5)."""
+    normal = _normal(formula, scope)
+    return _decided(normal), _decided(relaxed(normal, tolerance))
+
+
+def _decided(formula: ir.Formula) -> ir.Formula:
+    return mapped(formula, lambda term: term)
+
+
+def _normal(formula: tree.Formula, scope: Scope) -> ir.Formula:
+    """The negation normal form with every atom of the source."""
     match formula:
         case tree.Truth(value):
             return ir.Truth(value)
         case tree.Compare(op, left, right):
-            return decided(
-                ir.Compare(op, lower_term(left, scope), lower_term(right, scope), span=formula.span)
-            )
+            return ir.Compare(op, lower_term(left, scope), lower_term(right, scope), span=formula.span)
         case tree.Not(child):
-            return negation(lower_formula(child, scope))
+            return negation(_normal(child, scope))
         case tree.And(left, right):
-            return conjunction((lower_formula(left, scope), lower_formula(right, scope)))
+            return conjunction((_normal(left, scope), _normal(right, scope)))
         case tree.Or(left, right):
-            return disjunction((lower_formula(left, scope), lower_formula(right, scope)))
+            return disjunction((_normal(left, scope), _normal(right, scope)))
         case tree.Imply(left, right):
-            return disjunction((negation(lower_formula(left, scope)), lower_formula(right, scope)))
+            return disjunction((negation(_normal(left, scope)), _normal(right, scope)))
         case tree.Equiv(left, right):
-            a, b = lower_formula(left, scope), lower_formula(right, scope)
+            a, b = _normal(left, scope), _normal(right, scope)
             return conjunction((disjunction((negation(a), b)), disjunction((negation(b), a))))
         case (
             tree.PredOf()
@@ -120,7 +144,7 @@ def lower_formula(formula: tree.Formula, scope: Scope) -> ir.Formula:
 
 def lower_delta(formula: tree.Formula, scope: Scope) -> ir.Term:
     """The distance to satisfaction of a formula (paper eq. 4-5)."""
-    term = delta(lower_formula(formula, scope))
+    term = delta(_normal(formula, scope))
     if term is None:
         raise CompileError(_no_distance(formula.span))
     return term
@@ -142,5 +166,5 @@ def _no_distance(span: Span) -> Diagnostic:
         "this formula has no distance to satisfaction",
         span,
         "it is always true or always false",
-        "a predicate used as a value must compare terms that can change",
+        "a predicate used as a value must compare terms",
     )

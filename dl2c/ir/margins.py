@@ -3,7 +3,8 @@
 Comes in: a formula in negation normal form. Goes out: an equivalent one (over the reals, an
 undefined atom being false) whose atoms are `margin >= 0`, `> 0`, `= 0` or `!= 0`, and whose
 margins are smooth wherever the other atoms of their conjunction hold: `abs`, `min` and `max`
-are split into cases, and divisors and square roots bring the condition that they are defined.
+are split into cases, divisors that move are multiplied out, and divisors and square roots bring
+the condition that they are defined.
 """
 
 from collections.abc import Callable
@@ -57,7 +58,7 @@ def margin_of(atom: Compare) -> Term:
     return left if right == ZERO else Sub(left, right)
 
 
-def smooth(formula: Formula, moves: Callable[[Term], bool]) -> Formula:
+def smooth(formula: Formula, moves: Moves) -> Formula:
     """The formula over margins; terms that do not move keep their kinks. Raises `TooManyCases`."""
     made = _smooth(formula, moves)
     if sum(1 for _ in atoms(made)) > MAX_ATOMS:
@@ -85,7 +86,8 @@ def _atom(atom: Compare, moves: Moves, depth: int) -> Formula:
         raise TooManyCases
     found = _kink(atom.left, moves, 1)
     if found is None:
-        return conjunction([*_defined(atom.left, moves), atom])
+        margin = Compare(atom.op, _cleared(atom.left, moves), ZERO, span=atom.span)
+        return conjunction([*_defined(atom.left, moves), margin])
     call, direction = found
     branches = _branches(call)
     cases = [Compare(atom.op, with_term(atom.left, call, b), ZERO, span=atom.span) for b in branches]
@@ -112,9 +114,8 @@ def _branches(call: Call) -> tuple[Term, Term]:
 
 
 def _kink(term: Term, moves: Moves, direction: int | None) -> tuple[Call, int | None] | None:
-    """The first `abs`, `min` or `max` without one inside, and whether the term grows (1) or falls (-1) with it.
-
-    The direction is None where that depends on the state.
+    """The first `abs`, `min` or `max` without one inside, and how the term follows it: 1 it grows, -1 it
+    falls, None where that depends on the state.
     """
     if not moves(term):
         return None
@@ -143,6 +144,44 @@ def _opposite(direction: int | None) -> int | None:
 
 def _scaled(direction: int | None, positive: bool) -> int | None:
     return direction if positive else _opposite(direction)
+
+
+def _cleared(term: Term, moves: Moves) -> Term:
+    """A term of the same sign, wherever the term has a value, without divisors that move: n*d for n/d."""
+    above, below = _fraction(term, moves)
+    return above if below is None else Mul(above, below)
+
+
+def _fraction(term: Term, moves: Moves) -> tuple[Term, Term | None]:
+    """Dividend and moving divisor, None for 1."""
+    match term:
+        case Div(left, right) if moves(right):
+            (a, b), (c, d) = _fraction(left, moves), _fraction(right, moves)
+            return _times(a, d), _times(c, b)
+        case Div(left, right):
+            a, b = _fraction(left, moves)
+            return (term, None) if b is None else (folded(Div(a, right)), b)
+        case Neg(child):
+            a, b = _fraction(child, moves)
+            return folded(Neg(a)), b
+        case Add(left, right) | Sub(left, right):
+            (a, b), (c, d) = _fraction(left, moves), _fraction(right, moves)
+            below = b if d is None or d == b else _times(d, b)
+            scaled = (a, c) if b == d else (_times(a, d), _times(c, b))
+            return (term, None) if below is None else (folded(type(term)(*scaled)), below)
+        case Mul(left, right):
+            (a, b), (c, d) = _fraction(left, moves), _fraction(right, moves)
+            below = b if d is None else _times(d, b)
+            return (term, None) if below is None else (folded(Mul(a, c)), below)
+        case Pow(base, exponent):
+            a, b = _fraction(base, moves)
+            return (term, None) if b is None else (folded(Pow(a, exponent)), folded(Pow(b, exponent)))
+        case _:
+            return term, None
+
+
+def _times(term: Term, factor: Term | None) -> Term:
+    return term if factor is None else folded(Mul(term, factor))
 
 
 def _defined(term: Term, moves: Moves) -> list[Formula]:

@@ -132,7 +132,8 @@ FALSE = Truth(False)
 
 # Programs ---------------------------------------------------------------------
 
-Role: TypeAlias = Literal["agent", "env"]
+Role: TypeAlias = Literal["agent", "env", "reset"]
+"""Who decides: the agent; the environment, at random; or chance too, in the program before the loop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,6 +197,39 @@ class If:
 
 
 @dataclass(frozen=True, slots=True)
+class While:
+    """`{?condition; body}*; ?otherwise`: no decision. Its head is a cut point of runs."""
+
+    condition: Formula
+    otherwise: Formula
+    body: "Block"
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class Repeat:
+    """`{body}*` inside a step: a decision how often, at most `most` times. `key` is `loop_<k>`.
+
+    Decisions of the body are made once: they have the same key, and so the same outcome, each time.
+    """
+
+    key: str
+    body: "Block"
+    most: int
+    role: Role = "agent"
+    span: Span = _span()
+
+    @property
+    def name(self) -> str:
+        return ""
+
+    @property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """The choice that it stands for: alternative k runs the body k times."""
+        return tuple(Alternative(self.body * k, span=self.span) for k in range(self.most + 1))
+
+
+@dataclass(frozen=True, slots=True)
 class Evolve:
     """Follow `Model.flows[flow]`."""
 
@@ -203,7 +237,7 @@ class Evolve:
     span: Span = _span()
 
 
-Statement: TypeAlias = Assign | AssignAny | Test | Choice | If | Evolve
+Statement: TypeAlias = Assign | AssignAny | Test | Choice | If | While | Repeat | Evolve
 Block: TypeAlias = tuple[Statement, ...]
 
 
@@ -233,14 +267,6 @@ class Flow:
     cap: Fraction | None
     invariants: tuple[Compare, ...] = ()
     span: Span = _span()
-
-    @property
-    def inside(self) -> Formula:
-        """What must hold where the flow ends."""
-        clocks = [Compare("<=", Symbol(h.clock, "variable"), h.bound) for h in self.horizons]
-        parts = [*clocks, *(self.watched.children if isinstance(self.watched, And) else (self.watched,))]
-        kept = [p for p in parts if p != TRUE]
-        return TRUE if not kept else kept[0] if len(kept) == 1 else And(tuple(kept))
 
 
 # Annotated parts --------------------------------------------------------------
@@ -335,6 +361,11 @@ class Model:
     `postcondition` is Q, None where the program's suffix changes what Q reads. `duration` is who
     decides how long a flow lasts: as long as its domain allows, a draw, or the agent.
     `continuous` says that safety predicates are watched along the flows of a step.
+    A step is one execution of `lead; body`: `lead` is executed as soon as the step before it, or the
+    reset, is over (see `leading`). `prefix` is executed once, after an initial state is drawn.
+    `loops` is False for a problem without a loop, whose episodes are one step long. `precondition`
+    is P over variables and constants. `postcondition` is Q, None where the program's suffix changes
+    what Q reads. A run that enters `while` loops more than `max_loop` times diverges.
     """
 
     name: str
@@ -351,6 +382,8 @@ class Model:
     tolerance: Fraction = Fraction(1, 10**9)
     duration: Duration = "max"
     continuous: bool = False
+    lead: Block = ()
+    max_loop: int = 10_000
 
     @property
     def sampled(self) -> tuple[str, ...]:

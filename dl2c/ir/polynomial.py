@@ -11,12 +11,15 @@ from typing import TypeAlias, assert_never
 from dl2c.ir.logic import folded
 from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
 
+MAX_DEGREE = 32
+"""Coefficients of higher powers are too long to be of use."""
+
 Coefficients: TypeAlias = tuple[Term, ...]
 """c0, c1, ... of c0 + c1*tau + ...; never empty."""
 
 
 def polynomial(term: Term, curves: Mapping[Symbol, Coefficients]) -> Coefficients | None:
-    """Coefficients of the term along `curves`; None where it is not a polynomial there."""
+    """Coefficients of the term along `curves`; None where it is no polynomial or too high a one."""
     match term:
         case Symbol() if term in curves:
             return curves[term]
@@ -33,7 +36,9 @@ def polynomial(term: Term, curves: Mapping[Symbol, Coefficients]) -> Coefficient
             return None if a is None or b is None else _difference(a, b)
         case Mul(left, right):
             a, b = polynomial(left, curves), polynomial(right, curves)
-            return None if a is None or b is None else _product(a, b)
+            if a is None or b is None or len(a) + len(b) - 2 > MAX_DEGREE:
+                return None
+            return _product(a, b)
         case Div(left, right):
             a, b = polynomial(left, curves), polynomial(right, curves)
             if a is None or b is None or len(b) != 1:
@@ -41,7 +46,7 @@ def polynomial(term: Term, curves: Mapping[Symbol, Coefficients]) -> Coefficient
             return tuple(_quotient(c, b[0]) for c in a)
         case Pow(base, exponent):
             a = polynomial(base, curves)
-            if a is None:
+            if a is None or (len(a) - 1) * exponent > MAX_DEGREE:
                 return None
             return (folded(Pow(a[0], exponent)),) if len(a) == 1 else _power(a, exponent)
         case Call(function, args):

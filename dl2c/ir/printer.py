@@ -28,11 +28,13 @@ from dl2c.ir.model import (
     Number,
     Or,
     Pow,
+    Repeat,
     Sub,
     Symbol,
     Term,
     Test,
     Truth,
+    While,
 )
 
 ATOM, POWER, PRODUCT, SUM = 4, 3, 2, 1
@@ -138,6 +140,12 @@ def print_block(block: Block, indent: str = "") -> Iterator[str]:
                 for k, alternative in enumerate(alternatives):
                     yield f"{indent}{k}:{'  /* fallback */' if alternative.fallback else ''}"
                     yield from print_block(alternative.body, indent + "  ")
+            case While(condition, _, body):
+                yield f"{indent}while ({print_formula(condition)})"
+                yield from print_block(body, indent + "  ")
+            case Repeat(key, body, most, role):
+                yield f"{indent}{key} /* {role}, at most {most} times */"
+                yield from print_block(body, indent + "  ")
             case Evolve(flow):
                 yield f"{indent}flow {flow}"
             case _:
@@ -164,6 +172,9 @@ def print_model(model: Model) -> str:
         horizons = ", ".join(f"{h.clock} <= {print_term(h.bound)}" for h in flow.horizons)
         cap = "" if flow.cap is None else f" cap {print_number(flow.cap)}"
         lines += ["", f"flow {k} {print_flow(flow)}", f"  horizon {horizons or 'none'}{cap}"]
+    for title, block in (("before the first step", model.prefix), ("before each step", model.lead)):
+        if block:
+            lines += ["", title, *print_block(block, "  ")]
     lines += ["", "step" if model.loops else "step (once)", *print_block(model.body, "  ")]
     for p in model.predicates:
         lines += ["", f"@{p.category} {p.name} {print_formula(p.formula)}"]

@@ -31,7 +31,7 @@ AUTORESET = {"disabled": 0, "next_step": 1, "same_step": 2}
 ON_BLOCKED = {"fallback": 0, "truncate": 1, "terminate": 2}
 ACTION_MAP = {"project": 0, "squash": 1}
 
-ERR_RESET, ERR_STATE = -3, -4
+ERR_RESET, ERR_STATE, ERR_BLOCKED = -3, -4, -5
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +43,8 @@ class Sizes:
     nobs: int
     nchoice: int
     ninput: int
+    nenvchoice: int
+    nenvinput: int
     nmask: int
     npred: int
     nflow: int
@@ -157,7 +159,7 @@ class Library:
         if status == 0:
             return
         text = self.ffi.string(self.lib.dl2c_status_text(status)).decode()
-        raise (ResetFailed if status in (ERR_RESET, ERR_STATE) else NativeError)(text)
+        raise (ResetFailed if status in (ERR_RESET, ERR_STATE, ERR_BLOCKED) else NativeError)(text)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a loaded library cannot be pickled; send the model's text and options")
@@ -175,7 +177,17 @@ class Batch:
     __slots__ = (
         *("_bound", "_handle", "_lib", "_native_step", "library", "n"),
         *("choices", "inputs", "obs", "final_obs", "rewards", "terminated", "truncated", "mask"),
-        *("executed_choices", "executed_inputs", "status", "reason", "cost", "blocked", "postcondition"),
+        *(
+            "executed_choices",
+            "executed_inputs",
+            "drawn_choices",
+            "drawn_inputs",
+            "status",
+            "reason",
+            "cost",
+            "blocked",
+            "postcondition",
+        ),
         *("saturated", "began", "duration", "time", "outcome"),
     )
 
@@ -193,6 +205,8 @@ class Batch:
         self.mask = np.zeros((n, s.nmask), np.int8)
         self.executed_choices = np.zeros((n, s.nchoice), np.int32)
         self.executed_inputs = np.zeros((n, s.ninput), np.float64)
+        self.drawn_choices = np.full((n, s.nenvchoice), -1, np.int32)
+        self.drawn_inputs = np.full((n, s.nenvinput), np.nan)
         self.outcome, floats, whole, flags = outcome_memory(n)
         self.rewards, self.duration, self.time = floats
         self.status, self.reason, self.cost = whole
@@ -294,8 +308,11 @@ def load_library(directory: Path) -> Library:
     lib.dl2c_model_sizes(raw)
     sizes = Sizes(**{f.name: int(getattr(raw, f.name)) for f in fields(Sizes)})
     m, s = manifest, sizes
-    described = tuple(map(len, (m.variables, m.observations, m.choices, m.inputs, m.predicates, m.flows)))
-    if described != (s.nx, s.nobs, s.nchoice, s.ninput, s.npred, s.nflow):
+    told = (m.variables, m.constants, m.observations, m.choices, m.inputs, m.drawn_choices, m.drawn_inputs)
+    masked = sum(len(choice.alternatives) for choice in m.choices)
+    described = (*map(len, (*told, m.predicates, m.flows)), masked)
+    wanted = (s.nx, s.np, s.nobs, s.nchoice, s.ninput, s.nenvchoice, s.nenvinput, s.npred, s.nflow, s.nmask)
+    if described != wanted:
         raise NativeError(f"the manifest of {manifest.name} describes another library; build the model again")
     return Library(manifest, sizes, ffi, lib)
 

@@ -9,13 +9,14 @@ from dl2c.emit.cfile import place
 from dl2c.emit.judge_c import observation_limits, observed
 from dl2c.emit.plan import Environment
 from dl2c.ir.inputs import rounded_down, rounded_up
-from dl2c.ir.model import Bound, Constant, Variable
+from dl2c.ir.model import Bound, Constant, Role, Variable
 from dl2c.ir.printer import print_flow, print_number
 from dl2c.native.manifest import ChoiceSpec, FlowSpec, InputSpec, Manifest, PredicateSpec, Quantity
 from dl2c.options import Options
+from dl2c.paths.path import END
 from dl2c.sampling.plan import SamplingPlan
 
-ABI_VERSION = 2
+ABI_VERSION = 3
 STREAM_VERSION = 1
 """Of cgen/include/dl2c.h; a test holds them together."""
 
@@ -33,10 +34,10 @@ def manifest_of(environment: Environment, key: str, platform: dict[str, str]) ->
         variables=tuple(_quantity(v, _declared(v.bound)) for v in model.variables),
         constants=tuple(_quantity(c, _declared(c.bound)) for c in model.constants),
         observations=_observations(environment),
-        choices=tuple(ChoiceSpec(d.key, d.alternatives, d.name) for d in paths.decisions),
-        inputs=tuple(
-            InputSpec(i.key, i.variable, rounded_up(i.low), rounded_down(i.high)) for i in paths.inputs
-        ),
+        choices=_choices(environment, "agent"),
+        inputs=_inputs(environment, "agent"),
+        drawn_choices=_choices(environment, "env"),
+        drawn_inputs=_inputs(environment, "env"),
         runs=paths.runs,
         run_texts=tuple(_run_text(environment, run) for run in paths.runs),
         predicates=tuple(PredicateSpec(p.name, p.category) for p in model.predicates),
@@ -50,6 +51,16 @@ def manifest_of(environment: Environment, key: str, platform: dict[str, str]) ->
         notes=_notes(environment),
         platform=platform,
     )
+
+
+def _choices(environment: Environment, role: Role) -> tuple[ChoiceSpec, ...]:
+    made = [d for d in environment.paths.decisions if d.role == role]
+    return tuple(ChoiceSpec(d.key, d.alternatives, d.name) for d in made)
+
+
+def _inputs(environment: Environment, role: Role) -> tuple[InputSpec, ...]:
+    given = [i for i in environment.paths.inputs if i.role == role]
+    return tuple(InputSpec(i.key, i.variable, rounded_up(i.low), rounded_down(i.high)) for i in given)
 
 
 def _observations(environment: Environment) -> tuple[Quantity, ...]:
@@ -89,7 +100,7 @@ def _quantity(item: Variable | Constant, limits: tuple[float, float]) -> Quantit
 
 def _run_text(environment: Environment, run: tuple[int, ...]) -> str:
     decisions = environment.paths.decisions
-    taken = [d.alternatives[k] for d, k in zip(decisions, run, strict=True) if k >= 0]
+    taken = [d.alternatives[k] for d, k in zip(decisions, run, strict=False) if k >= 0]
     return " ".join(taken) or "the only run"
 
 
@@ -113,9 +124,17 @@ def _options(options: Options) -> dict[str, Any]:
 def _notes(environment: Environment) -> tuple[str, ...]:
     """What a user should know about this environment."""
     notes: list[str] = []
-    if environment.paths.points > 1:
+    paths = environment.paths
+    step = [
+        p for p in paths.paths if p.target != END and p.point < (paths.lead or paths.prefix or paths.points)
+    ]
+    if any(p.flow is not None for p in step):
         notes.append(
             "tests after the first flow are not part of the action mask: a run it allows may still block"
+        )
+    if any(p.flow is None and p.admissions for p in step):
+        notes.append(
+            "the action mask does not see beyond a while loop that an input of the same step may decide"
         )
     if environment.sampling is None:
         notes.append('initial states cannot be drawn: give one, reset(options={"state": {...}})')

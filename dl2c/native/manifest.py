@@ -6,13 +6,18 @@ path, date or machine name but the build's own key.
 
 import json
 import math
-from dataclasses import asdict, dataclass, fields
+import sys
+from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NoReturn, cast, get_args, get_origin, get_type_hints
 
 from dl2c.native.errors import NativeError
+from dl2c.options import Options, with_options
 
-MANIFEST_VERSION = 1
+MANIFEST_VERSION = 2
+
+MAX_BYTES = 64 * 1024**2
+"""What is longer is no manifest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +77,8 @@ class Manifest:
     """One compiled model. `observations` are the entries of an observation in order.
 
     `runs` lists the decision vectors of the whole control paths in program order, -1 where a
-    path does not meet a decision; `run_texts` describes each. `certificate` says what is proved
+    path does not meet a decision; `run_texts` describes each. `choices` and `inputs` are the
+    agent's, `drawn_choices` and `drawn_inputs` the environment's. `certificate` says what is proved
     of sampled initial states. `options` are the effective options by name.
     """
 
@@ -96,6 +102,8 @@ class Manifest:
     options: dict[str, Any]
     notes: tuple[str, ...]
     platform: dict[str, str]
+    drawn_choices: tuple[ChoiceSpec, ...] = ()
+    drawn_inputs: tuple[InputSpec, ...] = ()
 
     def to_json(self) -> str:
         """Stable text: the same manifest gives the same bytes. Infinite limits are "inf" and "-inf"."""
@@ -104,33 +112,75 @@ class Manifest:
 
     @staticmethod
     def read(path: Path) -> "Manifest":
-        """Read a manifest; raises `NativeError` if it is not one of this version."""
+        """Read a manifest; raises `NativeError` if it is not one of this version. Nothing in it is run."""
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
-            if data.pop("manifest_version") != MANIFEST_VERSION:
+            with path.open("rb") as file:
+                text = file.read(MAX_BYTES).decode("utf-8")
+            data = json.loads(text, parse_constant=_refused_constant)
+            if not isinstance(data, dict):
+                raise ValueError("it is not an object")
+            given = cast("dict[str, Any]", data)
+            if given.pop("manifest_version", None) != MANIFEST_VERSION:
                 raise NativeError(f"{path.name} is of another version of dl2c; build the model again")
-            return _manifest(data)
-        except (OSError, KeyError, TypeError, ValueError) as problem:
+            return _consistent(_record(given, Manifest, "the manifest"))
+        except (OSError, ValueError, RecursionError) as problem:
             raise NativeError(f"{path.name} is not a dl2c manifest: {problem}") from None
 
 
-def _manifest(data: dict[str, Any]) -> Manifest:
-    rows: dict[str, type] = {
-        "variables": Quantity,
-        "constants": Quantity,
-        "observations": Quantity,
-        "choices": ChoiceSpec,
-        "inputs": InputSpec,
-        "predicates": PredicateSpec,
-        "flows": FlowSpec,
-    }
-    given = {f.name: data[f.name] for f in fields(Manifest)}
-    for name, row in rows.items():
-        given[name] = tuple(row(**{k: _frozen(v) for k, v in item.items()}) for item in data[name])
-    given["runs"] = tuple(tuple(run) for run in data["runs"])
-    given["run_texts"] = tuple(data["run_texts"])
-    given["notes"] = tuple(data["notes"])
-    return Manifest(**given)
+def _consistent(manifest: Manifest) -> Manifest:
+    """The manifest, if its parts fit each other. Raises `ValueError`."""
+    with_options(Options(), manifest.options)
+    if any(len(run) != len(manifest.choices) for run in manifest.runs):
+        raise ValueError("a run has as many entries as there are choices")
+    if len(manifest.run_texts) != len(manifest.runs):
+        raise ValueError("every run has a text")
+    return manifest
+
+
+def _refused_constant(word: str) -> NoReturn:
+    raise ValueError(f"{word} is not a number")
+
+
+def _record(value: Any, kind: Any, where: str) -> Any:
+    """An object of JSON as a dataclass. Raises `ValueError` that says where it does not fit."""
+    if not isinstance(value, dict):
+        raise ValueError(f"{where} is not an object")
+    given = cast("dict[str, Any]", value)
+    kinds = get_type_hints(kind)
+    needed = {f.name for f in fields(kind) if f.default is MISSING}
+    if missing := sorted(needed - given.keys()):
+        raise ValueError(f"{where} lacks {missing[0]}")
+    if unknown := sorted(given.keys() - kinds.keys()):
+        raise ValueError(f"{where} has an unknown {unknown[0]!r}")
+    return kind(**{name: _part(part, kinds[name], f"{name} of {where}") for name, part in given.items()})
+
+
+def _part(value: Any, kind: Any, where: str) -> Any:
+    """A value of JSON as a field holds it: lists as tuples, infinite limits as numbers."""
+    if get_origin(kind) is tuple and isinstance(value, list):
+        return tuple(_part(item, get_args(kind)[0], where) for item in cast("list[Any]", value))
+    if is_dataclass(kind):
+        return _record(value, kind, where)
+    if get_origin(kind) is dict and isinstance(value, dict):
+        given = cast("dict[str, Any]", value)
+        return {name: _part(part, get_args(kind)[1], where) for name, part in given.items()}
+    if kind is Any or (kind is str and isinstance(value, str)):
+        return value
+    if kind is int and isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63:
+        return value
+    if kind == float | None and value is None:
+        return None
+    if kind in (float, float | None):
+        return _limit(value, where)
+    raise ValueError(f"{where} has a value of a wrong type")
+
+
+def _limit(value: Any, where: str) -> float:
+    if value in ("inf", "-inf"):
+        return float(value)
+    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= sys.float_info.max:
+        raise ValueError(f"{where} is not a number of this size")
+    return float(value)
 
 
 def _plain(value: Any) -> Any:
@@ -144,10 +194,3 @@ def _plain(value: Any) -> Any:
             return str(value)
         case _:
             return value
-
-
-def _frozen(value: Any) -> Any:
-    """A value as a field holds it: lists as tuples, infinite limits as numbers."""
-    if value in ("inf", "-inf"):
-        return float(value)
-    return tuple(cast("list[Any]", value)) if isinstance(value, list) else value

@@ -6,6 +6,7 @@ Names inside expressions are not looked up here. `options.py` reads `@episode`.
 """
 
 import re
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -13,6 +14,7 @@ from typing import Literal, TypeAlias, TypeVar, cast
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import errors
+from dl2c.parse.build import MAX_DIGITS
 from dl2c.parse.options import Value, read_option
 from dl2c.parse.parser import parse_annotated
 from dl2c.parse.tree import Annotation, Declaration, Formula, Term
@@ -308,7 +310,12 @@ def _decimal(text: str, span: Span, infinity: str) -> Bound:
         return None
     if not _DECIMAL.fullmatch(text):
         raise CompileError(errors.malformed_bound(span))
-    return Fraction("".join(text.split()))
+    if len(text) > MAX_DIGITS:
+        raise CompileError(errors.too_many_digits(span, MAX_DIGITS))
+    value = Fraction("".join(text.split()))
+    if abs(value) > sys.float_info.max:
+        raise CompileError(errors.beyond_doubles(span))
+    return value
 
 
 def _string(text: str, span: Span) -> str:

@@ -6,6 +6,7 @@ declaration does not hide the errors of the next.
 """
 
 import re
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,6 +14,7 @@ from itertools import pairwise
 from dl2c.diagnostics import CompileError, Diagnostic, in_source_order
 from dl2c.parse import build, comments, declarations, errors, old_dialect, placement
 from dl2c.parse.build import Reading
+from dl2c.parse.characters import check_characters
 from dl2c.parse.placement import Block, Statement
 from dl2c.parse.scan import Code, scan
 from dl2c.parse.sections import (
@@ -25,9 +27,16 @@ from dl2c.parse.sections import (
 )
 from dl2c.parse.syntax import parse_tree
 from dl2c.parse.tree import Annotation, Archive, Declaration, Entry, Formula
-from dl2c.source import Source
+from dl2c.source import Source, Span
 
 _STATEMENT = re.compile(r"(?<![A-Za-z0-9_])(Real|Bool|HP|HG|implicit|import)(?![A-Za-z0-9_])")
+MAX_DECLARATIONS = 1000
+"""Names that one section may declare."""
+
+MAX_ANNOTATIONS = 5000
+MAX_ENTRIES = 500
+"""Of one file."""
+
 _SEAM = re.compile(r"(?:(?:HP|HG)\s+\w+\s*::=\s*\{)?\s*\Z")
 
 
@@ -43,12 +52,15 @@ class Work:
 
 def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
     """Read a whole file; see `parser.parse_archive`."""
+    check_characters(source)
     code = scan(source)
     old_dialect.refuse(code)
     problems: list[Diagnostic] = []
     work = Work(code, Reading(source, []), comments.read_annotations(code, problems), problems)
+    _check_count("annotations", [a.span for a in work.annotations], MAX_ANNOTATIONS)
     sections = find_sections(code, problems)
     heads = [i for i, section in enumerate(sections) if section.kind == "entry"]
+    _check_count("entries", [code.span(sections[i].start, sections[i].end) for i in heads], MAX_ENTRIES)
     if not heads:
         raise CompileError(errors.no_entry(code.span(0, min(1, len(source.text)))))
     shared = _shared(sections[: heads[0]], sections[heads[0]].start, work)
@@ -60,6 +72,11 @@ def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
     if problems:
         raise CompileError(problems)
     return Archive(tuple(entries), span=code.span(0, len(source.text))), in_source_order(work.read.warnings)
+
+
+def _check_count(what: str, spans: Sequence[Span], limit: int) -> None:
+    if len(spans) > limit:
+        raise CompileError(errors.too_many(what, spans[limit], limit))
 
 
 def _over(sections: Sequence[Section], following: int | None, code: Code) -> int:
@@ -95,6 +112,7 @@ def _block(section: Section, work: Work) -> Block:
         expected = "a declaration (`Real`, `Bool`, `HP`) or `End.`"
         work.problems.append(errors.misplaced_text(first_word(code, section.begin, first), expected))
     statements: list[Statement] = []
+    declared = 0
     for start, following in pairwise([*starts, section.end]):
         end = trimmed_end(code, start, following)
         try:
@@ -103,6 +121,9 @@ def _block(section: Section, work: Work) -> Block:
             work.problems.extend(found.diagnostics)
             statements.append(Statement(start, end, (), ()))
         _check_comments(start, end, work)
+        declared += max(1, len(statements[-1].declared))
+        if declared > MAX_DECLARATIONS:
+            raise CompileError(errors.too_many("declarations", code.span(start, end), MAX_DECLARATIONS))
     return Block(section, tuple(statements))
 
 
@@ -134,9 +155,10 @@ def _check_comments(start: int, end: int, work: Work) -> None:
     """Warn, once per file, of a `//` comment where KeYmaera X reads a formula or program."""
     if any(warning == errors.line_comment(warning.span) for warning in work.read.warnings):
         return
-    for comment in work.code.comments:
-        at = comment.span.start
-        if comment.line and start < at < end and not _SEAM.match(work.code.text, start, at):
+    comments = work.code.comments
+    first, last = (bisect_left(comments, at, key=lambda c: c.span.start) for at in (start, end))
+    for comment in comments[first:last]:
+        if comment.line and not _SEAM.match(work.code.text, start, comment.span.start):
             work.read.warnings.append(errors.line_comment(comment.span))
             return
 

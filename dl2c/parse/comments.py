@@ -20,7 +20,7 @@ from dl2c.source import Source, Span
 KNOWN = ("var", "const", "safety", "progress", "stability", "choice", "fallback", "episode")
 
 _WORD = re.compile(r"\s*@(?P<name>[A-Za-z_][A-Za-z0-9_]*)\s*(?P<colon>:?)")
-_ATTRIBUTE = re.compile(r"\s*(?P<name>[A-Za-z_][A-Za-z0-9_]*)\s*(?:=\s*(?P<value>.*?))?\s*\Z", re.DOTALL)
+_ATTRIBUTE = re.compile(r"\s*(?P<name>[A-Za-z_][A-Za-z0-9_]*)\s*(?:=\s*(?P<value>.*)|\Z)", re.DOTALL)
 _MARKER = re.compile(r"[ \t]*(?://+|/\*+|\*+(?!/))?")
 
 
@@ -86,32 +86,32 @@ def _is_annotation(word: re.Match[str], line: Line, problems: list[Diagnostic]) 
 
 def _extent(lines: Sequence[Line], first: int) -> int:
     """How many lines, from `first`, belong to the annotation that starts there."""
-    size = 1
-    text = lines[first].text
-    for before, line in zip(lines[first:], lines[first + 1 :], strict=False):
-        if _WORD.match(line.text) and not _is_open(text):
-            break
-        if line.comment is not before.comment:
-            between = line.source.text[before.comment.span.end : line.comment.span.start]
-            adjacent = (
-                line.comment.line and before.comment.line and between.count("\n") == 1 and not between.strip()
-            )
-            if not adjacent or not (_is_open(text) or re.match(r"\s*[,;]", line.text)):
-                break
-        text += "\n" + line.text
-        size += 1
-    return size
+    at, depth, quoted, last = first, 0, False, ""
+    while True:
+        before = lines[at]
+        depth, quoted = _nesting(before.text, depth, quoted)
+        last = before.text.rstrip()[-1:] or last
+        at += 1
+        if at == len(lines):
+            return at - first
+        line = lines[at]
+        more = depth > 0 or quoted or last in (",", ";", ":", "=")
+        if _WORD.match(line.text) and not more:
+            return at - first
+        if line.comment is not before.comment and not (
+            _adjacent(before, line) and (more or re.match(r"\s*[,;]", line.text))
+        ):
+            return at - first
 
 
-def _is_open(text: str) -> bool:
-    """Whether more must follow: an open bracket or quote, or a separator at the end."""
-    depth, quoted = _nesting(text)
-    return depth > 0 or quoted or text.rstrip().endswith((",", ";", ":", "="))
+def _adjacent(before: Line, line: Line) -> bool:
+    """Whether two `//` comments stand in neighbouring lines."""
+    between = line.source.text[before.comment.span.end : line.comment.span.start]
+    return line.comment.line and before.comment.line and between.count("\n") == 1 and not between.strip()
 
 
-def _nesting(text: str) -> tuple[int, bool]:
+def _nesting(text: str, depth: int = 0, quoted: bool = False) -> tuple[int, bool]:
     """The depth of brackets at the end of `text`, and whether a string is open there."""
-    depth, quoted = 0, False
     for character in text:
         if character == '"':
             quoted = not quoted
@@ -152,7 +152,7 @@ def _split(text: str) -> Iterator[tuple[int, int]]:
 
 def _attribute(text: str, span: Span, problems: list[Diagnostic]) -> tuple[str, str, Span] | None:
     """(attribute, value text, span of the value); without `=` the value is empty."""
-    found = _ATTRIBUTE.match(text)
+    found = _ATTRIBUTE.match(text.rstrip())
     blank = len(text) - len(text.lstrip())
     trimmed = Span(span.source, span.start + blank, span.start + len(text.rstrip()))
     if found is None:

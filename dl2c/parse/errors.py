@@ -25,6 +25,36 @@ def listing(words: Sequence[str]) -> str:
 # ---------------------------------------------------------------- text
 
 
+def file_too_large(span: Span, limit: int) -> Diagnostic:
+    return error(
+        "file-too-large",
+        f"a model of more than {limit:,} characters",
+        span,
+        "",
+        "keep what is needed for one environment",
+    )
+
+
+def not_utf8(span: Span, byte: int) -> Diagnostic:
+    return error(
+        "not-utf8",
+        "this is not UTF-8 text",
+        span,
+        f"the byte 0x{byte:02X} does not belong here",
+        "save the file as UTF-8",
+    )
+
+
+def control_character(span: Span, code: int) -> Diagnostic:
+    return error(
+        "control-character",
+        f"the invisible character U+{code:04X}",
+        span,
+        "",
+        "remove it: it makes the text look different from what it says",
+    )
+
+
 def never_closed(span: Span, opener: str) -> Diagnostic:
     what, closer = {"/*": ("comment", "*/"), '"': ("string", '"')}.get(opener, (f"`{opener}`", ""))
     closer = closer or {"(": ")", "[": "]", "{": "}"}[opener]
@@ -48,6 +78,22 @@ def too_deep(span: Span, limit: int) -> Diagnostic:
 
 def too_many_digits(span: Span, limit: int) -> Diagnostic:
     return error("too-many-digits", f"number with more than {limit} digits", span)
+
+
+def beyond_doubles(span: Span) -> Diagnostic:
+    return error(
+        "number-out-of-range",
+        "this number is too large",
+        span,
+        "no floating-point number is as large",
+        "choose other units",
+    )
+
+
+def too_many(what: str, span: Span, limit: int) -> Diagnostic:
+    return error(
+        f"too-many-{what}", f"more than {limit:,} {what}", span, "too many from here", "leave some out"
+    )
 
 
 def unexpected(span: Span, found: str, expected: str, help: str = "") -> Diagnostic:

@@ -5,12 +5,14 @@ options mean is decided where they are used; options given in code win over thes
 """
 
 import re
+import sys
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
 from dl2c.diagnostics import Diagnostic
 from dl2c.parse import errors
+from dl2c.parse.build import MAX_DIGITS
 from dl2c.source import Span
 
 Value: TypeAlias = int | Fraction | bool | str
@@ -39,11 +41,16 @@ OPTIONS = {
     "obs_dtype": Option(("float32", "float64")),
     "observation_bounds": Option(("declared", "unbounded")),
     "tolerance": Option(kind="decimal", least=0),
-    "safety_check": Option(("continuous", "step")),
+    "safety_check": Option(("auto", "continuous", "step")),
+    "integrator": Option(("auto", "exact", "cvodes")),
+    "stiff": Option(("auto", "true", "false")),
+    "rtol": Option(kind="decimal", least=0, open=True),
+    "atol": Option(kind="decimal", least=0, open=True),
     "progress_failure": Option(("due", "literal")),
     "initial_distribution": Option(("uniform", "target", "z3")),
     "max_repeat": Option(kind="integer", least=0),
     "max_loop": Option(kind="integer", least=1),
+    "loop": Option(kind="integer", least=1),
 }
 ALIASES = {"max_episode_steps": "max_steps"}
 
@@ -70,7 +77,11 @@ def read_option(name: str, text: str, at: Span, span: Span) -> tuple[str, Value]
         case "integer":
             value = int(plain) if re.fullmatch(r"-?[0-9]{1,18}", plain) else None
         case "decimal":
+            if len(plain) > MAX_DIGITS:
+                return errors.too_many_digits(span, MAX_DIGITS)
             value = Fraction(plain) if _DECIMAL.fullmatch(plain) else None
+            if value is not None and abs(value) > sys.float_info.max:
+                return errors.beyond_doubles(span)
     if value is None or _too_small(value, option):
         return errors.wrong_number(span, name, option.kind, option.least, option.open)
     return name, value

@@ -4,6 +4,7 @@ In: the annotations of a file and the ranges of its declarations and sections. O
 annotation at its place. An annotation that stands nowhere useful is an error.
 """
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -54,11 +55,12 @@ def annotate(
         at = annotation.span.start
         if not block.section.begin <= at < block.section.end or _inside(block, at):
             continue
-        later = [i for i, statement in enumerate(block.statements) if statement.start > at]
-        if annotation.name in (*INSIDE_PROGRAMS, "episode") or not later or _trails(code, at, block):
+        later = bisect_right(block.statements, at, key=lambda statement: statement.start)
+        alone = annotation.name in (*INSIDE_PROGRAMS, "episode") or later == len(block.statements)
+        if alone or _trails(code, at, block):
             problems.append(misplaced(annotation))
         else:
-            above.setdefault(later[0], []).append(annotation)
+            above.setdefault(later, []).append(annotation)
     return replace(
         block,
         statements=tuple(
@@ -113,7 +115,8 @@ def misplaced(annotation: Annotation) -> Diagnostic:
 def _inside(block: Block, at: int) -> bool:
     if block.section.kind == "Problem":
         return block.section.begin <= at < block.section.end
-    return any(statement.start <= at < statement.end for statement in block.statements)
+    before = bisect_right(block.statements, at, key=lambda statement: statement.start)
+    return before > 0 and at < block.statements[before - 1].end
 
 
 def _trails(code: Code, at: int, block: Block) -> bool:

@@ -2,11 +2,13 @@
 
 Assumes a model as `lower` makes it. Every combination of alternatives becomes a path;
 tests that are false whatever the state, or contradict each other word for word, drop theirs.
+A while loop is not unrolled: its head is a point, to which the paths through its body return. So
+is the first branch after an input that the agent does not give: its value is drawn before.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import assert_never
+from typing import TypeVar, assert_never, get_args
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.ir.logic import (
@@ -33,15 +35,18 @@ from dl2c.ir.model import (
     Formula,
     If,
     Model,
+    Repeat,
+    Role,
     Sub,
     Symbol,
     Term,
     Test,
+    While,
 )
 from dl2c.ir.polynomial import polynomial
 from dl2c.paths import errors
 from dl2c.paths.limits import input_limits
-from dl2c.paths.path import END, Admission, Decision, Input, Limit, Path, Paths
+from dl2c.paths.path import END, Admission, Decision, Input, Limit, Path, Paths, duration_input
 from dl2c.source import NOWHERE, Span
 
 MAX_PATHS = 4096
@@ -51,11 +56,15 @@ MAX_SIZE = 100_000
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """A straight line up to and including its flow, and what remains to be done after it."""
+    """A straight line up to and including its flow, and what remains to be done after it.
+
+    It also ends at another cut point, which then is the first of `rest`.
+    """
 
     decisions: tuple[tuple[str, int, bool], ...]
     statements: tuple[Assign | AssignAny | Test | Evolve, ...]
     rest: Block
+    enters: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,30 +86,54 @@ def enumerate_paths(model: Model) -> Paths:
     Raises `CompileError` if there are more than `MAX_PATHS`, if a test of an input is outside
     the class that can be resolved, or if an input has no finite range.
     """
-    points: list[Block] = [model.body]
+    points: list[Block] = []
     drafts: list[_Draft] = []
-    done = 0
-    seen = 0
-    while done < len(points):
-        for line in _lines(points[done]):
-            seen += 1
-            if seen > MAX_PATHS:
-                raise CompileError(errors.too_many_paths(MAX_PATHS, _first_span(model.body)))
-            draft = _draft(model, points, done, line)
-            if draft.tests != FALSE:
-                drafts.append(draft)
-        done += 1
+    entries = {name: block for name, block in (("lead", model.lead), ("prefix", model.prefix)) if block}
+    _explore(model, model.body, points, drafts)
+    starts = {name: _explore(model, block, points, drafts) for name, block in entries.items()}
+    programs = (*model.lead, *model.body, *model.prefix)
     tests: dict[str, list[Formula]] = {}
     for draft in drafts:
         for key in draft.inputs:
             tests.setdefault(key, []).append(draft.tests)
-    inputs = input_limits(model, tuple(_inputs(model.body)), tests)
-    decisions = tuple(_decisions(model.body))
+    inputs = input_limits(model, _by_role({a.key: a for a in _inputs(programs)}), tests)
+    flows = tuple(dict.fromkeys(_flows(model.body)))
+    if model.duration == "agent":
+        durations = tuple(duration_input(k) for k in flows)
+        agents = sum(i.role == "agent" for i in inputs)
+        inputs = (*inputs[:agents], *durations, *inputs[agents:])
+    sampled = flows if model.duration == "sample" else ()
+    decisions = _by_role({d.key: d for d in _decisions(programs)})
     found: list[Diagnostic] = []
     paths = tuple(_path(draft, decisions, inputs, found) for draft in drafts)
     if found:
         raise CompileError(found)
-    return Paths(decisions, inputs, len(points), paths)
+    return Paths(decisions, inputs, len(points), paths, starts.get("lead"), starts.get("prefix"), sampled)
+
+
+def _explore(model: Model, start: Block, points: list[Block], drafts: list[_Draft]) -> int:
+    """Append a point for the start of a program, and everything reached from it; the point."""
+    first = done = len(points)
+    points.append(start)
+    seen = len(drafts)
+    while done < len(points):
+        for line in _lines_from(points[done]):
+            seen += 1
+            if seen > MAX_PATHS:
+                raise CompileError(errors.too_many_paths(MAX_PATHS, _first_span(start)))
+            draft = _draft(model, points, done, line)
+            if draft.tests != FALSE:
+                drafts.append(draft)
+        done += 1
+    return first
+
+
+_Decided = TypeVar("_Decided", Decision, AssignAny)
+
+
+def _by_role(found: Mapping[str, _Decided]) -> tuple[_Decided, ...]:
+    """Those of the agent, of the environment, of a reset."""
+    return tuple(d for role in get_args(Role) for d in found.values() if d.role == role)
 
 
 def _decisions(block: Block) -> Iterator[Decision]:
@@ -111,9 +144,15 @@ def _decisions(block: Block) -> Iterator[Decision]:
                 yield Decision(key, name, role, texts)
                 for alternative in alternatives:
                     yield from _decisions(alternative.body)
+            case Repeat(key, body, most, role):
+                text = _shown(statement.span)
+                counts = (f"{k} time{'s' * (k != 1)}" for k in range(most + 1))
+                yield Decision(key, "", role, tuple(f"{count} {text}".strip() for count in counts))
+                yield from _decisions(body)
             case If(_, _, then, orelse):
-                yield from _decisions(then)
-                yield from _decisions(orelse)
+                yield from _decisions((*then, *orelse))
+            case While(_, _, body):
+                yield from _decisions(body)
             case Assign() | AssignAny() | Test() | Evolve():
                 pass
             case _:
@@ -129,9 +168,28 @@ def _inputs(block: Block) -> Iterator[AssignAny]:
                 for alternative in alternatives:
                     yield from _inputs(alternative.body)
             case If(_, _, then, orelse):
-                yield from _inputs(then)
-                yield from _inputs(orelse)
+                yield from _inputs((*then, *orelse))
+            case While(body=body) | Repeat(body=body):
+                yield from _inputs(body)
             case Assign() | Test() | Evolve():
+                pass
+            case _:
+                assert_never(statement)
+
+
+def _flows(block: Block) -> Iterator[int]:
+    for statement in block:
+        match statement:
+            case Evolve(flow):
+                yield flow
+            case Choice(_, alternatives):
+                for alternative in alternatives:
+                    yield from _flows(alternative.body)
+            case If(_, _, then, orelse):
+                yield from _flows((*then, *orelse))
+            case While(body=body) | Repeat(body=body):
+                yield from _flows(body)
+            case Assign() | AssignAny() | Test():
                 pass
             case _:
                 assert_never(statement)
@@ -146,8 +204,22 @@ def _first_span(block: Block) -> Span:
     return block[0].span if block else NOWHERE
 
 
-def _lines(block: Block) -> Iterator[_Line]:
-    """Every straight line from the start of a block to its first flow or its end."""
+def _lines_from(point: Block) -> Iterator[_Line]:
+    """Every straight line from a point; at the head of a while loop into it and past it."""
+    if point and isinstance(loop := point[0], While):
+        into = (Test(loop.condition, span=loop.span), *loop.body, *point)
+        yield from (replace(line, enters=True) for line in _lines(into, {}, False))
+        yield from _lines((Test(loop.otherwise, span=loop.span), *point[1:]), {}, False)
+    else:
+        yield from _lines(point, {}, False)
+
+
+def _lines(block: Block, taken: Mapping[str, int], drawn: bool) -> Iterator[_Line]:
+    """Every straight line from the start of a block to its first flow or while loop, or its end.
+
+    A decision that was `taken` earlier on the line keeps its outcome. It also ends before a branch
+    where an input was `drawn` on it.
+    """
     if not block:
         yield _Line((), (), ())
         return
@@ -155,17 +227,24 @@ def _lines(block: Block) -> Iterator[_Line]:
     match first:
         case Evolve():
             yield _Line((), (first,), rest)
+        case While():
+            yield _Line((), (), block)
+        case If() | Choice() | Repeat() if drawn:
+            yield _Line((), (), block)
         case Assign() | AssignAny() | Test():
-            for line in _lines(rest):
+            draws = isinstance(first, AssignAny) and first.role != "agent"
+            for line in _lines(rest, taken, drawn or draws):
                 yield replace(line, statements=(first, *line.statements))
         case If(condition, otherwise, then, orelse):
             for guard, body in ((condition, then), (otherwise, orelse)):
                 test = Test(guard, span=first.span)
-                for line in _lines((test, *body, *rest)):
-                    yield line
-        case Choice(key, alternatives):
+                yield from _lines((test, *body, *rest), taken, False)
+        case Choice(key, alternatives) | Repeat(key=key, alternatives=alternatives):
+            if key in taken:
+                yield from _lines((*alternatives[taken[key]].body, *rest), taken, False)
+                return
             for k, alternative in enumerate(alternatives):
-                for line in _lines((*alternative.body, *rest)):
+                for line in _lines((*alternative.body, *rest), {**taken, key: k}, False):
                     yield replace(line, decisions=((key, k, alternative.fallback), *line.decisions))
         case _:
             assert_never(first)
@@ -187,7 +266,7 @@ def _draft(model: Model, points: list[Block], point: int, line: _Line) -> _Draft
                     raise CompileError(errors.too_large(name, MAX_SIZE, statement.span))
             case AssignAny(name, key):
                 values[Symbol(name, "variable")] = Symbol(key, "input")
-                inputs.append(key)
+                inputs += [key] if key not in inputs else []
             case Test(formula):
                 tests.append(_at_start(formula, values))
             case Evolve(flow):
@@ -232,6 +311,7 @@ def _path(
         flow=draft.flow,
         target=draft.target,
         span=_first_span(draft.line.statements),
+        enters=draft.line.enters,
     )
 
 

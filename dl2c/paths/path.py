@@ -1,12 +1,14 @@
 """What path enumeration finds: a graph of guarded paths.
 
 A step starts at point 0. A path leads from its point through the discrete statements up
-to a flow, follows that flow, and arrives at the next point, or at the end of the step
-(`END`). Guards, tests of inputs and updates are all over the state at the path's own
-point: assignments on the way are substituted. Masks, the compiled step, action sets and
-lints read nothing else of the program.
+to a flow or another cut point, such as the head of a while loop, follows that flow, and
+arrives at the next point, or at the end of the step (`END`). Guards, tests of inputs and
+updates are all over the state at the path's own point: assignments on the way are
+substituted. Masks, the compiled step, action sets and lints read nothing else of the
+program.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -42,6 +44,11 @@ class Input:
         return Symbol(self.key, "input")
 
 
+def duration_input(flow: int) -> Input:
+    """The agent's decision for what part of its longest duration a flow lasts."""
+    return Input(f"duration_{flow}", "", "agent", Fraction(0), Fraction(1))
+
+
 @dataclass(frozen=True, slots=True)
 class Limit:
     """An atom `offset + slope*u >= 0` (or > 0) of an input u: where slope > 0 a lower limit, else upper."""
@@ -66,7 +73,9 @@ class Path:
     `decisions` holds for every discrete decision of the step the alternative taken, -1 where
     the path does not meet it; `met` are the decisions met, in order, and `marks` whether the
     alternative of each is marked `@fallback`. `guard` is every test that no input decides,
-    with the domain of the flow at its start. `updates` are the changed variables.
+    with the domain of the flow at its start. `updates` are the changed variables. A path that
+    `enters` begins with an iteration of a while loop. Decisions and inputs that were met earlier
+    in the step keep their outcome: a path of another alternative is closed.
     """
 
     point: int
@@ -79,21 +88,71 @@ class Path:
     flow: int | None
     target: int
     span: Span = NOWHERE
+    enters: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Paths:
-    """All paths of a step, grouped by point in program order."""
+    """All paths of a step, grouped by point in program order.
+
+    Decisions and inputs of the agent come first, then those of the environment, then those of a
+    reset. The leading statements of a step start at point `lead`, the program before the loop at
+    point `prefix`; None where there is none. `sampled` are the flows whose durations a step draws.
+    """
 
     decisions: tuple[Decision, ...]
     inputs: tuple[Input, ...]
     points: int
     paths: tuple[Path, ...]
+    lead: int | None = None
+    prefix: int | None = None
+    sampled: tuple[int, ...] = ()
 
     def of(self, point: int) -> tuple[Path, ...]:
         return tuple(p for p in self.paths if p.point == point)
 
     @property
+    def draws(self) -> tuple[tuple[str, int], ...]:
+        """How many numbers a step draws, by what they decide: one for each alternative, one for an input
+        or the duration of a flow (`flow_<k>`).
+        """
+        return (*self._drawn("env"), *((f"flow_{k}", 1) for k in self.sampled))
+
+    @property
+    def reset_draws(self) -> tuple[tuple[str, int], ...]:
+        """How many numbers the program before the loop draws; for the duration of a flow, `flow_<k>`, one."""
+        start = self.points if self.prefix is None else self.prefix
+        flows = dict.fromkeys(p.flow for p in self.paths if p.point >= start and p.flow is not None)
+        return (*self._drawn("reset"), *((f"flow_{k}", 1) for k in flows))
+
+    def _drawn(self, role: Role) -> tuple[tuple[str, int], ...]:
+        choices = [(d.key, len(d.alternatives)) for d in self.decisions if d.role == role]
+        return (*choices, *((i.key, 1) for i in self.inputs if i.role == role))
+
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether which runs are open depends on more than the paths of point 0."""
+        return self.lead is not None or any(p.flow is None and p.target != END for p in self.of(0))
+
+    @property
     def runs(self) -> tuple[tuple[int, ...], ...]:
-        """The decision vectors of the whole control paths up to the first flow, each once, in order."""
-        return tuple(dict.fromkeys(p.decisions for p in self.of(0)))
+        """What the agent decides on each whole control path up to the first flow, once each, in order."""
+        agent = sum(d.role == "agent" for d in self.decisions)
+        return tuple(dict.fromkeys(taken[:agent] for taken in self._vectors()))
+
+    def _vectors(self) -> Iterator[tuple[int, ...]]:
+        """The decision vectors of all runs up to the first flow, in program order."""
+        waiting = [(0, (-1,) * len(self.decisions))]
+        seen = set(waiting)
+        while waiting:
+            point, taken = waiting.pop()
+            if point == END:
+                yield taken
+                continue
+            found: list[tuple[int, tuple[int, ...]]] = []
+            for path in self.of(point):
+                pairs = list(zip(taken, path.decisions, strict=True))
+                if all(-1 in pair or pair[0] == pair[1] for pair in pairs):
+                    found.append((path.target if path.flow is None else END, tuple(map(max, pairs))))
+            waiting += [item for item in reversed(found) if item[0] == END or item not in seen]
+            seen.update(found)

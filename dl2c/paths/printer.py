@@ -11,6 +11,8 @@ def print_paths(paths: Paths) -> str:
         lines.append(f"{decision.key} ({decision.role})")
         lines += [f"  {k}: {text}" for k, text in enumerate(decision.alternatives)]
     lines += [f"{i.key} ({i.role}) [{print_number(i.low)}:{print_number(i.high)}]" for i in paths.inputs]
+    lines += [f"before each step: point {paths.lead}"] if paths.lead is not None else []
+    lines += [f"before the first step: point {paths.prefix}"] if paths.prefix is not None else []
     for k, path in enumerate(paths.paths):
         lines += ["", *_path(k, path, paths)]
     return "\n".join(lines) + "\n"

@@ -15,6 +15,7 @@ from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import tree
 from dl2c.resolve import errors
 from dl2c.resolve.symbols import Node, Symbols, children, nodes
+from dl2c.source import Span
 
 Names = frozenset[str]
 NONE: Names = frozenset()
@@ -115,6 +116,7 @@ class Expander:
             case tree.Test(formula):
                 return replace(program, formula=self.formula(formula, values, bound)), NONE
             case tree.ProgramConst(name):
+                self._count(program.span)
                 return self.program(_program_body(self.symbols.declarations[name]), {}, bound)
             case tree.ODESystem():
                 return self._ode(program, values, bound)
@@ -127,8 +129,8 @@ class Expander:
                 second, more = self.program(right, values, bound)
                 return replace(program, left=first, right=second), written | more
             case tree.Loop(child) | tree.Dual(child):
-                _, written = Expander(self.symbols).program(child, values, bound)
-                body, written = self.program(child, values, bound | written)
+                written = self._written(child)
+                body, _ = self.program(child, values, bound | written)
                 return self._without_hints(replace(program, child=body)), written
             case _:
                 assert_never(program)
@@ -150,10 +152,30 @@ class Expander:
             return program
         return replace(program, invariants=())
 
-    def _check_use(self, declaration: tree.Declaration, use: tree.Term | tree.Formula, bound: Names) -> None:
+    def _written(self, program: tree.Program) -> Names:
+        """The variables that a program, its calls included, may change."""
+        found: set[str] = set()
+        calls: set[str] = set()
+        stack: list[Node] = [program]
+        while stack:
+            node = stack.pop()
+            match node:
+                case tree.Assign(name) | tree.AssignAny(name) | tree.AtomicODE(name):
+                    found.add(name)
+                case tree.ProgramConst(name) if name not in calls:
+                    calls.add(name)
+                    stack.append(_program_body(self.symbols.declarations[name]))
+                case _:
+                    stack += children(node)
+        return frozenset(found)
+
+    def _count(self, use: Span) -> None:
         self.expanded += 1
         if self.expanded > MAX_SIZE:
-            raise CompileError(errors.too_large(use.span, MAX_SIZE))
+            raise CompileError(errors.too_large(use, MAX_SIZE))
+
+    def _check_use(self, declaration: tree.Declaration, use: tree.Term | tree.Formula, bound: Names) -> None:
+        self._count(use.span)
         if clash := self._free(declaration) & bound:
             diagnostic = errors.captured(declaration.name, clash, use.span)
             if diagnostic not in self.found:
@@ -183,17 +205,21 @@ def expanded_formula(formula: tree.Formula, symbols: Symbols, hints: bool = True
 
 
 def _check_size(formula: tree.Formula) -> None:
-    """Arguments are shared, so that a result may be far larger than the work of building it."""
+    """Arguments are shared, so that a result may be far larger than the work of building it.
+
+    Counted as later stages see it: they write both sides of `<->` twice.
+    """
     size = 0
-    stack: list[tuple[Node, int]] = [(formula, 1)]
+    stack: list[tuple[Node, int, int]] = [(formula, 1, 1)]
     while stack:
-        node, depth = stack.pop()
-        size += 1
+        node, depth, copies = stack.pop()
+        size += copies
         if depth > MAX_DEPTH:
             raise CompileError(errors.too_deep(formula.span, MAX_DEPTH))
         if size > MAX_SIZE:
             raise CompileError(errors.too_large(formula.span, MAX_SIZE))
-        stack += [(child, depth + 1) for child in children(node)]
+        copies *= 2 if isinstance(node, tree.Equiv) else 1
+        stack += [(child, depth + 1, copies) for child in children(node)]
 
 
 def _bound_parameters(declaration: tree.Declaration, args: tuple[tree.Term, ...]) -> dict[str, tree.Term]:

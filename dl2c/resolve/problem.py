@@ -51,8 +51,8 @@ class Problem:
         return declared or bool(self.predicates)
 
 
-def resolve(entry: tree.Entry) -> Problem:
-    """Raises `CompileError`."""
+def resolve(entry: tree.Entry, loop: int | None = None) -> Problem:
+    """`loop` is which top-level loop to run, from 1; `@episode` may say so too. Raises `CompileError`."""
     symbols, found = collect(entry)
     if any(d.code == "recursive-definition" for d in found):
         raise CompileError(found)
@@ -64,7 +64,7 @@ def resolve(entry: tree.Entry) -> Problem:
         raise CompileError(found)
     expanded = expanded_formula(entry.problem, symbols)
     check_executable(expanded)
-    shape = take_apart(entry.problem, expanded)
+    shape = take_apart(entry.problem, expanded, _chosen(loop, episode))
     return Problem(
         entry=entry,
         symbols=symbols,
@@ -76,6 +76,11 @@ def resolve(entry: tree.Entry) -> Problem:
         program_annotations=program,
         episode=episode,
     )
+
+
+def _chosen(loop: int | None, episode: EpisodeAnnotation | None) -> int | None:
+    named = [value for name, value, _ in episode.options if name == "loop"] if episode else []
+    return int(named[0]) if loop is None and named else loop
 
 
 def _annotations(

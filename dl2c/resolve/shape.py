@@ -45,15 +45,18 @@ class _Modal:
         return tuple(s for program in self.programs for s in statements(program))
 
 
-def take_apart(written: tree.Formula, expanded: tree.Formula) -> Shape:
-    """Raises `CompileError` for a problem that is not of this shape."""
+def take_apart(written: tree.Formula, expanded: tree.Formula, chosen: int | None = None) -> Shape:
+    """`chosen` is which top-level loop to take, from 1; needed where there are several.
+
+    Raises `CompileError` for a problem that is not of this shape.
+    """
     assumptions, conclusion = _implications(expanded)
     box, diamond = _modalities(conclusion)
     if box and diamond and _grouped(box.statements) != _grouped(diamond.statements):
         raise CompileError(_different_programs(box, diamond))
     some = box or diamond
     assert some is not None, "a conclusion has one of them"
-    prefix, loop, suffix = _around_loop(some.statements)
+    prefix, loop, suffix = _around_loop(some.statements, chosen)
     written_assumptions, written_conclusion = _implications(written)
     written_box, written_diamond = _written(written_conclusion, box, diamond)
     return Shape(
@@ -160,26 +163,38 @@ def _written(
 
 
 def _around_loop(
-    program: tuple[tree.Program, ...],
+    program: tuple[tree.Program, ...], chosen: int | None
 ) -> tuple[tuple[tree.Program, ...], tree.Loop | None, tuple[tree.Program, ...]]:
     places = [k for k, s in enumerate(program) if isinstance(s, tree.Loop)]
+    if chosen is not None and not chosen <= len(places):
+        raise CompileError(_no_such_loop(program, chosen, len(places)))
     if not places:
         return program, None, ()
-    if len(places) > 1:
-        raise CompileError([_one_of_several(program[k]) for k in places])
-    (k,) = places
+    if len(places) > 1 and chosen is None:
+        raise CompileError([_one_of_several(program[k], n) for n, k in enumerate(places, 1)])
+    k = places[(chosen or 1) - 1]
     loop = program[k]
     assert isinstance(loop, tree.Loop)
     return program[:k], loop, program[k + 1 :]
 
 
-def _one_of_several(loop: tree.Program) -> Diagnostic:
+def _one_of_several(loop: tree.Program, number: int) -> Diagnostic:
     return error(
         "several-loops",
         "the program has several top-level loops",
         loop.span,
-        "one of them",
-        "an episode repeats one loop: join them, e.g. `{first ++ second}*`",
+        f"loop {number}",
+        f"`--loop {number}` makes this one the episode's; or join them, e.g. `{{first ++ second}}*`",
+    )
+
+
+def _no_such_loop(program: tuple[tree.Program, ...], chosen: int, count: int) -> Diagnostic:
+    return error(
+        "no-such-loop",
+        f"there is no top-level loop {chosen}",
+        program[0].span,
+        f"the program has {count}" if count else "the program has none",
+        "`--loop` counts the loops of the program from 1",
     )
 
 

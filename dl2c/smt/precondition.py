@@ -15,7 +15,7 @@ from dl2c.diagnostics import Diagnostic, error
 from dl2c.ir.logic import atoms, conjuncts, operands
 from dl2c.ir.model import And, Compare, Constant, Formula, Model, Number, Symbol, Term, Variable
 from dl2c.ir.printer import print_bound, print_formula, print_number
-from dl2c.smt.terms import Expression, Untranslatable, condition, z3
+from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, z3
 from dl2c.source import NOWHERE, Span
 
 
@@ -64,6 +64,8 @@ def decide(model: Model, timeout_s: float = 10.0) -> Decision:
             asserted.append((part, condition(part.formula, context)))
         except Untranslatable as exc:
             beyond.append(_beyond_reals(part, exc))
+        except TooLarge:
+            beyond.append(Unknown("its powers and products are too large for Z3", span_of(part.formula)))
     solver = _solver(context, [e for _, e in asserted], timeout_s)
     answer = solver.check()
     if answer == z3.unsat:

@@ -6,6 +6,7 @@ formulas are in negation normal form, so an undefined atom is false. Transcenden
 functions have no translation: `Untranslatable` names the subterm.
 """
 
+from math import comb
 from typing import Any, TypeAlias, assert_never
 
 import z3 as untyped_z3
@@ -35,6 +36,15 @@ z3: Any = untyped_z3
 Expression: TypeAlias = Any
 
 
+MAX_MONOMIALS = 5000
+MAX_DEGREE = 100
+"""Of a term multiplied out, as Z3 does without looking at the time."""
+
+
+class TooLarge(Exception):
+    """A term that Z3 would take too long to read."""
+
+
 class Untranslatable(Exception):
     """A function that is not definable in real arithmetic."""
 
@@ -44,11 +54,13 @@ class Untranslatable(Exception):
 
 
 def condition(formula: Formula, context: Expression) -> Expression:
-    """The formula as a Z3 Boolean. Raises `Untranslatable`."""
+    """The formula as a Z3 Boolean. Raises `Untranslatable`, `TooLarge`."""
     match formula:
         case Truth(value):
             return z3.BoolVal(value, context)
         case Compare(op, left, right):
+            for side in (left, right):
+                _check_size(side)
             defined: list[Expression] = []
             a, b = real(left, context, defined), real(right, context, defined)
             return z3.And(*defined, _compared(op, a, b)) if defined else _compared(op, a, b)
@@ -119,5 +131,37 @@ def real(term: Term, context: Expression, defined: list[Expression]) -> Expressi
             return root
         case Call():
             raise Untranslatable(term)
+        case _:
+            assert_never(term)
+
+
+def _check_size(term: Term) -> None:
+    monomials, degree = _size(term)
+    if monomials > MAX_MONOMIALS or degree > MAX_DEGREE:
+        raise TooLarge
+
+
+def _size(term: Term) -> tuple[int, int]:
+    """Upper limits of how many monomials a term multiplied out has, and of their degree."""
+    match term:
+        case Number():
+            return 1, 0
+        case Symbol():
+            return 1, 1
+        case Neg(child):
+            return _size(child)
+        case Add(left, right) | Sub(left, right):
+            (m, d), (n, e) = _size(left), _size(right)
+            return m + n, max(d, e)
+        case Mul(left, right) | Div(left, right):
+            (m, d), (n, e) = _size(left), _size(right)
+            return min(m * n, MAX_MONOMIALS + 1), d + e
+        case Pow(base, exponent):
+            m, d = _size(base)
+            return min(comb(m + exponent - 1, exponent), MAX_MONOMIALS + 1), d * exponent
+        case Call(_, args):
+            for arg in args:
+                _check_size(arg)
+            return 1, 1
         case _:
             assert_never(term)

@@ -9,9 +9,14 @@ enum { X_x, X_f, X_t, NX }; /* state */
 enum { P_ep, P_H, NP }; /* constants of the episode */
 enum { U_assign_f, NU }; /* inputs */
 enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a state is tested for */
-enum { NCHOICE = 0, NMASK = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
-NFREE = 3, NBOX = 4, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0 };
+enum { NINPUT = 1, NENVINPUT = 0, NDECISION = 0, NCHOICE = 0, NENVCHOICE = 0, NMASK = 0,
+NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
+NFREE = 3, NBOX = 4, NMARGIN = 5, NDEGREE = 1, NWATCH = 1, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES =
+0, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
+#define DL2C_SOLVED_FLOWS 0
+#define DL2C_TRACKED_FLOWS 0
+#define DL2C_SAMPLED_FLOWS 0
 typedef float dl2c_obs;
 
 #endif
@@ -24,6 +29,66 @@ typedef float dl2c_obs;
 static inline bool flow0_inside(real x_v, real t, real ep)
 {
   return (t <= ep) & (x_v >= 0.0);
+}
+
+/* tank.kyx:33  x + 0.000000001 * (1 + x), coefficient of tau^0 */
+static inline real flow0_watch_curve1_c0(real x_v)
+{
+  return x_v + 1e-09 * (1.0 + x_v);
+}
+
+/* tank.kyx:33  x + 0.000000001 * (1 + x), coefficient of tau^1 */
+static inline real flow0_watch_curve1_c1(real f)
+{
+  return f + 1e-09 * f;
+}
+
+/* tank.kyx:33  x + 0.000000001 * (1 + (-x)), coefficient of tau^0 */
+static inline real flow0_watch_curve2_c0(real x_v)
+{
+  return x_v + 1e-09 * (1.0 + -x_v);
+}
+
+/* tank.kyx:33  x + 0.000000001 * (1 + (-x)), coefficient of tau^1 */
+static inline real flow0_watch_curve2_c1(real f)
+{
+  return f + 1e-09 * -f;
+}
+
+/* tank.kyx:33  H + 0.000000001 * (1 + x + abs(H)) - x, coefficient of tau^0 */
+static inline real flow0_watch_curve3_c0(real x_v, real H)
+{
+  return H + 1e-09 * (1.0 + x_v + fabs(H)) - x_v;
+}
+
+/* tank.kyx:33  H + 0.000000001 * (1 + x + abs(H)) - x, coefficient of tau^1 */
+static inline real flow0_watch_curve3_c1(real f)
+{
+  return 1e-09 * f - f;
+}
+
+/* tank.kyx:33  H + 0.000000001 * (1 + (-x) + abs(H)) - x, coefficient of tau^0 */
+static inline real flow0_watch_curve4_c0(real x_v, real H)
+{
+  return H + 1e-09 * (1.0 + -x_v + fabs(H)) - x_v;
+}
+
+/* tank.kyx:33  H + 0.000000001 * (1 + (-x) + abs(H)) - x, coefficient of tau^1 */
+static inline real flow0_watch_curve4_c1(real f)
+{
+  return 1e-09 * -f - f;
+}
+
+/* tank.kyx:33  H - x, coefficient of tau^0 */
+static inline real flow0_watch_still1_c0(real x_v, real H)
+{
+  return H - x_v;
+}
+
+/* tank.kyx:33  H - x, coefficient of tau^1 */
+static inline real flow0_watch_still1_c1(real f)
+{
+  return -f;
 }
 
 /* tank.kyx:30  0 <= ep & x >= 0 */
@@ -62,7 +127,7 @@ static inline bool inside_holds(real x_v, real H)
 }
 
 /* the problem's Q: 0 <= x & x <= H */
-static inline bool postcondition_holds(real x_v, real H)
+static inline bool problem_postcondition(real x_v, real H)
 {
   return (x_v >= 0.0) & (x_v <= H);
 }
@@ -74,7 +139,7 @@ static inline real distance_shape(real x_v, real H)
 }
 
 /* 0 <= x & x <= H & f = 0 */
-static inline bool precondition_holds(real x_v, real f, real H)
+static inline bool problem_precondition(real x_v, real f, real H)
 {
   return (x_v >= 0.0) & (x_v <= H) & (f == 0.0);
 }
@@ -85,18 +150,18 @@ static inline bool initial_accepted(real x_v, real H)
   return x_v <= H;
 }
 
+/* Whether y is in the domain of the flow. */
+static inline bool flow0_stays(const real *y, const real *p)
+{
+  return flow0_inside(y[X_x], y[X_t], p[P_ep]);
+}
+
 /* tank.kyx:33  {x' = f, t' = 1 & t <= ep & x >= 0} solved: y is x moved by the time tau. */
 static inline void flow0_at(const real *x, const real *p, real tau, real *y)
 {
   (void)p;
   y[X_x] = x[X_f] * tau + x[X_x];
   y[X_t] = tau + x[X_t];
-}
-
-/* Whether y is in the domain of the flow. */
-static inline bool flow0_stays(const real *y, const real *p)
-{
-  return flow0_inside(y[X_x], y[X_t], p[P_ep]);
 }
 
 /* tank.kyx:33  {x' = f, t' = 1 & t <= ep & x >= 0} */
@@ -123,7 +188,7 @@ static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, re
   return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;
 }
 
-/* Moves x along a flow into y as long as its domain allows. */
+/* Moves x along a simple flow into y as long as its domain allows. */
 static inline dl2c_motion model_motion(int flow, const real *x, const real *p, real *y,
                                        real *duration)
 {
@@ -131,14 +196,98 @@ static inline dl2c_motion model_motion(int flow, const real *x, const real *p, r
   return DL2C_UNDEFINED;
 }
 
-/* Moves x along a flow for the time tau into y, and says whether y is in the domain. */
-static inline bool model_at(int flow, const real *x, const real *p, real tau, real *y)
+/* Moves x along a flow for the time tau into its copy y. */
+static inline void model_at(int flow, const real *x, const real *p, real tau, real *y)
+{
+  if (flow == 0) flow0_at(x, p, tau, y);
+}
+
+/* Whether y is a state in which a flow may end. */
+static inline bool model_inside(int flow, const real *y, const real *p)
+{
+  if (flow == 0) return flow0_stays(y, p);
+  return true;
+}
+
+/* How long the clocks of a flow let it last. False where a value is undefined. */
+static inline bool model_begin(int flow, const real *x, const real *p, real *horizon)
+{
+  (void)flow; (void)x; (void)p; (void)horizon;
+  return false;
+}
+
+/*
+ * Where a flow ends after the time end with margins of these signs, clocks that ran out and
+ * bounds that were met hold exactly.
+ */
+static inline void model_settle(int flow, const real *x, const real *p, real end,
+                                const int8_t *sign, real *y)
+{
+  (void)flow; (void)x; (void)p; (void)end; (void)sign; (void)y;
+}
+
+/*
+ * Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE +
+ * 1)
+ */
+static inline void model_polynomials(int flow, const real *x, const real *p, real (*c)[NDEGREE + 1],
+                                     int32_t *degree)
 {
   if (flow == 0) {
-    flow0_at(x, p, tau, y);
-    return flow0_stays(y, p);
+    c[0][0] = x[X_x];
+    c[0][1] = x[X_f];
+    degree[0] = 1;
+    c[1][0] = flow0_watch_curve1_c0(x[X_x]);
+    c[1][1] = flow0_watch_curve1_c1(x[X_f]);
+    degree[1] = 1;
+    c[2][0] = flow0_watch_curve2_c0(x[X_x]);
+    c[2][1] = flow0_watch_curve2_c1(x[X_f]);
+    degree[2] = 1;
+    c[3][0] = flow0_watch_curve3_c0(x[X_x], p[P_H]);
+    c[3][1] = flow0_watch_curve3_c1(x[X_f]);
+    degree[3] = 1;
+    c[4][0] = flow0_watch_curve4_c0(x[X_x], p[P_H]);
+    c[4][1] = flow0_watch_curve4_c1(x[X_f]);
+    degree[4] = 1;
   }
-  return false;
+}
+
+/* Margins in a state, for flows along which they are no polynomials.   g: (NMARGIN) */
+static inline void model_margins(int flow, const real *x, const real *p, real *g)
+{
+  (void)flow; (void)x; (void)p; (void)g;
+}
+
+/* Whether a condition watched along a flow holds where its margins have these signs. */
+static inline bool model_holds(int flow, int formula, const int8_t *sign)
+{
+  if (flow == 0) {
+    if (formula == 0)
+      return (sign[0] >= 0);
+    if (formula == 1)
+      return (((sign[1] >= 0) | (sign[2] >= 0)) & ((sign[3] >= 0) | (sign[4] >= 0)));
+    if (formula == 3)
+      return false;
+  }
+  return true;
+}
+
+/* Whether it is plain that no watch fails along a flow that lasts so long. */
+static inline bool model_quiet(int flow, const real *x, const real *p, real duration)
+{
+  if (flow == 0) {
+    const dl2c_span still0 = dl2c_span_of(x[X_x], x[X_f], 0.0, duration);
+    const dl2c_span still1 = dl2c_span_of(flow0_watch_still1_c0(x[X_x], p[P_H]),
+        flow0_watch_still1_c1(x[X_f]), 0.0, duration);
+    return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1));
+  }
+  return true;
+}
+
+/* Moves y, the end of a flow, onto the equalities that the flow leaves invariant. */
+static inline void model_project(int flow, const real *p, real *y)
+{
+  (void)flow; (void)p; (void)y;
 }
 
 /* How fast the variables change along a flow; 0 where its ODE does not name one. */
@@ -227,7 +376,21 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++)
     facts[F_distance_holds * row + i] = true;
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = postcondition_holds(x[X_x * stride + i], p[P_H * stride + i]);
+    facts[F_postcondition * row + i] = problem_postcondition(x[X_x * stride + i],
+        p[P_H * stride + i]);
+}
+
+/*
+ * Completes the facts of post-states by what happened in the step.   facts: (NFACT, row)
+ * watch: (NWATCH, row)   late: (count)
+ */
+DL2C_INLINE void model_revise(int64_t count, const uint8_t *restrict watch,
+                              const uint8_t *restrict late, int64_t row, uint8_t *restrict facts)
+{
+  (void)late;
+  for (int64_t i = 0; i < count; i++)
+    facts[F_inside_holds * row + i] = facts[F_inside_holds * row + i]
+        & (watch[0 * row + i] != DL2C_FAILED);
 }
 
 /* Sums the rewards of all predicates; of those that end the episode the most important wins. */
@@ -265,7 +428,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
 /* The problem's P, strict. */
 static inline bool model_precondition(const real *x, const real *p)
 {
-  return precondition_holds(x[X_x], x[X_f], p[P_H]);
+  return problem_precondition(x[X_x], x[X_f], p[P_H]);
 }
 
 /* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
@@ -306,13 +469,20 @@ static inline bool model_accept(const real *x, const real *p)
 
 static const int32_t POINT_START[2] = {0, 1};
 static const int32_t MASK_START[1] = {0};
-static const int8_t DECISIONS[1][1] = {{0}};
+static const int16_t DECISIONS[1][1] = {{0}};
 static const real INPUT_LOW[1] = {-0.8};
 static const real INPUT_HIGH[1] = {0.8};
-static const int8_t PATH0_MET[] = {0};
-static const int8_t PATH0_MARKED[] = {0};
-static const int8_t PATH0_INPUTS[] = {0};
-static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS}};
+static const int32_t CHOICE_DRAW[1] = {-1};
+static const int32_t INPUT_DRAW[1] = {-1};
+static const int32_t FLOW_DRAW[1] = {-1};
+static const int16_t PATH0_MET[] = {0};
+static const int16_t PATH0_MARKED[] = {0};
+static const int16_t PATH0_INPUTS[] = {0};
+static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS, 0}};
+static const uint8_t WATCH_CUTS[1] = {1};
+static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
+static const int32_t FLOW_DURATION[1] = {-1};
+static const int32_t FLOW_MARGINS[1] = {5};
 static const real SAMPLE_LOW[4][3] = {
   {0.0, 0.5, 4.0},
   {0.0, 0.5, 4.5},

@@ -1,0 +1,113 @@
+/* SPDX-License-Identifier: MIT-0 */
+/* ahead.h -- runs beyond the head of a while loop, and what happens before the agent decides. */
+#ifndef DL2C_AHEAD_H
+#define DL2C_AHEAD_H
+
+#include "rng.h"
+#include "step.h"
+
+/* Marks the alternatives of the agent on a run that goes on along a path.   seen: (NMASK) */
+static inline void dl2c_see(const dl2c_trial *trial, int path, uint8_t *seen)
+{
+  for (int c = 0; c < NCHOICE; c++) {
+    const int taken = DECISIONS[path][c] >= 0 ? DECISIONS[path][c] : trial->taken[c];
+    if (taken >= 0) seen[MASK_START[c] + taken] = 1;
+  }
+}
+
+/*
+ * Whether some run passes every test up to its first flow; marks what such runs decide. A run is
+ * not followed beyond a while loop that a new input may have decided, nor without end.
+ *   enabled: (NPATH) open paths of the point where the run stands, used up   seen: (NMASK)
+ */
+static bool dl2c_look(const real *p, dl2c_trial *trial, uint8_t *enabled, uint8_t *seen)
+{
+  const dl2c_request nothing = {.p = p};
+  bool found = false;
+  for (;;) {
+    const int first = POINT_START[trial->point];
+    const int end = POINT_START[trial->point + 1];
+    int open = 0;
+    for (int k = first; k < end; k++) open += enabled[k - first];
+    bool goes_on = false;
+    for (int k = first; k < end && !goes_on; k++) {
+      if (!enabled[k - first]) continue;
+      bool sure = PATHS[k].flow != DL2C_NO_FLOW || PATHS[k].target == DL2C_END;
+      for (int j = 0; NU > 0 && j < PATHS[k].ninput; j++) sure |= !trial->given[PATHS[k].inputs[j]];
+      dl2c_trial ahead = *trial;
+      if (!sure) dl2c_follow(&nothing, &ahead, k);
+      if (sure || ahead.failure != DL2C_SOUND) {
+        dl2c_see(trial, k, seen);
+        found = true;
+      } else if (open == 1) {
+        *trial = ahead;
+        goes_on = true;
+      } else {
+        uint8_t next[NPATH];
+        dl2c_open(&ahead, p, next);
+        found |= dl2c_look(p, &ahead, next, seen);
+      }
+    }
+    if (!goes_on) return found;
+    dl2c_open(trial, p, enabled);
+  }
+}
+
+/* What is drawn for a step, and what its leading statements led to. */
+typedef struct dl2c_start {
+  bool closed; /* they have no run */
+  dl2c_trial trial;
+  real draws[NSTEPDRAW + 1];
+} dl2c_start;
+
+/* Whether a step has a run from where its leading statements led to. */
+static bool dl2c_starts(const dl2c_request *request, const dl2c_trial *trial)
+{
+  uint8_t enabled[NPATH];
+  uint8_t seen[NMASK + 1];
+  dl2c_trial ahead = *trial;
+  ahead.point = 0;
+  dl2c_open(&ahead, request->p, enabled);
+  if (DL2C_LOOKS_AHEAD) return dl2c_look(request->p, &ahead, enabled, seen);
+  uint8_t open = 0;
+  for (int k = 0; k < POINT_START[1]; k++) open |= enabled[k];
+  return open;
+}
+
+/* Draws for a step and executes its leading statements. */
+static void dl2c_lead(dl2c_rng *rng, const real *x, const real *p, dl2c_start *start)
+{
+  for (int k = 0; k < NSTEPDRAW; k++) start->draws[k] = dl2c_rng_unit(rng);
+  dl2c_begin_run(&start->trial, DL2C_POINT_LEAD, x);
+  start->closed = false;
+  if (DL2C_POINT_LEAD > 0) {
+    const dl2c_request request = {.p = p, .draws = start->draws};
+    uint8_t enabled[NPATH];
+    dl2c_trial trial = start->trial;
+    dl2c_open(&trial, p, enabled);
+    start->closed =
+        !dl2c_complete(&request, &trial, enabled, dl2c_starts) || trial.failure != DL2C_SOUND;
+    if (!start->closed) start->trial = trial;
+  }
+  start->trial.point = 0;
+  start->trial.entered = 0;
+}
+
+/* Executes the program before the loop; false if it has no run. */
+static bool dl2c_prefix(struct dl2c_solver *solver, dl2c_rng *rng, const real *p, real *x)
+{
+  if (DL2C_POINT_PREFIX == 0) return true;
+  real draws[NDRAW + 1];
+  for (int k = NSTEPDRAW; k < NDRAW; k++) draws[k] = dl2c_rng_unit(rng);
+  const dl2c_request request = {.p = p, .draws = draws, .solver = solver};
+  uint8_t enabled[NPATH];
+  dl2c_trial trial;
+  dl2c_begin_run(&trial, DL2C_POINT_PREFIX, x);
+  memset(trial.watch, DL2C_MET, sizeof trial.watch); /* nothing is watched before the first step */
+  dl2c_open(&trial, p, enabled);
+  if (!dl2c_complete(&request, &trial, enabled, NULL) || trial.failure != DL2C_SOUND) return false;
+  memcpy(x, trial.x, sizeof trial.x);
+  return true;
+}
+
+#endif

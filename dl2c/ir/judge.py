@@ -1,0 +1,101 @@
+"""What the annotated predicates say of a step: rewards and the end of the episode (semantics 6).
+
+The reference of the compiled `model_judge`. Comes in: the state after a step, and what happened
+on the way that this state does not show. Numbers are doubles or exact rationals.
+"""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TypeAlias
+
+from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, literal, truth
+from dl2c.ir.model import Model, Predicate, Trigger
+from dl2c.ir.watch import watches_of
+
+
+@dataclass(frozen=True, slots=True)
+class Happened:
+    """What a post-state does not show: the watches that failed or were met on the way, by number, and
+    whether the step is the last that the time limit allows."""
+
+    failed: frozenset[int] = frozenset()
+    met: frozenset[int] = frozenset()
+    late: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What the annotated predicates say of a state. `ends` is the winning end action, if any."""
+
+    reward: Value
+    cost: int
+    ends: str | None
+    status: str
+    reason: str
+    undefined: bool
+
+
+NOTHING = Happened()
+
+
+def judge(model: Model, env: Environment, exact: bool = False, happened: Happened = NOTHING) -> Outcome:
+    """Evaluate every predicate on a post-state; of those that end the episode one wins."""
+    reward: Value = literal(Fraction(0), exact)
+    cost = 0
+    undefined = False
+    continued = "none"
+    firings: list[tuple[_Rank, Trigger, str]] = []
+    for k, predicate in enumerate(model.predicates):
+        own = _watch_of(model, k)
+        good = truth(predicate.relaxed, env, exact)
+        if predicate.category == "safety":
+            good = good and own not in happened.failed
+            cost += not good
+        for term in (predicate.reward if good else predicate.penalty, predicate.shape):
+            if term is not None:
+                try:
+                    reward = reward + evaluate(term, env, exact)
+                except Undefined:
+                    undefined = True
+        fails = _fails(predicate, good, env, exact, own, happened)
+        for trigger, fires in ((predicate.on_success, good), (predicate.on_failure, fails)):
+            if trigger is not None and fires and trigger.action == "continue":
+                continued = trigger.status
+            elif trigger is not None and fires:
+                firings.append((_rank(k, predicate, trigger), trigger, predicate.name))
+    if not firings:
+        return Outcome(reward, cost, None, continued, "", undefined)
+    _, winner, name = min(firings, key=lambda firing: firing[0])
+    return Outcome(reward, cost, winner.action, winner.status, name, undefined)
+
+
+_Rank: TypeAlias = tuple[int, int, int, bool]
+
+
+def _rank(k: int, predicate: Predicate, trigger: Trigger) -> _Rank:
+    """The place of an ending of predicate k among all that fire at once; the least wins.
+
+    Of one predicate both may fire: an obligation that failed on the way, met in the end.
+    """
+    status = ("failure", "success", "none").index(trigger.status)
+    category = ("safety", "progress", "stability").index(predicate.category)
+    return status, category, k, trigger != predicate.on_failure
+
+
+def _watch_of(model: Model, predicate: int) -> int | None:
+    """The number of the watch of a predicate, if it has one."""
+    found = [w for w, watch in enumerate(watches_of(model)) if watch.predicate == predicate]
+    return found[0] if found else None
+
+
+def _fails(
+    predicate: Predicate, good: bool, env: Environment, exact: bool, watch: int | None, happened: Happened
+) -> bool:
+    """Whether a predicate counts as failed: a progress predicate only when its obligation falls due."""
+    if predicate.category != "progress":
+        return not good
+    if watch is not None and watch in happened.failed:
+        return True
+    if predicate.due is None:
+        return not good and happened.late
+    return not good and watch not in happened.met and truth(predicate.due, env, exact)

@@ -1,0 +1,85 @@
+"""What of a step the environment decides before the agent does.
+
+The leading statements of a step, up to the last decision of the environment that comes before the
+agent's first and before any flow, are executed as soon as the step before is over, so that the
+agent sees what they led to. A step is split into these statements and the rest.
+"""
+
+from dataclasses import replace
+from typing import assert_never
+
+from dl2c.ir.model import Assign, AssignAny, Block, Choice, Evolve, If, Repeat, Statement, Test, While
+
+
+def leading(body: Block) -> tuple[Block, Block]:
+    """`(lead, rest)`: `lead; rest` does what the body does; the lead ends with a decision of the
+    environment and the tests right after it, or is empty.
+
+    A choice of the environment whose alternatives contain decisions of the agent is split inside:
+    both parts then hold a choice of the same key, which is made in the first.
+    """
+    free = 0
+    while free < len(body) and not _waits(body[free]):
+        free += 1
+    if free < len(body) and isinstance(choice := body[free], Choice) and choice.role == "env":
+        parts = [(a, *_divided(a.body)) for a in choice.alternatives]
+        first = replace(choice, alternatives=tuple(replace(a, body=lead) for a, lead, _ in parts))
+        second = replace(choice, alternatives=tuple(replace(a, body=rest) for a, _, rest in parts))
+        return (*body[:free], first), (second, *body[free + 1 :])
+    end = max((k + 1 for k in range(free) if _draws(body[k])), default=0)
+    if end:
+        end += _tests(body[end:])
+    return body[:end], body[end:]
+
+
+def _divided(body: Block) -> tuple[Block, Block]:
+    """As `leading`, right after a decision: leading tests are executed too."""
+    lead, rest = leading(body)
+    tests = 0 if lead else _tests(rest)
+    return (*lead, *rest[:tests]), rest[tests:]
+
+
+def _tests(body: Block) -> int:
+    """How many tests the block begins with."""
+    count = 0
+    while count < len(body) and isinstance(body[count], Test):
+        count += 1
+    return count
+
+
+def _waits(statement: Statement) -> bool:
+    """Whether the agent decides something in it, or time passes."""
+    match statement:
+        case Evolve():
+            return True
+        case Assign() | Test():
+            return False
+        case AssignAny(role=role):
+            return role == "agent"
+        case Choice(_, alternatives, role):
+            return role == "agent" or any(_waits(s) for a in alternatives for s in a.body)
+        case Repeat(_, body, _, role):
+            return role == "agent" or any(map(_waits, body))
+        case While(body=body):
+            return any(map(_waits, body))
+        case If(_, _, then, orelse):
+            return any(map(_waits, (*then, *orelse)))
+        case _:
+            assert_never(statement)
+
+
+def _draws(statement: Statement) -> bool:
+    """Whether the environment decides something in it."""
+    match statement:
+        case AssignAny(role=role) | Choice(role=role) if role == "env":
+            return True
+        case Assign() | Test() | Evolve() | AssignAny():
+            return False
+        case Choice(_, alternatives):
+            return any(_draws(s) for a in alternatives for s in a.body)
+        case Repeat(_, body) | While(body=body):
+            return any(map(_draws, body))
+        case If(_, _, then, orelse):
+            return any(map(_draws, (*then, *orelse)))
+        case _:
+            assert_never(statement)
