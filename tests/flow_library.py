@@ -1,4 +1,7 @@
-"""Flows compiled for tests by any kernel, and followed one at a time."""
+"""Flows compiled for tests by any kernel, and followed one at a time.
+
+A process loads the library of each path once: give every model of one folder a name of its own.
+"""
 
 import subprocess
 from dataclasses import dataclass, fields, replace
@@ -10,7 +13,7 @@ from random_odes import Start
 from dl2c.emit.model_c import model_sources
 from dl2c.emit.plan import Environment
 from dl2c.ir.kernel import FlowPlan, Integrator, plan_flow
-from dl2c.ir.model import Flow, Model
+from dl2c.ir.model import Model
 from dl2c.ir.watch import watches_of
 from dl2c.native.binding import Batch, Library, Sizes
 from dl2c.native.code import cgen_dir
@@ -99,9 +102,3 @@ def compiled(
     lib.dl2c_model_sizes(raw)
     sizes = Sizes(**{f.name: int(getattr(raw, f.name)) for f in fields(Sizes)})
     return Compiled(environment, Library(manifest_of(environment, "", {}), sizes, ffi, lib))
-
-
-def flow_text(flow: Flow) -> str:
-    from dl2c.ir.printer import print_flow
-
-    return print_flow(flow)

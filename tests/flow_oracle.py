@@ -16,14 +16,33 @@ import numpy as np
 from mpmath import mpf
 
 from dl2c.ir.logic import operands
-from dl2c.ir.model import And, Call, Compare, Div, Flow, Formula, Neg, Number, Or, Pow, Symbol, Term, Truth
+from dl2c.ir.model import (
+    And,
+    Call,
+    Compare,
+    Div,
+    Flow,
+    Formula,
+    Mul,
+    Neg,
+    Number,
+    Or,
+    Pow,
+    Symbol,
+    Term,
+    Truth,
+)
 
 context = mpmath.mp.clone()
 context.dps = 32
 ORDER = 20
 LOCAL_ERROR = mpf(10) ** -22
-SAMPLES = 32
+SAMPLES = 200
 """Places per Taylor step at which conditions are looked at."""
+SHORTEST = mpf(10) ** -5
+"""A solution that needs shorter Taylor steps counts as singular."""
+TOGETHER = mpf(10) ** -12
+"""Events this close to each other are one."""
 JUST_AFTER = mpf(10) ** -9
 """What a condition is just after the start is taken from this part of the first step."""
 
@@ -195,7 +214,9 @@ def nodes_of(terms: list[Term]) -> tuple[list[Node], list[Node]]:
             product = parts[0]
             for n in range(2, term.exponent + 1):
                 known = Pow(term.base, n)
-                made[known] = product = made.get(known) or Node(_times(), (product, parts[0]))
+                made[known] = product = made.get(known) or Node(
+                    Mul(term.base, term.base), (product, parts[0])
+                )
             return product
         if term not in made:
             parts = tuple(visit(t) for t in operands(term))
@@ -204,12 +225,6 @@ def nodes_of(terms: list[Term]) -> tuple[list[Node], list[Node]]:
 
     tops = [visit(t) for t in terms]
     return list(made.values()), tops
-
-
-def _times() -> Term:
-    from dl2c.ir.model import ONE, Mul
-
-    return Mul(ONE, ONE)
 
 
 @dataclass(frozen=True)
@@ -273,9 +288,8 @@ def solution(flow: Flow, at: State, stop: mpf) -> Iterator[Piece]:
                 moving[symbol].c.append(rate.c[k] / (k + 1))
         series = {s: n.c for s, n in moving.items()}
         length = min(_reach(series), stop - now)
-        if length < context.mpf(10) ** -9:
-            if length < stop - now:
-                raise Singular
+        if length < min(SHORTEST, stop - now):
+            raise Singular
         piece = Piece(now, length, state, series)
         yield piece
         now += length
@@ -348,14 +362,17 @@ def _first_event(
             if after != before:
                 changes.append((_bisected(atom, piece, low, high, before), index, after))
             before = after
-    for tau, index, after in sorted(changes, key=lambda c: c[:2]):
-        atom = atoms[index]
-        before = known[atom]
-        at_it = 0 if None not in (before, after) else before or after
-        if not truth(formula, {**known, atom: at_it}):
-            return tau
-        known[atom] = after
-        if not truth(formula, known):
+    changes.sort(key=lambda c: c[:2])
+    while changes:
+        tau = changes[0][0]
+        now = [c for c in changes if c[0] <= tau + TOGETHER]
+        changes = changes[len(now) :]
+        at_it = dict(known)
+        for _, index, after in now:
+            atom = atoms[index]
+            at_it[atom] = 0 if None not in (known[atom], after) else known[atom] or after
+            known[atom] = after
+        if not truth(formula, at_it) or not truth(formula, known):
             return tau
     return None
 

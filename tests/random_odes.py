@@ -8,7 +8,7 @@ from typing import Literal
 from random_models import ORDERS, variable
 
 from dl2c.ir.evaluate import Undefined, evaluate, truth
-from dl2c.ir.logic import conjunction, disjunction, number
+from dl2c.ir.logic import atoms, conjunction, disjunction, number, symbols
 from dl2c.ir.model import (
     ONE,
     TRUE,
@@ -69,7 +69,9 @@ def _nonlinear(rng: Random) -> dict[str, Term]:
 
 
 def _linear(rng: Random) -> dict[str, Term]:
-    entries = lambda: Mul(_half(rng, 3), rng.choice((X, Y, Z)))  # noqa: E731
+    def entry() -> Term:
+        return Mul(_half(rng, 3), rng.choice((X, Y, Z)))
+
     return rng.choice(
         (
             {"x": Y, "y": Neg(X)},
@@ -77,7 +79,7 @@ def _linear(rng: Random) -> dict[str, Term]:
             {"x": Neg(Mul(A, X)), "y": X},
             {"x": Mul(A, Sub(Y, X)), "y": Z},
             {"x": Mul(A, Y), "y": Neg(Mul(A, X)), "z": Mul(Number(Fraction(2)), X)},
-            {"x": Add(entries(), entries()), "y": Add(entries(), _half(rng)), "z": Sub(entries(), entries())},
+            {"x": Add(entry(), entry()), "y": Add(entry(), _half(rng)), "z": Sub(entry(), entry())},
         )
     )
 
@@ -135,15 +137,9 @@ def random_flow(rng: Random, kind: Kind) -> Flow:
         horizons = (Horizon("t", clock.right),)
         return Flow((*equations, ("t", ONE)), conjunction((clock, watched)), watched, horizons, None)
     cap = Fraction(rng.choice((1, 3)), 2)
-    if any(T in (s for s in _symbols(r)) for _, r in equations):
+    if T in symbols(*(r for _, r in equations)):
         equations = (*equations, ("t", ONE))
     return Flow(equations, watched, watched, (), cap)
-
-
-def _symbols(term: Term) -> set[Symbol]:
-    from dl2c.ir.logic import symbols
-
-    return symbols(term)
 
 
 def flows_model(name: str, flows: tuple[Flow, ...]) -> Model:
@@ -197,8 +193,6 @@ def random_start(rng: Random, flow: Flow, tries: int = 30) -> Start | None:
 
 def _on_a_boundary(rng: Random, flow: Flow, start: Start) -> Start:
     """The constants set so that atoms against c or d hold with equality."""
-    from dl2c.ir.logic import atoms
-
     constants = dict(start.constants)
     for atom in atoms(flow.watched):
         if atom.right in (C, D) and rng.random() < 0.7:

@@ -18,11 +18,12 @@ typedef struct dl2c_stretch {
   const dl2c_track *track;
   real from, length; /* of the whole motion or track, since the flow began */
   real low, width;   /* the part of it, within [0, 1] */
+  int32_t halvings;  /* of stretches of the flow so far */
 } dl2c_stretch;
 
-/* Stretches are not halved below this part of a track, nor after so many have been looked at. */
+/* Stretches are not halved below this part of a track, nor more often in a flow. */
 #define DL2C_NARROWEST 0x1p-40
-enum { DL2C_STRETCHES = 128 };
+enum { DL2C_HALVINGS = 1024 };
 /* How far a curve may miss a margin between nodes, relative to its largest coefficient. */
 #define DL2C_MISSES 0x1p-40
 /* How far a margin may be off by rounding, relative to the numbers that it is made of. */
@@ -229,9 +230,10 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
   dl2c_breach failure = {0};
   stretch->low = 0.0;
   stretch->width = 1.0;
-  for (int looks = 0; stretch->low < 1.0; looks++) {
+  while (stretch->low < 1.0) {
     if (!dl2c_stretch_events(stretch, &events) && stretch->width > DL2C_NARROWEST
-        && looks < DL2C_STRETCHES) {
+        && stretch->halvings < DL2C_HALVINGS) {
+      stretch->halvings++;
       stretch->width *= 0.5;
       continue;
     }

@@ -194,6 +194,8 @@ def _defined(term: Term, moves: Moves) -> list[Formula]:
             found.append(Compare(">=", argument, ZERO))
         case Call("arcsin", (argument,)):
             found += [Compare(">=", Sub(ONE, argument), ZERO), Compare(">=", Add(ONE, argument), ZERO)]
+        case Call("tan", (argument,)):
+            found.append(Compare("!=", Call("cos", (argument,)), ZERO))
         case Call("pow", (base, _)):
             found.append(Compare(">", base, ZERO))
         case _:
