@@ -40,7 +40,7 @@ double nanoseconds(const dl2c_curve *curves, int n, const int8_t *start, int rou
 """
 
 TYPES = f"""
-typedef struct dl2c_curve {{ int32_t degree; double b[{MAX_DEGREE + 1}]; }} dl2c_curve;
+typedef struct dl2c_curve {{ int32_t degree; double noise; double b[{MAX_DEGREE + 1}]; }} dl2c_curve;
 typedef struct dl2c_crossing {{ double at; int32_t margin; int8_t after; }} dl2c_crossing;
 """
 

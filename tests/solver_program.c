@@ -195,7 +195,7 @@ static void print_crossings(dl2c_solver *solver, int flow, real stop, int k, rea
     dl2c_track_samples(&track, samples);
     real *const values = samples + k * DL2C_NODES;
     for (int j = 0; j < DL2C_NODES; j++) values[j] -= level;
-    dl2c_fit(values, &curve);
+    dl2c_fit(values, 0.0, &curve);
     const int count = dl2c_crossings(&curve, 1, &sign, found, DL2C_MAX_DEGREE + 1);
     for (int i = 0; i < count; i++) printf(" %a", track.from + found[i].at * track.length);
     if (count > 0) sign = found[count - 1].after;
@@ -215,7 +215,7 @@ static void print_fit(void)
   real values[DL2C_NODES];
   dl2c_curve curve;
   if (!read_reals(values, DL2C_NODES)) exit(2);
-  dl2c_fit(values, &curve);
+  dl2c_fit(values, 0.0, &curve);
   printf("fit");
   for (int k = 0; k <= curve.degree; k++) printf(" %a", curve.b[k]);
   printf("\n");

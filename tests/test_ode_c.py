@@ -145,5 +145,5 @@ def test_lie_derivatives_fill_one_row_for_each_order(environment: Environment) -
     leaves = leaves_of_model(environment)
     text = lie_function(environment, leaves, {0: (variable("x"),)})
     assert "lie[0] = x[X_v];" in text
-    assert "lie[1 * NROOT + 0] = 2.0;" in text
-    assert "lie[2 * NROOT + 0] = 0.0;" in text
+    assert "lie[1 * NMARGIN + 0] = 2.0;" in text
+    assert "lie[2 * NMARGIN + 0] = 0.0;" in text

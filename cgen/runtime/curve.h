@@ -11,9 +11,10 @@
 
 enum { DL2C_MAX_DEGREE = 24 };
 
-/* Bernstein coefficients on [0,1]; finite. */
+/* Bernstein coefficients on [0,1]; finite. Each is off by `noise` at most. */
 typedef struct dl2c_curve {
   int32_t degree;
+  real noise;
   real b[DL2C_MAX_DEGREE + 1];
 } dl2c_curve;
 
@@ -34,6 +35,7 @@ static inline void dl2c_curve_of(const real *c, int degree, real length, dl2c_cu
   real power = 1.0;
   real choose = 1.0;
   curve->degree = degree;
+  curve->noise = 0.0;
   for (int k = 0; k <= degree; k++) {
     b[k] = c[k] * power / choose;
     power *= length;
@@ -53,11 +55,11 @@ static inline real dl2c_curve_at(const dl2c_curve *curve, real s)
   return b[0];
 }
 
-/* The sign just after 0: that of the first coefficient that is not zero; 0 if all are. */
+/* The sign just after 0: that of the first coefficient that is surely not zero; 0 if none is. */
 static inline int8_t dl2c_sign_after(const dl2c_curve *curve)
 {
   for (int i = 0; i <= curve->degree; i++)
-    if (curve->b[i] != 0.0) return curve->b[i] > 0.0 ? 1 : -1;
+    if (fabs(curve->b[i]) > curve->noise) return curve->b[i] > 0.0 ? 1 : -1;
   return 0;
 }
 

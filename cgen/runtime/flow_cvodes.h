@@ -8,7 +8,7 @@
  * Adams; after DL2C_ADAMS_STEPS steps, or where Adams fails, it goes on with BDF from the point
  * reached.
  *
- * Tolerances bound the Euclidean norm of the local error in units of rtol*|x| + atol. That is
+ * A tenth of the tolerances bounds the Euclidean norm of the local error in units of rtol*|x| + atol. That is
  * CVODES's own norm without the mean over all variables, by which variables that stand still would
  * loosen it.
  */
@@ -23,11 +23,20 @@
 
 enum { DL2C_STIFF_NO = 0, DL2C_STIFF_YES = 1, DL2C_STIFF_AUTO = 2 };
 
+/*
+ * The share of the tolerances that the error of one step may take. Errors of many steps add up;
+ * with this, most flows end within ten times the tolerances.
+ */
+#define DL2C_STEP_SHARE 0.1
+
 /* With order 6, a quadratic margin of a track has degree 12. */
 enum { DL2C_ADAMS_ORDER = 6, DL2C_BDF_ORDER = 5 };
 
 /* Steps of one flow: before it counts as stiff, and before it counts as failed. */
 enum { DL2C_ADAMS_STEPS = 500, DL2C_SOLVER_STEPS = 100000 };
+
+/* Flows that last less are one straight step; the solver squares times, which must not underflow. */
+#define DL2C_BLINK 1e-100
 
 typedef struct dl2c_solver {
   dl2c_engine adams; /* without memory if every flow is stiff */
@@ -107,10 +116,10 @@ static void dl2c_solver_free(dl2c_solver *solver)
 static bool dl2c_solver_engine(dl2c_solver *solver, dl2c_engine *engine, bool stiff, real rtol,
                                real atol)
 {
-  const real scale = sqrt((real)NX);
+  const real share = DL2C_STEP_SHARE / sqrt((real)NX);
   return dl2c_engine_create(engine, stiff, solver->y, solver->derivative, dl2c_solver_rates,
                             dl2c_newton_times, solver)
-         && DL2C_SUN(CVodeSStolerances)(engine->memory, rtol / scale, atol / scale) == CV_SUCCESS
+         && DL2C_SUN(CVodeSStolerances)(engine->memory, rtol * share, atol * share) == CV_SUCCESS
          && DL2C_SUN(CVodeSetMaxOrd)(engine->memory, stiff ? DL2C_BDF_ORDER : DL2C_ADAMS_ORDER)
                 == CV_SUCCESS;
 }
@@ -200,6 +209,24 @@ static bool dl2c_solver_track(dl2c_solver *solver, real reached, dl2c_track *tra
   return finite;
 }
 
+/* A flow that is too short for the solver, as one straight step. */
+static bool dl2c_solver_blink(dl2c_solver *solver, dl2c_track *track)
+{
+  real rates[NX];
+  model_rates(solver->flow, solver->last, solver->p, rates);
+  track->from = 0.0;
+  track->length = solver->stop;
+  track->degree = 1;
+  for (int k = 0; k < NX; k++) {
+    track->c[k][0] = solver->last[k];
+    track->c[k][1] = rates[k] * solver->stop;
+    track->end[k] = track->c[k][0] + track->c[k][1];
+  }
+  memcpy(solver->last, track->end, sizeof solver->last);
+  solver->now = solver->stop;
+  return dl2c_all_finite(track->end, NX);
+}
+
 /*
  * One internal step, never beyond `stop`; its interpolant in *track. False: the solver failed, or
  * the state left the range of numbers.
@@ -207,6 +234,7 @@ static bool dl2c_solver_track(dl2c_solver *solver, real reached, dl2c_track *tra
 static bool dl2c_solver_step(dl2c_solver *solver, dl2c_track *track)
 {
   real reached = solver->now;
+  if (solver->stop < DL2C_BLINK) return dl2c_solver_blink(solver, track);
   for (;;) {
     const bool adams = solver->engine == &solver->adams;
     const bool may_switch = adams && solver->stiff == DL2C_STIFF_AUTO;

@@ -160,8 +160,15 @@ static void dl2c_track_samples(const dl2c_track *track, real *restrict x)
  */
 #define DL2C_FIT_NOISE 0x1p-49
 
-/* The Chebyshev coefficients of the curve through the values; returns how many matter. */
-static int dl2c_chebyshev(const real *values, real *even, real *odd)
+/* By how much rounding of the values may be larger in Bernstein coefficients, by how many matter. */
+static const real DL2C_FIT_GAIN[DL2C_NODES + 1] = {1.0,  2.0,  3.0,  5.0,  6.0,   8.0,   12.0,
+                                                   17.0, 25.0, 46.0, 91.0, 224.0, 719.0, 3646.0};
+
+/*
+ * The Chebyshev coefficients of the curve through the values, each off by `noise` at most; returns
+ * how many matter.
+ */
+static int dl2c_chebyshev(const real *values, real noise, real *even, real *odd)
 {
   real sums[DL2C_HALF + 1];
   real differences[DL2C_HALF];
@@ -181,21 +188,21 @@ static int dl2c_chebyshev(const real *values, real *even, real *odd)
   for (int j = 0; j < DL2C_HALF; j++)
     for (int i = 0; i < DL2C_HALF; i++) odd[i] += DL2C_ODD_COEFFICIENT[j][i] * differences[j];
 
-  const real noise = DL2C_FIT_NOISE * largest;
+  const real least = dl2c_max(noise, DL2C_FIT_NOISE * largest);
   int count = DL2C_NODES;
-  while (count > 0 && fabs(count % 2 ? even[count / 2] : odd[count / 2 - 1]) <= noise) count--;
+  while (count > 0 && fabs(count % 2 ? even[count / 2] : odd[count / 2 - 1]) <= least) count--;
   return count;
 }
 
 /*
  * The Bernstein curve of degree DL2C_NODES - 1 through values at the nodes; its ends are the first
- * and the last value to the last bit.   values: (DL2C_NODES)
+ * and the last value to the last bit.   values: (DL2C_NODES), each off by `noise` at most
  */
-static void dl2c_fit(const real *values, dl2c_curve *curve)
+static void dl2c_fit(const real *values, real noise, dl2c_curve *curve)
 {
   real even[DL2C_HALF + 1];
   real odd[DL2C_HALF];
-  const int count = dl2c_chebyshev(values, even, odd);
+  const int count = dl2c_chebyshev(values, noise, even, odd);
   real symmetric[DL2C_HALF + 1] = {0.0};
   real skew[DL2C_HALF] = {0.0};
   for (int i = 0; 2 * i < count; i++)
@@ -204,6 +211,7 @@ static void dl2c_fit(const real *values, dl2c_curve *curve)
     for (int j = 0; j < DL2C_HALF; j++) skew[j] += DL2C_ODD_BERNSTEIN[i][j] * odd[i];
 
   curve->degree = DL2C_NODES - 1;
+  curve->noise = noise * DL2C_FIT_GAIN[count];
   for (int j = 0; j < DL2C_HALF; j++) {
     curve->b[j] = symmetric[j] + skew[j];
     curve->b[DL2C_NODES - 1 - j] = symmetric[j] - skew[j];

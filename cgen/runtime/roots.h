@@ -21,7 +21,8 @@
  *     its sign; what comes so near to zero that rounding decides counts as a touch.
  * Coefficients below 2^-1000*top are lost. `start` is what is true just after 0: the first
  * coefficients that contradict it are taken for zero, up to 2^-20*top each. If that does not
- * help, there is a crossing at once, at DL2C_AT_ONCE.
+ * help, there is a crossing at once, at DL2C_AT_ONCE. Where coefficients have noise, all this is true
+ * of some polynomial as near as that to the given one.
  *
  * The same operations in the same order as dl2c/ir/roots.py and roots_float.py.
  */
@@ -108,13 +109,14 @@ static inline void dl2c_prepare(const dl2c_curve *curve, int start, dl2c_section
   bool leading = true;
   for (int i = 0; i <= curve->degree; i++) top = dl2c_max(top, fabs(curve->b[i]));
   frexp(top, &exponent);
+  const real noise = ldexp(curve->noise, -exponent);
   part->low = 0.0;
   part->high = 1.0;
   for (int i = 0; i <= curve->degree; i++) {
     const real b = ldexp(curve->b[i], -exponent);
     leading = leading && start * b <= 0.0 && fabs(b) <= DL2C_START_NOISE;
     part->b[i] = leading ? 0.0 : b;
-    part->e[i] = 0.0;
+    part->e[i] = noise;
   }
 }
 
@@ -150,7 +152,7 @@ static inline void dl2c_curve_zeros(const dl2c_curve *curve, dl2c_hunt *search)
 {
   const real sign = search->sign;
   bool opposite = false;
-  for (int i = 0; i <= curve->degree; i++) opposite |= sign * curve->b[i] < 0.0;
+  for (int i = 0; i <= curve->degree; i++) opposite |= sign * curve->b[i] < -curve->noise;
   if (opposite) {
     dl2c_hunt_zeros(curve, search);
   } else if (sign != 0.0 && curve->b[curve->degree] == 0.0) {

@@ -18,12 +18,16 @@ typedef struct dl2c_stretch {
   const dl2c_track *track;
   real from, length; /* of the whole motion or track, since the flow began */
   real low, width;   /* the part of it, within [0, 1] */
+  int32_t halvings;  /* of stretches of the flow so far */
 } dl2c_stretch;
 
-/* Stretches are not halved below this part of a track. */
-#define DL2C_NARROWEST 0x1p-7
-/* How far a curve may miss a margin between nodes, relative to its largest sample. */
+/* Stretches are not halved below this part of a track, nor more often in a flow. */
+#define DL2C_NARROWEST 0x1p-40
+enum { DL2C_HALVINGS = 1024 };
+/* How far a curve may miss a margin between nodes, relative to its largest coefficient. */
 #define DL2C_MISSES 0x1p-40
+/* How far a margin may be off by rounding, relative to the numbers that it is made of. */
+#define DL2C_ROUNDING 0x1p-50
 /* A polynomial of degree 12 stays this many times their spread around its values at the nodes. */
 #define DL2C_OVERSHOOT 1.3
 
@@ -64,25 +68,6 @@ static void dl2c_stretch_samples(const dl2c_stretch *stretch, real *rows)
   }
 }
 
-/* Signs just after the start of a stretch: where a margin is zero there, those of its Lie derivatives. */
-static void dl2c_begin_signs(const dl2c_stretch *stretch, const real *y, const real *g,
-                             dl2c_events *events)
-{
-  const int n = FLOW_MARGINS[stretch->flow];
-  bool on_edge = false;
-  for (int j = 0; j < n; j++) {
-    events->at_start[j] = events->after_start[j] = dl2c_sign_of(g[j]);
-    on_edge |= g[j] == 0.0;
-  }
-  if (!on_edge) return;
-  real lie[3 * NMARGIN];
-  model_lie(stretch->flow, y, stretch->p, lie);
-  for (int k = 0; k < 3; k++)
-    for (int j = 0; j < n; j++)
-      if (events->after_start[j] == 0)
-        events->after_start[j] = dl2c_sign_of(lie[k * NMARGIN + j]);
-}
-
 /* Whether the polynomial through the values plainly has no zero.   values: (DL2C_NODES) */
 static bool dl2c_plain(const real *values)
 {
@@ -95,15 +80,10 @@ static bool dl2c_plain(const real *values)
   return fabs(0.5 * (least + largest)) > DL2C_OVERSHOOT * (largest - least);
 }
 
-/*
- * The events of a stretch. False where a curve misses its margin between the nodes, so that the
- * stretch should be halved.
- */
-static bool dl2c_sample_margins(const dl2c_stretch *stretch, dl2c_events *events)
+/* Margins at all nodes of a stretch.   values: (NMARGIN, DL2C_NODES) */
+static void dl2c_sample_margins(const dl2c_stretch *stretch, real (*values)[DL2C_NODES])
 {
   const int n = FLOW_MARGINS[stretch->flow];
-  real values[NMARGIN][DL2C_NODES];
-  dl2c_curve curves[NMARGIN];
   real rows[NX * DL2C_NODES];
   dl2c_stretch_samples(stretch, rows);
   for (int k = 0; k < DL2C_NODES; k++) {
@@ -111,19 +91,81 @@ static bool dl2c_sample_margins(const dl2c_stretch *stretch, dl2c_events *events
     real g[NMARGIN];
     for (int j = 0; j < NX; j++) y[j] = rows[j * DL2C_NODES + k];
     dl2c_margins(stretch, y, g);
-    if (k == 0) dl2c_begin_signs(stretch, y, g, events);
     for (int j = 0; j < n; j++) values[j][k] = g[j];
   }
-  bool all_plain = true;
-  for (int j = 0; j < n; j++) {
-    curves[j].degree = 0;
-    curves[j].b[0] = values[j][0];
-    if (dl2c_plain(values[j])) continue;
-    all_plain = false;
-    dl2c_fit(values[j], &curves[j]);
+}
+
+/* How far margins may be off at both ends of a stretch, by rounding.   noise: (NMARGIN) */
+static void dl2c_margin_noise(const dl2c_stretch *stretch, real *noise)
+{
+  real y[NX];
+  real last[NMARGIN];
+  dl2c_stretch_at(stretch, 1.0, y);
+  model_sizes(stretch->flow, y, stretch->p, last);
+  dl2c_stretch_at(stretch, 0.0, y);
+  model_sizes(stretch->flow, y, stretch->p, noise);
+  for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++) {
+    noise[j] = DL2C_ROUNDING * dl2c_max(noise[j], last[j]);
+    if (!isfinite(noise[j])) noise[j] = 0.0;
   }
-  events->count = 0;
-  if (all_plain) return true;
+}
+
+/*
+ * Where margins that are zero in y go, by their Lie derivatives; those within their rounding
+ * errors count as zero.   noise: (NMARGIN) of the margins   after: (NMARGIN) changed where it can be told
+ */
+static void dl2c_lie_signs(int flow, const real *y, const real *p, const real *noise,
+                           const int8_t *at, int8_t *after)
+{
+  real lie[3 * NMARGIN];
+  real rates[NX];
+  real size = 0.0;
+  real speed = 0.0;
+  model_lie(flow, y, p, lie);
+  model_rates(flow, y, p, rates);
+  for (int k = 0; k < NX; k++) {
+    size = dl2c_max(fabs(y[k]), size);
+    speed = dl2c_max(fabs(rates[k]), speed);
+  }
+  const real pace = size > 0.0 ? speed / size : speed;
+  for (int j = 0; j < FLOW_MARGINS[flow]; j++) {
+    real least = noise[j];
+    for (int k = 0; at[j] == 0 && k < 3; k++) {
+      const real slope = lie[k * NMARGIN + j];
+      least *= pace;
+      if (!(fabs(slope) > least)) continue;
+      after[j] = dl2c_sign_of(slope);
+      break;
+    }
+  }
+}
+
+/*
+ * Signs at and after the start of a stretch. A flow begins with the very values; where a margin
+ * is zero there, its Lie derivatives tell where it goes. Later stretches begin where rounding has
+ * an effect, and go by the curves.   noise: (NMARGIN)
+ */
+static void dl2c_begin_signs(const dl2c_stretch *stretch, const dl2c_curve *curves,
+                             const real *noise, dl2c_events *events)
+{
+  const bool at_start = !(stretch->from + stretch->low > 0.0);
+  bool on_edge = false;
+  for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++) {
+    const real value = curves[j].b[0];
+    const bool sure = fabs(value) > curves[j].noise || (at_start && value != 0.0);
+    events->at_start[j] = sure ? dl2c_sign_of(value) : 0;
+    events->after_start[j] = sure ? events->at_start[j] : dl2c_sign_after(&curves[j]);
+    on_edge |= !sure;
+  }
+  if (!on_edge || !at_start) return;
+  real y[NX];
+  dl2c_stretch_at(stretch, 0.0, y);
+  dl2c_lie_signs(stretch->flow, y, stretch->p, noise, events->at_start, events->after_start);
+}
+
+/* Whether curves do not miss their margins at two places between the nodes. */
+static bool dl2c_curves_fit(const dl2c_stretch *stretch, const dl2c_curve *curves)
+{
   bool close = true;
   for (int side = 0; side < 2; side++) {
     const real s = side == 0 ? 0.31 : 0.79;
@@ -131,15 +173,42 @@ static bool dl2c_sample_margins(const dl2c_stretch *stretch, dl2c_events *events
     real g[NMARGIN];
     dl2c_stretch_at(stretch, s, y);
     dl2c_margins(stretch, y, g);
-    for (int j = 0; j < n; j++) {
+    for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++) {
       if (curves[j].degree == 0) continue;
       real largest = 0.0;
-      for (int k = 0; k < DL2C_NODES; k++) largest = dl2c_max(largest, fabs(values[j][k]));
-      close &= fabs(dl2c_curve_at(&curves[j], s) - g[j]) <= DL2C_MISSES * largest;
+      for (int k = 0; k < DL2C_NODES; k++) largest = dl2c_max(largest, fabs(curves[j].b[k]));
+      const real miss = fabs(dl2c_curve_at(&curves[j], s) - g[j]);
+      close &= miss <= DL2C_MISSES * largest + curves[j].noise;
     }
   }
-  events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
   return close;
+}
+
+/*
+ * The events of a stretch. False where a curve misses its margin between the nodes, so that the
+ * stretch should be halved.
+ */
+static bool dl2c_stretch_events(const dl2c_stretch *stretch, dl2c_events *events)
+{
+  const int n = FLOW_MARGINS[stretch->flow];
+  real values[NMARGIN][DL2C_NODES];
+  real noise[NMARGIN];
+  dl2c_curve curves[NMARGIN];
+  bool all_plain = true;
+  dl2c_sample_margins(stretch, values);
+  for (int j = 0; j < n; j++) {
+    curves[j] = (dl2c_curve){.degree = 0, .b = {values[j][0]}};
+    events->at_start[j] = events->after_start[j] = dl2c_sign_of(values[j][0]);
+    if (dl2c_plain(values[j])) continue;
+    if (all_plain) dl2c_margin_noise(stretch, noise);
+    all_plain = false;
+    dl2c_fit(values[j], noise[j], &curves[j]);
+  }
+  events->count = 0;
+  if (all_plain) return true;
+  dl2c_begin_signs(stretch, curves, noise, events);
+  events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
+  return dl2c_curves_fit(stretch, curves);
 }
 
 /* Whether a whole track plainly has no events that matter. */
@@ -180,7 +249,9 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
     return DL2C_NO_HALT;
   }
   while (stretch->low < 1.0) {
-    if (!dl2c_sample_margins(stretch, &events) && stretch->width > DL2C_NARROWEST) {
+    if (!dl2c_stretch_events(stretch, &events) && stretch->width > DL2C_NARROWEST
+        && stretch->halvings < DL2C_HALVINGS) {
+      stretch->halvings++;
       stretch->width *= 0.5;
       continue;
     }
@@ -198,7 +269,7 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
       return DL2C_LEAVES;
     }
     stretch->low += stretch->width;
-    if (stretch->low + stretch->width > 1.0) stretch->width = 1.0 - stretch->low;
+    if (fmod(stretch->low, 2.0 * stretch->width) == 0.0) stretch->width *= 2.0;
   }
   return DL2C_NO_HALT;
 }

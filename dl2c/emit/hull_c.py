@@ -42,7 +42,7 @@ def _calm(plan: FlowPlan, builder: Builder) -> list[str]:
     for j, margin in enumerate(margins):
         lines += _margin(j, term_tape(builder, margin))
     domain, *stays = (_holds(f, margins) for f in plan.written)
-    waiting = [f"(watch[{w}] != DL2C_WATCHING | {holds})" for w, holds in enumerate(stays)]
+    waiting = [f"((watch[{w}] != DL2C_WATCHING) | {holds})" for w, holds in enumerate(stays)]
     return [*lines, *wrapped(f"return {' & '.join([domain, *waiting])};")]
 
 

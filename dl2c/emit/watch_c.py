@@ -13,7 +13,7 @@ from dl2c.emit.names import after
 from dl2c.emit.plan import Environment
 from dl2c.ir.kernel import FlowPlan
 from dl2c.ir.logic import conjunction
-from dl2c.ir.margins import margin_of
+from dl2c.ir.margins import margin_of, size_of
 from dl2c.ir.model import TRUE, And, Compare, Flow, Formula, Or, Symbol, Term, Truth
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.printer import print_formula, print_term
@@ -28,7 +28,8 @@ def watch_functions(environment: Environment, leaves: Leaves) -> list[str]:
     """All functions of this file."""
     return [
         _polynomials(environment, leaves),
-        _margins(environment, leaves),
+        _sampled("margins", "margin", environment, leaves),
+        _sampled("sizes", "size", environment, leaves),
         _holds(environment),
         _quiet(environment, leaves),
         _project(environment, leaves),
@@ -94,20 +95,26 @@ def _polynomials(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def _margins(environment: Environment, leaves: Leaves) -> str:
+def _sampled(name: str, short: str, environment: Environment, leaves: Leaves) -> str:
+    """`model_margins` or `model_sizes`."""
     body: list[str] = []
     for k, plan in enumerate(environment.flows):
         if plan.curves is not None:
             continue
         lines: list[str] = []
         for j, margin in enumerate(plan.margins):
-            about = f"{place(plan.flow.span)}  margin {print_term(margin)}"
-            lines += wrapped(f"g[{j}] = {leaves.term(f'flow{k}_watch_margin{j}', margin, about)};")
+            about = f"{place(plan.flow.span)}  {short} of {print_term(margin)}"
+            term = margin if short == "margin" else size_of(margin)
+            lines += wrapped(f"g[{j}] = {leaves.term(f'flow{k}_watch_{short}{j}', term, about)};")
         body += _selected(k, lines)
+    about = {
+        "margins": "Margins in a state, for flows along which they are no polynomials.   g: (NMARGIN)",
+        "sizes": "How large the numbers are that these margins are made of.   g: (NMARGIN)",
+    }
     return function(
-        f"static inline void model_margins(int flow, {STATE}, real *g)",
+        f"static inline void model_{name}(int flow, {STATE}, real *g)",
         body,
-        "Margins in a state, for flows along which they are no polynomials.   g: (NMARGIN)",
+        about[name],
     )
 
 

@@ -100,7 +100,7 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
     except TooManyCases:
         return Refused("its conditions have too many cases of abs, min and max", flow.span)
     margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
-    solved, why = _solved(flow, domain, integrator)
+    solved, why = _solved(flow, margins_of([domain]), margins, integrator)
     kernel: Kernel = "exact"
     if solved is None and integrator != "cvodes" and is_linear(flow):
         kernel, why = "linear", "its equations are linear: power series to the last digit"
@@ -139,15 +139,19 @@ def _smoothed(watch: Watch, moves: Moves) -> Watch:
     return replace(watch, stays=stays, due=due, goal=goal)
 
 
-def _solved(flow: Flow, domain: Formula, integrator: Integrator) -> tuple[Solution | None, str]:
+def _solved(
+    flow: Flow, domain: Sequence[Term], margins: Sequence[Term], integrator: Integrator
+) -> tuple[Solution | None, str]:
     """The polynomial solution if it can be used, and the reason for the kernel that follows from it."""
     if integrator == "cvodes":
         return None, "integrator=cvodes was asked for"
     solution = solve(flow)
     if isinstance(solution, NotPolynomial):
         return None, solution.reason
-    if _curves(solution, margins_of([domain])) is None:
+    if _curves(solution, domain) is None:
         return None, "a condition of its domain is not a polynomial of time along it"
+    if _curves(solution, margins) is None and not isinstance(plan(flow), ExactPlan):
+        return None, "a condition watched along it is not a polynomial of time"
     return solution, "its solution is a polynomial of time"
 
 

@@ -8,6 +8,7 @@ the condition that they are defined.
 """
 
 from collections.abc import Callable
+from functools import reduce
 from typing import TypeAlias
 
 from dl2c.ir.logic import (
@@ -34,6 +35,7 @@ from dl2c.ir.model import (
     Or,
     Pow,
     Sub,
+    Symbol,
     Term,
     Truth,
 )
@@ -186,17 +188,49 @@ def _defined(term: Term, moves: Moves) -> list[Formula]:
     """When a term without kinks has a value, as far as a state decides it."""
     found = [f for t in operands(term) for f in _defined(t, moves)]
     match term:
-        case Div(_, divisor) if moves(divisor):
+        case Div(_, divisor) if divisor == ZERO or not isinstance(divisor, Number):
             found.append(Compare("!=", divisor, ZERO))
         case Call("sqrt", (argument,)):
             found.append(Compare(">=", argument, ZERO))
         case Call("arcsin", (argument,)):
             found += [Compare(">=", Sub(ONE, argument), ZERO), Compare(">=", Add(ONE, argument), ZERO)]
+        case Call("tan", (argument,)):
+            found.append(Compare("!=", Call("cos", (argument,)), ZERO))
         case Call("pow", (base, _)):
             found.append(Compare(">", base, ZERO))
         case _:
             pass
     return list(dict.fromkeys(found))
+
+
+def size_of(term: Term) -> Term:
+    """How large the numbers are that a term is made of: its rounding errors are in proportion to this."""
+    match term:
+        case Number() | Symbol():
+            return folded(Call("abs", (term,)))
+        case Neg(child):
+            return size_of(child)
+        case Add(left, right) | Sub(left, right):
+            return folded(Add(size_of(left), size_of(right)))
+        case Mul(left, right):
+            return folded(Mul(size_of(left), size_of(right)))
+        case Div(left, right):
+            ratio = Div(size_of(right), Call("abs", (right,)))
+            return folded(Mul(size_of(left), folded(Div(ratio, Call("abs", (right,))))))
+        case Pow(base, exponent):
+            return folded(Pow(size_of(base), exponent))
+        case Call("abs", (child,)):
+            return size_of(child)
+        case Call("min" | "max", (left, right)):
+            return folded(Add(size_of(left), size_of(right)))
+        case Call(_, args):
+            sizes = [size_of(a) for a in args]
+            return folded(Mul(Add(ONE, Call("abs", (term,))), Add(ONE, _sum_of(sizes))))
+
+
+def _sum_of(terms: list[Term]) -> Term:
+    """Their sum, from left to right."""
+    return reduce(lambda a, b: folded(Add(a, b)), terms)
 
 
 def margins_of(formulas: list[Formula]) -> tuple[Term, ...]:
