@@ -121,6 +121,7 @@ const char *dl2c_status_text(dl2c_status status)
     case DL2C_ERR_NOMEM: return "out of memory";
     case DL2C_ERR_RESET: return "no initial state was found";
     case DL2C_ERR_STATE: return "the state is not admissible";
+    case DL2C_ERR_BLOCKED: return "no run is possible";
   }
   return "unknown";
 }
