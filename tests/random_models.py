@@ -331,7 +331,7 @@ def random_program(seed: int) -> Model:
     of the environment."""
     rng = Random(seed)
     builder = Builder(rng, forms=True)
-    body: list[Statement] = []
+    body: list[Statement] = [builder.choice(1)] if rng.random() < 0.35 else []
     for _ in range(rng.randint(1, 2)):
         body += builder.form(0) if rng.random() < 0.7 else builder.statement(0)
     if rng.random() < 0.8:

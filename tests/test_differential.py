@@ -68,13 +68,21 @@ def test_flows_of_any_form_agree_in_many_models(tmp_path: Path) -> None:
 
 
 def test_interpreter_and_compiled_code_agree_on_every_form_of_program(tmp_path: Path) -> None:
-    pairs, seen = run_models(range(90), 25, tmp_path, random_program, episodes=True)
+    pairs, seen = run_models(range(40), 15, tmp_path, random_program, episodes=True)
     kinds = {kind for pair in pairs for kind in _kinds(pair.model)}
     assert kinds >= STATEMENTS | {"While", "Repeat"}
     assert sum(bool(pair.model.prefix) for pair in pairs) >= 5
     assert sum(bool(pair.model.lead) for pair in pairs) >= 5
-    assert sum(bool(pair.environment.paths.draws) and not pair.model.lead for pair in pairs) >= 3
+    assert any(pair.environment.paths.draws and not pair.model.lead for pair in pairs)
     assert min(seen["steps"], seen["blocked"], seen["diverged"], seen["refused"]) > 0
+
+
+@pytest.mark.slow
+def test_interpreter_and_compiled_code_agree_on_many_programs(tmp_path: Path) -> None:
+    for start in range(1000, 1400, 100):
+        folder = tmp_path / str(start)
+        folder.mkdir()
+        run_models(range(start, start + 100), 30, folder, random_program, episodes=True)
 
 
 @pytest.mark.slow
