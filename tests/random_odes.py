@@ -142,14 +142,14 @@ def random_flow(rng: Random, kind: Kind) -> Flow:
     return Flow(equations, watched, watched, (), cap)
 
 
-def flows_model(name: str, flows: tuple[Flow, ...]) -> Model:
+def flows_model(name: str, flows: tuple[Flow, ...], moving: tuple[str, ...] = VARIABLES) -> Model:
     """A model whose alternative k is flow k."""
     alternatives = tuple(Alternative((Evolve(k),)) for k in range(len(flows)))
     bound = Bound(Fraction(-5), Fraction(5))
     return Model(
         name=name,
         source=f"{name}.kyx",
-        variables=tuple(Variable(v, bound, observed=True) for v in (*VARIABLES, "t")),
+        variables=tuple(Variable(v, bound, observed=True) for v in (*moving, "t")),
         constants=tuple(Constant(c, Bound(Fraction(-99), Fraction(99))) for c in ("a", "c", "d")),
         precondition=TRUE,
         prefix=(),

@@ -19,6 +19,7 @@ typedef struct dl2c_events {
   int32_t count;
   int8_t at_start[NMARGIN];
   int8_t after_start[NMARGIN];
+  uint8_t at_end[NMARGIN]; /* whether it ends at zero but for rounding; of sampled margins */
   dl2c_crossing crossings[DL2C_ROOM];
 } dl2c_events;
 

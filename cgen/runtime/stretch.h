@@ -205,8 +205,13 @@ static bool dl2c_stretch_events(const dl2c_stretch *stretch, dl2c_events *events
     dl2c_fit(values[j], noise[j], &curves[j]);
   }
   events->count = 0;
+  memset(events->at_end, 0, sizeof events->at_end);
   if (all_plain) return true;
   dl2c_begin_signs(stretch, curves, noise, events);
+  for (int j = 0; j < n; j++) {
+    const dl2c_curve *const curve = &curves[j];
+    events->at_end[j] = fabs(curve->b[curve->degree]) <= curve->noise;
+  }
   events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
   return dl2c_curves_fit(stretch, curves);
 }
@@ -271,6 +276,8 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
     stretch->low += stretch->width;
     if (fmod(stretch->low, 2.0 * stretch->width) == 0.0) stretch->width *= 2.0;
   }
+  for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++)
+    if (events.at_end[j]) sign[j] = 0;
   return DL2C_NO_HALT;
 }
 
