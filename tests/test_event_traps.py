@@ -19,7 +19,8 @@ from random_odes import Start, flows_model
 from dl2c.ir.evaluate import truth
 from dl2c.ir.kernel import FlowPlan, is_linear, plan_flow
 from dl2c.ir.logic import conjunction
-from dl2c.ir.model import ONE, Compare, Flow, Horizon, Symbol
+from dl2c.ir.model import FALSE, ONE, TRUE, Compare, Flow, Horizon, Symbol
+from dl2c.ir.watch import Watch
 
 KERNELS = ("exact", "linear", "cvodes")
 CONSTANTS = {"a": 1.0, "c": 0.3, "d": 2.0}
@@ -72,7 +73,8 @@ TRAPS = (
         {"x": 1, "y": -2},
         0.999,
         {"x": 1e-6},
-        {"y": -2e-3}, slope=2e-3,
+        {"y": -2e-3},
+        slope=2e-3,
     ),
     Trap(
         "a dip into the forbidden middle",
@@ -83,7 +85,9 @@ TRAPS = (
         {},
         {"x": 0.251},
     ),
-    Trap("grazing a closed bound", TOUCHES, "x >= 0", {"x": 1, "y": -2}, 8, {}, {"x": 49}, kernels=KERNELS[:2]),
+    Trap(
+        "grazing a closed bound", TOUCHES, "x >= 0", {"x": 1, "y": -2}, 8, {}, {"x": 49}, kernels=KERNELS[:2]
+    ),
     Trap("the clock", "x' = y", "true", {"x": 1, "y": 1, "t": 0.1}, 0.3 - 0.1, {"t": 0.3}, clock="c"),
     Trap(
         "a clock that has an instant left",
@@ -115,14 +119,40 @@ TRAPS = (
     Trap("the larger of two", "x' = 1, y' = -1", "max(x, y) >= 1/2", {"y": 1.5}, 8, {}, {"x": 8}),
     Trap("the smaller of two", "x' = 1, y' = -1", "min(x, y) >= -1", {"y": 1.5}, 2.5, {}, {"y": -1}),
     Trap("a sum of sizes", "x' = 1, y' = -1", "abs(x) + abs(y) <= 3", {"y": 2}, 2.5, {}, {"x": 2.5}),
-    Trap("the root of a negative number", "x' = -1", "sqrt(x) >= 0", {"x": 1}, 1, {}, {"x": 0}, kernels=KERNELS[1:]),
+    Trap(
+        "the root of a negative number",
+        "x' = -1",
+        "sqrt(x) >= 0",
+        {"x": 1},
+        1,
+        {},
+        {"x": 0},
+        kernels=KERNELS[1:],
+    ),
     Trap("division by zero", "x' = -1", "1 / x >= 1 / 2", {"x": 1}, 1, {}, {"x": 0}),
     Trap("a constant divisor of zero", "x' = 1", "x / z >= 1 or x <= 1", {}, 1, {}, {"x": 1}),
-    Trap("a constant root of a negative number", "x' = 1", "sqrt(z) >= -1 or x <= 1", {"z": -1}, 1, {}, {"x": 1}),
-    Trap("a pole", "x' = 1", "tan(x) >= -1", {"x": 1}, math.pi / 2 - 1, {}, {"x": math.pi / 2}, kernels=KERNELS[1:]),
+    Trap(
+        "a constant root of a negative number",
+        "x' = 1",
+        "sqrt(z) >= -1 or x <= 1",
+        {"z": -1},
+        1,
+        {},
+        {"x": 1},
+    ),
+    Trap(
+        "a pole",
+        "x' = 1",
+        "tan(x) >= -1",
+        {"x": 1},
+        math.pi / 2 - 1,
+        {},
+        {"x": math.pi / 2},
+        kernels=KERNELS[1:],
+    ),
     Trap("not a polynomial", "x' = y", "sin(x) <= 1/2", {"y": 1}, math.pi / 6, {}, {}, kernels=KERNELS[1:]),
     Trap("many periods", "x' = y", "cos(x) >= -2", {"y": 9}, 8, {}, {"x": 72}, kernels=KERNELS[1:]),
-)  # fmt: skip
+)
 
 STRICT = (
     Trap("a strict bound", "x' = 1", "x < 7", {"x": 6}, 1, {}, {"x": 7}),
@@ -234,8 +264,9 @@ def test_a_solver_that_failed_can_be_used_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize("bound", ["5e-324", "1e-300", "1e-101", "1e-99", "1e-30", "1e-16"])
 def test_flows_may_be_as_short_as_any_number(bound: str, tmp_path: Path) -> None:
     limit = term(bound)
-    flow = Flow((("x", term("-x*x")), ("t", ONE)), Compare("<=", Symbol("t", "variable"), limit), formula("True"),
-                (Horizon("t", limit),), None)  # fmt: skip
+    domain = Compare("<=", Symbol("t", "variable"), limit)
+    equations = (("x", term("-x*x")), ("t", ONE))
+    flow = Flow(equations, domain, formula("True"), (Horizon("t", limit),), None)
     library = compiled(flows_model("short" + bound.replace("-", "_"), (flow,)), tmp_path)
     arrival = library.run(0, Start({"x": 1.0, "y": 0.0, "z": 0.0, "t": 0.0}, CONSTANTS))
     assert arrival.state == {"x": 1.0 - float(bound), "y": 0.0, "z": 0.0, "t": float(bound)}
@@ -256,11 +287,8 @@ def test_margins_that_touch_zero_by_rounding_end_nothing(tmp_path: Path) -> None
 
 def test_a_flow_that_only_sampling_can_watch_is_not_left_to_straight_lines() -> None:
     """A polynomial flow with a disjunction, beside a watch that is no polynomial."""
-    from dl2c.ir.model import FALSE, TRUE
-    from dl2c.ir.watch import Watch
-
     flow = Flow((("x", term("y")), ("y", ONE)), d := formula("x <= 1 or y >= 0"), d, (), Fraction(1))
-    watch = Watch(0, "safety", w := formula("sin(x) >= -1/2"), TRUE, FALSE, w, True)
+    watch = Watch(0, "safety", w := formula("sin(x) >= -1/2"), TRUE, FALSE, w, TRUE, True)
     plan = plan_flow(flow, [watch])
     assert isinstance(plan, FlowPlan)
     assert (plan.kernel, plan.reason.split(":")[0]) == ("linear", "its equations are linear")

@@ -136,9 +136,8 @@ static inline dl2c_hull dl2c_hull_cos(dl2c_hull a)
   return dl2c_hull_wave(a, cos(dl2c_hull_middle(a)));
 }
 
-/* Whether every value inside is: >= 0, > 0, != 0, = 0. */
-static inline bool dl2c_hull_closed(dl2c_hull a) { return a.low >= 0.0; }
-static inline bool dl2c_hull_open(dl2c_hull a) { return a.low > 0.0; }
+/* Whether every value inside is: > 0, != 0, = 0. */
+static inline bool dl2c_hull_positive(dl2c_hull a) { return a.low > 0.0; }
 static inline bool dl2c_hull_apart(dl2c_hull a) { return (a.low > 0.0) | (a.high < 0.0); }
 static inline bool dl2c_hull_equal(dl2c_hull a) { return (a.low == 0.0) & (a.high == 0.0); }
 

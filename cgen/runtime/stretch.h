@@ -99,7 +99,7 @@ static void dl2c_sample_margins(const dl2c_stretch *stretch, real (*values)[DL2C
 static void dl2c_margin_noise(const dl2c_stretch *stretch, real *noise)
 {
   real y[NX];
-  real last[NMARGIN];
+  real last[NMARGIN] = {0.0};
   dl2c_stretch_at(stretch, 1.0, y);
   model_sizes(stretch->flow, y, stretch->p, last);
   dl2c_stretch_at(stretch, 0.0, y);

@@ -15,7 +15,8 @@ from dl2c.ir.model import And, Compare, Formula, Or, Symbol, Term, Truth
 from dl2c.symbolic.tape import Instruction, Tape, term_tape
 from dl2c.symbolic.terms import Builder
 
-HOLDS = {">=": "closed", "<=": "closed", ">": "open", "<": "open", "!=": "apart", "=": "equal"}
+HOLDS = dict.fromkeys((">=", "<=", ">", "<"), "positive") | {"!=": "apart", "=": "equal"}
+"""A margin that gets to zero is not plain: where it goes, its derivatives tell."""
 OPERATIONS = frozenset(
     {"add", "sub", "mul", "div", "neg", "abs", "min", "max", "sqrt", "exp", "sin", "cos"}
     | {"tan", "arcsin", "arctan", "tanh", "pow"}

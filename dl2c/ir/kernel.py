@@ -101,13 +101,11 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
         return Refused("its conditions have too many cases of abs, min and max", flow.span)
     margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
     solved, why = _solved(flow, margins_of([domain]), margins, integrator)
-    kernel: Kernel = "exact"
+    kernel: Kernel = "exact" if solved is not None else "cvodes"
     if solved is None and integrator != "cvodes" and is_linear(flow):
         kernel, why = "linear", "its equations are linear: power series to the last digit"
     elif solved is None and integrator == "exact":
         return Refused(why, flow.span)
-    elif solved is None:
-        kernel = "cvodes"
     quick = plan(flow) if solved is not None else None
     still_margins = margins_of([still])
     still_curves = None if solved is None else _curves(solved, still_margins)
