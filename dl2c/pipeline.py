@@ -138,9 +138,8 @@ def _completed(options: Options, episode: EpisodeAnnotation) -> Options:
     for name, value, span in episode.options:
         try:
             options = under(options, {names.get(name, name): value})
-        except UnknownOption:
-            title = f"`@episode` option `{name}` is not supported"
-            found.append(error("unsupported-option", title, span, help="leave it out"))
+        except UnknownOption as problem:
+            found.append(error("unsupported-option", f"`@episode`: {problem}", span, help="leave it out"))
     if found:
         raise CompileError(found)
     return options
