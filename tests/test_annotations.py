@@ -256,7 +256,8 @@ def test_without_an_episode_annotation_there_is_none() -> None:
 
 
 @pytest.mark.parametrize(
-    "comment", ["/* @author me */", "/* @invariant(x > 0) */", "// mail@home: x", "/* see @var */"]
+    "comment",
+    ["/* @author me */", "/* @author: me */", "/* @invariant(x > 0) */", "// mail@home: x", "/* see @var */"],
 )
 def test_other_comments_are_ignored(comment: str) -> None:
     assert entry(variables=f"{comment}\nReal x;").variables[0].annotations == ()

@@ -1,6 +1,6 @@
 """Archive files: entries, their sections, their declarations.
 
-In: a source in the dialect of KeYmaera X 5. Out: an `Archive` and warnings. Sections and
+In: a source in the dialect of KeYmaera X 5 or 4, or a mixture. Out: an `Archive` and warnings. Sections and
 declarations are found by the reserved words that begin them, so that an error in one
 declaration does not hide the errors of the next.
 """
@@ -19,9 +19,12 @@ from dl2c.parse.placement import Block, Statement
 from dl2c.parse.scan import Code, scan
 from dl2c.parse.sections import (
     Section,
+    bare_entry,
     entry_name,
     find_sections,
+    first_in_line,
     first_word,
+    is_bare,
     previous_characters,
     trimmed_end,
 )
@@ -29,7 +32,10 @@ from dl2c.parse.syntax import parse_tree
 from dl2c.parse.tree import Annotation, Archive, Declaration, Entry, Formula
 from dl2c.source import Source, Span
 
-_STATEMENT = re.compile(r"(?<![A-Za-z0-9_])(Real|Bool|HP|HG|implicit|import)(?![A-Za-z0-9_])")
+_STATEMENT = re.compile(
+    r"(?<![A-Za-z0-9_])(?:(?:Real|Bool|HP|HG|implicit|import)(?![A-Za-z0-9_])"
+    rf"|(?P<old>{old_dialect.OLD_SORT}))"
+)
 MAX_DECLARATIONS = 1000
 """Names that one section may declare."""
 
@@ -54,11 +60,15 @@ def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
     """Read a whole file; see `parser.parse_archive`."""
     check_characters(source)
     code = scan(source)
-    old_dialect.refuse(code)
     problems: list[Diagnostic] = []
-    work = Work(code, Reading(source, []), comments.read_annotations(code, problems), problems)
+    old = old_dialect.find_sign(code)
+    work = Work(
+        code, Reading(source, [old] if old else []), comments.read_annotations(code, problems), problems
+    )
     _check_count("annotations", [a.span for a in work.annotations], MAX_ANNOTATIONS)
     sections = find_sections(code, problems)
+    if any(s.kind == "Problem" for s in sections) and all(s.kind != "entry" for s in sections):
+        sections.insert(0, bare_entry(sections))
     heads = [i for i, section in enumerate(sections) if section.kind == "entry"]
     _check_count("entries", [code.span(sections[i].start, sections[i].end) for i in heads], MAX_ENTRIES)
     if not heads:
@@ -128,12 +138,18 @@ def _block(section: Section, work: Work) -> Block:
 
 
 def _statement_starts(code: Code, section: Section) -> list[int]:
-    """Where statements begin: at a sort that is neither that of a parameter nor after `implicit`."""
+    """Where statements begin: at a sort that is neither that of a parameter nor after `implicit`.
+
+    The letters of the old dialect are sorts only after a statement or first in their line.
+    """
     starts: list[int] = []
     for word in _STATEMENT.finditer(code.text, section.begin, section.end):
         before = previous_characters(code, section.begin, word.start(), len("implicit"))
         if word.group() == "import":
             if not before or before.endswith(";"):
+                starts.append(word.start())
+        elif word.group("old"):
+            if before[-1:] in ("", ";", ".", "}") or first_in_line(code, word.start()):
                 starts.append(word.start())
         elif not before.endswith(("(", ",", "implicit")):
             starts.append(word.start())
@@ -171,10 +187,10 @@ def _entry(sections: Sequence[Section], shared: Sequence[Block], over: int, work
     head, code, problems = sections[0], work.code, work.problems
     name = entry_name(code, head, problems)
     ended = next((i for i, section in enumerate(sections) if section.kind == "End"), None)
-    if ended is None:
+    if ended is None and not is_bare(head):
         end = trimmed_end(code, head.start, over)
         work.read.warnings.append(errors.entry_not_ended(code.span(end - 1, end), name))
-    elif ended + 1 < len(sections):
+    elif ended is not None and ended + 1 < len(sections):
         extra = sections[ended + 1]
         problems.append(errors.misplaced_text(code.span(extra.start, extra.begin), "a new entry"))
     own = [

@@ -19,6 +19,9 @@ from dl2c.source import Source, Span
 
 KNOWN = ("var", "const", "safety", "progress", "stability", "choice", "fallback", "episode")
 
+PROSE = ("author", "see", "note", "todo", "date", "version", "link", "title", "description", "provable")
+"""Tags of documentation, which often have a colon too."""
+
 _WORD = re.compile(r"\s*@(?P<name>[A-Za-z_][A-Za-z0-9_]*)\s*(?P<colon>:?)")
 _ATTRIBUTE = re.compile(r"\s*(?P<name>[A-Za-z_][A-Za-z0-9_]*)\s*(?:=\s*(?P<value>.*)|\Z)", re.DOTALL)
 _MARKER = re.compile(r"[ \t]*(?://+|/\*+|\*+(?!/))?")
@@ -70,11 +73,11 @@ def _lines(source: Source, comment: Comment) -> Iterator[Line]:
 
 
 def _is_annotation(word: re.Match[str], line: Line, problems: list[Diagnostic]) -> bool:
-    """Whether `@word` is ours. `@author` in prose and KeYmaera X's own `@invariant(...)` are not."""
+    """Whether `@word` is ours. Tags of prose and KeYmaera X's own `@invariant(...)` are not."""
     name = word.group("name")
     if name in KNOWN:
         return True
-    if name not in ("invariant", "variant") and (
+    if name not in ("invariant", "variant", *PROSE) and (
         word.group("colon") or get_close_matches(name, KNOWN, cutoff=0.7)
     ):
         start = line.start + word.start("name") - 1

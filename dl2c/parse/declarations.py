@@ -16,7 +16,12 @@ from dl2c.parse.scan import Code
 from dl2c.parse.syntax import parse_tree
 from dl2c.parse.tree import Declaration, Expression, Parameter, Sort
 
-_SORTS: dict[str, Sort] = {"Real": "Real", "Bool": "Bool", "HP": "HP", "HG": "HP"}
+_SORTS: dict[str, Sort] = {
+    **{"Real": "Real", "Bool": "Bool", "HP": "HP", "HG": "HP"},
+    **{"R": "Real", "T": "Real", "B": "Bool", "F": "Bool", "P": "HP"},
+}
+"""Of both dialects."""
+
 _IMPORT = re.compile(
     r"import\s+(?P<package>[A-Za-z]\w*(?:\.[A-Za-z]\w*)*)\."
     r"(?:(?P<name>[A-Za-z]\w*|\*)|\{(?P<names>\s*[A-Za-z]\w*\s*(?:,\s*[A-Za-z]\w*\s*)*)\})\s*;\s*\Z"
@@ -30,7 +35,7 @@ def read_definition(code: Code, start: int, end: int, read: Reading) -> tuple[De
     match str(node.data), build.parts(node):
         case "declared", [Token() as sort, *items]:
             declared = tuple(_declaration(sort, item, None, read) for item in build.nodes(items))
-            if sort in ("HP", "HG"):
+            if _SORTS[sort] == "HP":
                 raise CompileError(errors.undefined_program(d.span, d.name) for d in declared)
             return declared
         case "defined_term", [Token() as sort, Tree() as item, Tree() as body]:
@@ -52,7 +57,7 @@ def read_variables(code: Code, start: int, end: int, read: Reading) -> tuple[Dec
     match str(node.data), build.parts(node):
         case "declared", [Token() as sort, *items]:
             variables = tuple(_declaration(sort, item, None, read) for item in build.nodes(items))
-            if sort in ("HP", "HG") or any(variable.parameters is not None for variable in variables):
+            if _SORTS[sort] == "HP" or any(variable.parameters is not None for variable in variables):
                 raise CompileError(errors.not_a_real(read.span(node)))
             return variables
         case _:
@@ -74,19 +79,24 @@ def _declaration(sort: Token, item: Node, body: Expression | None, read: Reading
     assert isinstance(parameters, Tree)
     if _SORTS[sort] == "HP":
         raise CompileError(errors.program_parameters(span))
-    return Declaration(_SORTS[sort], str(name), _parameters(build.parts(parameters), read), body, span=span)
+    named = _parameters(build.parts(parameters), body is not None, read)
+    return Declaration(_SORTS[sort], str(name), named, body, span=span)
 
 
-def _parameters(children: Sequence[Child], read: Reading) -> tuple[Parameter, ...]:
+def _parameters(children: Sequence[Child], defined: bool, read: Reading) -> tuple[Parameter, ...]:
+    """Where no body uses them, KeYmaera X 4 lets parameters be without names: they get `x1`, `x2`, ..."""
     parameters: list[Parameter] = []
-    for node in build.nodes(children):
+    for place, node in enumerate(build.nodes(children), 1):
         sort, name = build.parts(node)
-        if name is None:
+        assert isinstance(sort, Token)
+        if name is None and defined:
             raise CompileError(errors.unnamed_parameter(read.span(node)))
-        if sort != "Real":
+        if _SORTS[sort] != "Real":
             raise CompileError(errors.parameter_sort(read.span(node), str(sort)))
-        assert isinstance(name, Token)
-        parameters.append(Parameter(str(name), span=read.span(name)))
+        if isinstance(name, Token):
+            parameters.append(Parameter(str(name), span=read.span(name)))
+        else:
+            parameters.append(Parameter(f"x{place}", span=read.span(node)))
     return tuple(parameters)
 
 

@@ -190,12 +190,12 @@ def no_entry(span: Span) -> Diagnostic:
 
 
 def old_dialect(span: Span, what: str) -> Diagnostic:
-    return error(
-        "old-dialect",
-        "this file is written in the dialect of KeYmaera X 4",
+    return warning(
+        REJECTS,
+        "KeYmaera X 5 rejects this file: it is written in the dialect of version 4",
         span,
         what,
-        "only the dialect of KeYmaera X 5 is read so far",
+        "`dl2c emit --stage tree` writes it in the dialect of version 5",
     )
 
 

@@ -1,12 +1,13 @@
 """The sections of an archive file.
 
-In: code in the dialect of KeYmaera X 5. Out: its sections in order, found by the reserved words
-that begin and end them. What stands between sections is checked here: metadata only.
+In: code in either dialect. Out: its sections in order, found by the reserved words that begin
+and end them. What stands between sections is checked here: metadata only.
 """
 
 import re
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import PurePath
 from typing import Literal, TypeAlias
 
 from dl2c.diagnostics import Diagnostic
@@ -17,14 +18,17 @@ from dl2c.source import Span
 Kind: TypeAlias = Literal["Definitions", "ProgramVariables", "Problem", "Tactic", "entry", "End"]
 _BLOCKS: dict[str, Kind] = {
     "Definitions": "Definitions",
+    "SharedDefinitions": "Definitions",
+    "Functions": "Definitions",
     "ProgramVariables": "ProgramVariables",
+    "Variables": "ProgramVariables",
     "Problem": "Problem",
     "Tactic": "Tactic",
 }
 
 STRING = r'"(?:[^"\\]|\\.)*"'
 _MARK = re.compile(
-    rf"{STRING}|(?<![A-Za-z0-9_\\])(?:(?P<block>Definitions|ProgramVariables|Problem|Tactic)(?![A-Za-z0-9_])"
+    rf"{STRING}|(?<![A-Za-z0-9_\\])(?:(?P<block>{'|'.join(_BLOCKS)})(?![A-Za-z0-9_])"
     r"|(?P<entry>ArchiveEntry|Theorem|Lemma|Exercise)(?![A-Za-z0-9_])|(?P<end>End(?:\s+[A-Za-z]\w*)?\s*\.))",
     re.DOTALL,
 )
@@ -32,7 +36,8 @@ _META = re.compile(
     rf"\s*(?:(?:Description|Title|Link|Author|See|Illustration|Citation)\s+{STRING}\s*\.\s*)*", re.DOTALL
 )
 _PACKAGE = re.compile(r"\s*(?:package\s+[A-Za-z]\w*(?:\.[A-Za-z]\w*)*)?\s*")
-_ENTRY_NAME = re.compile(rf"\s*(?:[A-Za-z]\w*\s*:)?\s*(?P<name>{STRING})", re.DOTALL)
+_ENTRY_NAME = re.compile(rf"\s*(?:[A-Za-z]\w*\s*:)?\s*(?P<name>{STRING})(?:\s*\.)?", re.DOTALL)
+_HEADER_END = re.compile(r"\s*[.;]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +83,8 @@ def _section(
         over = name.end() if name is not None else begin
         return Section("entry", word, start, begin, over, over)
     kind = _BLOCKS[word]
+    if dot := _HEADER_END.match(code.text, begin, end):
+        begin = dot.end()
     if following is not None and following.lastgroup == "end":
         return Section(kind, word, start, begin, end, following.end())
     found = "the end of the file" if following is None else f"`{following.group()}`"
@@ -85,8 +92,20 @@ def _section(
     return Section(kind, word, start, begin, end, end)
 
 
+def bare_entry(sections: list[Section]) -> Section:
+    """The head of the one entry of a file that has none: empty, before the first section."""
+    start = sections[0].start
+    return Section("entry", "ArchiveEntry", start, start, start, start)
+
+
+def is_bare(head: Section) -> bool:
+    return head.start == head.begin
+
+
 def entry_name(code: Code, head: Section, problems: list[Diagnostic]) -> str:
-    """The name in quotes after the word that opens an entry."""
+    """The name in quotes after the word that opens an entry; a bare entry is named after its file."""
+    if is_bare(head):
+        return PurePath(code.source.name).stem
     name = _ENTRY_NAME.match(code.text, head.begin, head.end)
     if name is None:
         problems.append(errors.no_name(code.span(head.start, head.begin), head.word))
@@ -108,6 +127,13 @@ def first_word(code: Code, start: int, end: int) -> Span:
     word = re.compile(r"\S+").search(code.text, start, end)
     assert word is not None
     return code.span(*word.span())
+
+
+def first_in_line(code: Code, at: int) -> bool:
+    """Whether only blanks stand before `at` in its line."""
+    while at > 0 and code.text[at - 1] in " \t":
+        at -= 1
+    return at == 0 or code.text[at - 1] == "\n"
 
 
 def previous_characters(code: Code, begin: int, at: int, count: int) -> str:
