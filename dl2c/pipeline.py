@@ -24,8 +24,7 @@ from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_archive, print_formula
 from dl2c.parse.tree import Archive, Entry
 from dl2c.progress import LOG, Progress, silent, stages
-from dl2c.resolve.expand import expanded_formula
-from dl2c.resolve.problem import Problem, resolve
+from dl2c.resolve.problem import Problem, expansion, resolve
 from dl2c.source import Source, Span
 from dl2c.version import __version__
 
@@ -97,10 +96,10 @@ def emit(source: Source, stage: str, options: Options) -> str:
     if stage == "tree":
         archive, _ = parse_archive(source)
         return print_archive(archive)
-    problem, options, _ = _front(source, options)
     if stage == "expanded":
-        expanded = expanded_formula(problem.entry.problem, problem.symbols, hints=False)
-        return print_formula(expanded) + "\n"
+        archive, _ = parse_archive(source)
+        return print_formula(expansion(entry_of(archive, options))) + "\n"
+    problem, options, _ = _front(source, options)
     if stage == "ir":
         return print_model(lower(problem, options))
     environment, _ = _environment(problem, options, silent)

@@ -129,7 +129,13 @@ def _declarations() -> st.SearchStrategy[Declaration]:
         st.builds(Declaration, st.just("Real"), NAMES, parameters, st.one_of(st.none(), terms(2))),
         st.builds(Declaration, st.just("Bool"), NAMES, parameters, st.one_of(st.none(), formulas(1))),
         st.builds(Declaration, st.just("HP"), PROGRAM_NAMES, st.none(), programs(1)),
+        st.builds(_implicit, NAMES, NAMES, terms(2), terms(2)),
     )
+
+
+def _implicit(name: str, time: str, start: Term, rate: Term) -> Declaration:
+    body = Compose(Assign(name, start), ODESystem((AtomicODE(name, rate),), Truth(True)))
+    return Declaration("Real", name, (Parameter(time),), body)
 
 
 def archives() -> st.SearchStrategy[Archive]:

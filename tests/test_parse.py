@@ -1,13 +1,8 @@
 """What the parser reads: KeYmaera X's own test pairs, its results on public models, and dl2c's rules."""
 
-import json
-import re
-from dataclasses import fields, is_dataclass, replace
 from fractions import Fraction
-from typing import Any
 
 import pytest
-from conftest import shared
 
 from dl2c.diagnostics import CompileError
 from dl2c.parse.parser import parse_archive, parse_formula, parse_program, parse_term, parse_value
@@ -20,9 +15,7 @@ from dl2c.parse.tree import (
     DifferentialProgramConst,
     Divide,
     Dual,
-    Entry,
     Expression,
-    Formula,
     FuncOf,
     Imply,
     Loop,
@@ -56,92 +49,6 @@ def model(definitions: str = "", variables: str = "Real x;", problem: str = "x >
 
 def codes(error: CompileError) -> list[str]:
     return [diagnostic.code for diagnostic in error.diagnostics]
-
-
-# ---------------------------------------------------------------- against KeYmaera X
-
-
-def test_both_sides_of_every_official_pair_are_the_same_tree() -> None:
-    pairs = json.loads(shared("oracle/pairs.json").read_text())
-    differing: list[str] = []
-    for sort, rows in pairs.items():
-        for text, meaning in rows:
-            try:
-                tree = READERS[sort](text, strict=True)
-            except CompileError:
-                tree = None
-            expected = None if meaning is None else READERS[sort](meaning, strict=True)
-            if tree != expected:
-                differing.append(text)
-    assert differing == []
-    assert sum(len(rows) for rows in pairs.values()) == 573
-
-
-def elaborate(node: Any, constants: frozenset[str]) -> Any:
-    """KeYmaera X shows a declared constant `c` as `c()`."""
-    match node:
-        case Variable(name=name):
-            return FuncOf(name, ()) if name in constants else node
-        case tuple():
-            return tuple(elaborate(child, constants) for child in node)
-        case _ if is_dataclass(node) and not isinstance(node, (type, Span)):
-            changed = {
-                f.name: elaborate(getattr(node, f.name), constants)
-                for f in fields(node)
-                if f.name not in ("span", "invariants")
-            }
-            return replace(node, **changed)
-        case _:
-            return node
-
-
-def meaning(entry: Entry) -> Formula:
-    return elaborate(entry.problem, frozenset(d.name for d in entry.definitions if d.sort == "Real"))
-
-
-def reading_of_keymaera(text: str) -> Formula:
-    """KeYmaera X's print of a model without its interpretations `f<<...>>` and the taboos of `a{|^@|};`."""
-    parts, depth = [""], 0
-    for part in re.split(r"(<<|>>(?=\())", text.replace("{|^@|}", "")):
-        depth += {"<<": 1, ">>": -1}.get(part, 0)
-        if depth == 0 and part != ">>":
-            parts.append(part)
-    return parse_formula("".join(parts))
-
-
-def golden_entries() -> dict[str, list[dict[str, str]]]:
-    """What the parsers of KeYmaera X 5 and 4 make of public models, by file."""
-    by_file: dict[str, list[dict[str, str]]] = {}
-    for line in shared("oracle/golden.jsonl").read_text().splitlines():
-        row = json.loads(line)
-        by_file.setdefault(row["file"], []).append(row)
-    return by_file
-
-
-def of_name(archive: Archive, name: str) -> list[Entry]:
-    """The entries of a name; KeYmaera X has none for the entry of a bare file."""
-    return [entry for entry in archive.entries if name in (entry.name, "<undefined>")]
-
-
-def test_public_models_read_as_keymaera_reads_them() -> None:
-    agreeing = 0
-    unread: list[str] = []
-    differing: list[str] = []
-    for file, rows in golden_entries().items():
-        try:
-            archive, _ = parse_archive(Source.read(shared(f"corpus/{file}")))
-        except CompileError:
-            unread.append(file)
-            continue
-        for row in rows:
-            expected = reading_of_keymaera(row["model"])
-            if expected in [meaning(entry) for entry in of_name(archive, row["name"])]:
-                agreeing += 1
-            else:
-                differing.append(f"{file}: {row['name']}")
-    assert differing == []
-    assert [name.rsplit("/", 1)[-1] for name in unread] == ["implicitdefinitions.kyx"]
-    assert agreeing >= 577
 
 
 # ---------------------------------------------------------------- terms and formulas

@@ -1,15 +1,11 @@
 """Names and definitions: expansion keeps the meaning, annotated predicates find their arguments."""
 
-from collections import Counter
-from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from conftest import shared
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from kyx_builder import codes, holds, lowered, model_text, resolved, value
-from test_parse import golden_entries, meaning, reading_of_keymaera
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.printer import print_formula, print_term
@@ -17,10 +13,8 @@ from dl2c.parse import tree
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_formula as print_tree
 from dl2c.parse.printer import print_term as print_tree_term
-from dl2c.resolve.bind import check_entry
-from dl2c.resolve.expand import expanded_formula
 from dl2c.resolve.problem import resolve
-from dl2c.resolve.symbols import collect, nodes
+from dl2c.resolve.symbols import nodes
 from dl2c.source import Source
 
 # Expansion --------------------------------------------------------------------
@@ -114,50 +108,34 @@ def test_expansion_twice_is_expansion_once() -> None:
     assert resolved(print_tree(once), "Real A;").expanded == once
 
 
-def test_public_models_expand_as_keymaera_expands_them() -> None:
-    """Entries that KeYmaera X reads: the same problem, or a refusal that says why nothing can run."""
-    agreeing = 0
-    refused: Counter[str] = Counter()
-    differing: list[str] = []
-    for file, rows in golden_entries().items():
-        expected = {row["name"]: set[str]() for row in rows}
-        for row in rows:
-            expected[row["name"]].add(row["expanded"])
-        for name, entry in entries_of(file, refused):
-            try:
-                found = keymaera_expansion(entry)
-                same = any(found == reading_of_keymaera(text) for text in expected.get(name, ()))
-            except CompileError as error:
-                refused.update(set(codes(error)))
-                continue
-            agreeing += same
-            if not same and name in expected:
-                differing.append(f"{file}: {name}")
-    assert differing == []
-    assert agreeing >= 430
-    assert set(refused) <= {"exercise-hole", "undeclared-variable", "undefined-function", "syntax"} | UNREAD
+IMPLICIT = """
+  implicit Real grow(Real t) = {{grow := 1; t := 0;}; {grow' = grow, t' = 1}};
+  implicit Real si(Real s), co(Real s) = {{co := 1; si := 0;}; {co' = -si, si' = co}};
+  implicit Real th(Real t) = {{th := 0;}; {th' = 1 - th^2}};
+  implicit Real at(Real t) = {{at := 0; t := 0;}; {at' = 1/(1 + t^2), t' = 1}};
+  implicit Real as(Real u) = {{as := 0; u := 0;}; {as' = 1/sqrt(1 - u^2), u' = 1}};
+"""
 
 
-UNREAD = {"implicit-definition"}
-"""Definitions by differential equations are not read."""
+def test_functions_of_time_are_those_of_the_library_that_solve_the_same_equation() -> None:
+    given = resolved("true -> [v := grow(x) + si(x)*co(x) - th(x) + at(x)/as(x);] v = 1", IMPLICIT)
+    known = resolved("true -> [v := exp(x) + sin(x)*cos(x) - tanh(x) + arctan(x)/arcsin(x);] v = 1")
+    assert given.expanded == known.expanded
 
 
-def entries_of(file: str, refused: Counter[str]) -> list[tuple[str, tree.Entry]]:
-    try:
-        archive, _ = parse_archive(Source.read(shared(f"corpus/{file}")))
-    except CompileError as error:
-        refused.update(set(codes(error)))
-        return []
-    return [(entry.name, entry) for entry in archive.entries]
+@pytest.mark.parametrize("start", ["late := 1; t := 1;", "late := 2;", "late := 1; t := s;"])
+def test_another_start_gives_another_function(start: str) -> None:
+    definition = f"Real s; implicit Real late(Real t) = {{{{{start}}} {{late' = late, t' = 1}}}};"
+    with pytest.raises(CompileError) as refused:
+        resolved("true -> [v := late(x);] v = 1", definition)
+    assert codes(refused.value) == ["implicit-function"]
 
 
-def keymaera_expansion(entry: tree.Entry) -> tree.Formula:
-    """The problem as KeYmaera X shows it, all definitions expanded."""
-    symbols, found = collect(entry)
-    found += check_entry(entry, symbols)
-    if found:
-        raise CompileError(found)
-    return meaning(replace(entry, problem=expanded_formula(entry.problem, symbols, hints=False)))
+def test_the_whole_library_can_be_used() -> None:
+    term = "abs(x) + min(x, 1) + max(x, 1) + sqrt(x) + exp(x) + sin(x) + cos(x) + tan(x)"
+    term += " + arcsin(x) + arctan(x) + tanh(x) + div(x, 2) + pi + e()"
+    for imported in ("import kyx.math.*;", "import kyx.math.{pi, e};"):
+        assert lowered(f"x = 0 -> [v := {term};] v = 1", imported)
 
 
 def test_parameters_shadow_variables_and_constants() -> None:

@@ -189,6 +189,7 @@ def _wrong_kind(annotation: Annotation, declaration: Declaration, place: Place) 
         case "const":
             fits, wanted = kind == "constant", "constants"
         case "stability":
+            defined = defined and not declaration.implicit
             fits, wanted = kind in ("predicate", "function") and defined, "definitions of sort Bool or Real"
         case _:
             fits, wanted = kind == "predicate" and defined, "definitions of sort Bool"

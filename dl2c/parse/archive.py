@@ -160,8 +160,6 @@ def _statement(section: Section, start: int, end: int, work: Work) -> Statement:
     code, read = work.code, work.read
     if code.text.startswith("import", start):
         return Statement(start, end, (), declarations.read_import(code, start, end, read))
-    if code.text.startswith("implicit", start):
-        raise declarations.refuse_implicit(code, start, end)
     if section.kind == "ProgramVariables":
         return Statement(start, end, declarations.read_variables(code, start, end, read), ())
     return Statement(start, end, declarations.read_definition(code, start, end, read), ())

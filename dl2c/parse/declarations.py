@@ -14,19 +14,52 @@ from dl2c.parse import build, errors
 from dl2c.parse.build import Child, Node, Reading
 from dl2c.parse.scan import Code
 from dl2c.parse.syntax import parse_tree
-from dl2c.parse.tree import Declaration, Expression, Parameter, Sort
+from dl2c.parse.tree import (
+    Assign,
+    AtomicODE,
+    Compose,
+    Declaration,
+    Expression,
+    ODESystem,
+    Parameter,
+    Program,
+    Sort,
+    Truth,
+)
 
 _SORTS: dict[str, Sort] = {
-    **{"Real": "Real", "Bool": "Bool", "HP": "HP", "HG": "HP"},
-    **{"R": "Real", "T": "Real", "B": "Bool", "F": "Bool", "P": "HP"},
+    "Real": "Real",
+    "R": "Real",
+    "T": "Real",
+    "Bool": "Bool",
+    "B": "Bool",
+    "F": "Bool",
+    "HP": "HP",
+    "HG": "HP",
+    "P": "HP",
 }
-"""Of both dialects."""
+LIBRARY = (
+    "abs",
+    "arcsin",
+    "arctan",
+    "cos",
+    "div",
+    "e",
+    "exp",
+    "max",
+    "min",
+    "pi",
+    "sin",
+    "sqrt",
+    "tan",
+    "tanh",
+)
+"""The names of the package kyx.math, the only one there is."""
 
 _IMPORT = re.compile(
     r"import\s+(?P<package>[A-Za-z]\w*(?:\.[A-Za-z]\w*)*)\."
     r"(?:(?P<name>[A-Za-z]\w*|\*)|\{(?P<names>\s*[A-Za-z]\w*\s*(?:,\s*[A-Za-z]\w*\s*)*)\})\s*;\s*\Z"
 )
-_IMPLICIT_NAMES = re.compile(r"([A-Za-z]\w*)\s*\(")
 
 
 def read_definition(code: Code, start: int, end: int, read: Reading) -> tuple[Declaration, ...]:
@@ -47,8 +80,39 @@ def read_definition(code: Code, start: int, end: int, read: Reading) -> tuple[De
         case "defined_program", [Token() as sort, Tree() as item, Tree() as body]:
             _check_sign(sort, "HP", "::=", read)
             return (_declaration(sort, item, build.program(body, read), read),)
+        case "defined_implicitly", [Token() as sort, *items, Tree() as body]:
+            return _implicit(sort, build.nodes(items), build.program(body, read), read)
         case unknown:
             raise AssertionError(unknown)
+
+
+def _implicit(sort: Token, items: Sequence[Node], body: Program, read: Reading) -> tuple[Declaration, ...]:
+    """Functions of time that solve a differential equation: `{{f := 1;} {f' = f}}`."""
+    if _SORTS[sort] != "Real":
+        raise CompileError(errors.implicit_sort(read.span(sort), str(sort)))
+    declared = tuple(_declaration(sort, item, body, read) for item in items)
+    start, flow = _in_order(body)[:-1], _in_order(body)[-1]
+    if not isinstance(flow, ODESystem) or flow.domain != Truth(True):
+        raise CompileError(errors.implicit_shape(flow.span))
+    problems = [errors.implicit_shape(s.span) for s in start if not isinstance(s, Assign) or s.differential]
+    problems += [errors.implicit_shape(e.span) for e in flow.equations if not isinstance(e, AtomicODE)]
+    given = {s.name for s in start if isinstance(s, Assign)}
+    moving = {e.name for e in flow.equations if isinstance(e, AtomicODE)}
+    for function in declared:
+        if len(function.parameters or ()) != 1:
+            problems.append(errors.implicit_parameter(function.span, function.name))
+        elif function.name not in given & moving:
+            problems.append(errors.implicit_unsolved(function.span, function.name))
+    if problems:
+        raise CompileError(problems)
+    return declared
+
+
+def _in_order(program: Program) -> list[Program]:
+    """The statements of a sequence."""
+    if isinstance(program, Compose):
+        return [*_in_order(program.left), *_in_order(program.right)]
+    return [program]
 
 
 def read_variables(code: Code, start: int, end: int, read: Reading) -> tuple[Declaration, ...]:
@@ -110,14 +174,8 @@ def read_import(code: Code, start: int, end: int, read: Reading) -> tuple[str, .
     if package.split(".")[0] == "keyx":
         read.warnings.append(errors.misspelt_package(span))
         package = "kyx" + package.removeprefix("keyx")
-    names = statement.group("names") or statement.group("name")
-    return tuple(f"{package}.{name.strip()}" for name in names.split(","))
-
-
-def refuse_implicit(code: Code, start: int, end: int) -> CompileError:
-    """The error for `implicit Real f(Real t), ... = {...};`."""
-    head = code.text[start:end].split("=")[0]
-    span = code.span(start, start + len(head.rstrip()))
-    return CompileError(
-        errors.implicit_definition(span, ", ".join(f"`{n}`" for n in _IMPLICIT_NAMES.findall(head)))
-    )
+    names = [n.strip() for n in (statement.group("names") or statement.group("name")).split(",")]
+    unknown = names if package != "kyx.math" else [n for n in names if n not in (*LIBRARY, "*")]
+    if unknown:
+        raise CompileError(errors.unknown_import(span, f"{package}.{n}", LIBRARY) for n in unknown)
+    return tuple(f"{package}.{name}" for name in names)

@@ -252,13 +252,36 @@ def undefined_program(span: Span, name: str) -> Diagnostic:
     )
 
 
-def implicit_definition(span: Span, names: str) -> Diagnostic:
+def implicit_shape(span: Span) -> Diagnostic:
     return error(
         "implicit-definition",
-        "implicit definitions are not supported yet",
+        "this does not define a function of time",
         span,
-        f"defines {names}" if names else "",
-        "import the function from kyx.math if it is there",
+        "",
+        "write first the values at time 0, then the differential equation: "
+        "`implicit Real f(Real t) = {{f := 1;}; {f' = f}};`",
+    )
+
+
+def implicit_sort(span: Span, sort: str) -> Diagnostic:
+    return error(
+        "wrong-sort", "functions of time are of sort Real", span, f"found `{sort}`", "write `implicit Real`"
+    )
+
+
+def implicit_parameter(span: Span, name: str) -> Diagnostic:
+    return error(
+        "implicit-definition", f"`{name}` needs one parameter, the time", span, "", f"write `{name}(Real t)`"
+    )
+
+
+def implicit_unsolved(span: Span, name: str) -> Diagnostic:
+    return error(
+        "implicit-definition",
+        f"nothing defines `{name}`",
+        span,
+        "",
+        f"give its value at time 0, `{name} := ...;`, and its rate, `{name}' = ...`",
     )
 
 
@@ -266,6 +289,11 @@ def malformed_import(span: Span) -> Diagnostic:
     return error(
         "syntax", "malformed import", span, "", "write `import kyx.math.abs;` or `import kyx.math.{abs,min};`"
     )
+
+
+def unknown_import(span: Span, name: str, known: Sequence[str]) -> Diagnostic:
+    help = suggestion(name, [f"kyx.math.{other}" for other in known])
+    return error("unknown-import", f"the library has no `{name}`", span, "", help)
 
 
 def strictly(diagnostic: Diagnostic) -> Diagnostic:

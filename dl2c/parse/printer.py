@@ -297,30 +297,47 @@ def print_entry(entry: Entry) -> str:
     if entry.imports or entry.definitions:
         lines += ["Definitions"]
         lines += [f"{INDENT}import {name};" for name in entry.imports]
-        lines += [line for declaration in entry.definitions for line in _declaration(declaration)]
+        lines += [line for group in _together(entry.definitions) for line in _declared(group)]
         lines += ["End.", ""]
     if entry.variables:
         lines += ["ProgramVariables"]
-        lines += [line for declaration in entry.variables for line in _declaration(declaration)]
+        lines += [line for declaration in entry.variables for line in _declared([declaration])]
         lines += ["End.", ""]
     lines += [_annotation(annotation) for annotation in entry.problem_annotations]
     lines += ["Problem", INDENT + print_formula(entry.problem), "End.", "", "End.", ""]
     return "\n".join(lines)
 
 
-def _declaration(declaration: Declaration) -> list[str]:
-    parameters = ""
-    if declaration.parameters is not None:
-        parameters = f"({', '.join(f'Real {parameter.name}' for parameter in declaration.parameters)})"
-    head = f"{declaration.sort} {declaration.name}{parameters}"
-    lines = [INDENT + _annotation(annotation) for annotation in declaration.annotations]
-    return [*lines, f"{INDENT}{head}{_definition(declaration)};"]
+def _together(declarations: Sequence[Declaration]) -> list[list[Declaration]]:
+    """The declarations, those that one implicit definition defines in one group."""
+    groups: list[list[Declaration]] = []
+    for declaration in declarations:
+        if groups and declaration.implicit and groups[-1][0].body == declaration.body:
+            groups[-1].append(declaration)
+        else:
+            groups.append([declaration])
+    return groups
+
+
+def _declared(group: Sequence[Declaration]) -> list[str]:
+    first = group[0]
+    names = ", ".join(f"{declaration.name}{_parameters(declaration)}" for declaration in group)
+    lines = [INDENT + _annotation(annotation) for annotation in first.annotations]
+    return [*lines, f"{INDENT}{'implicit ' * first.implicit}{first.sort} {names}{_definition(first)};"]
+
+
+def _parameters(declaration: Declaration) -> str:
+    if declaration.parameters is None:
+        return ""
+    return f"({', '.join(f'Real {parameter.name}' for parameter in declaration.parameters)})"
 
 
 def _definition(declaration: Declaration) -> str:
     match declaration.sort, declaration.body:
         case _, None:
             return ""
+        case "Real", Compose(left=start, right=flow):
+            return f" = {{{{{print_program(start)}}}; {print_program(flow)}}}"
         case "Real", body:
             return f" = {print_term(cast('Term', body))}"
         case "Bool", body:

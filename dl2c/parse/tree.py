@@ -403,7 +403,9 @@ class Declaration:
     """One declared name of a `Definitions` or `ProgramVariables` block.
 
     `parameters` is None for a plain name (`Real c;`), a tuple for `Real f(Real x)`,
-    empty for `Bool p()`. `body` is the definition, or None. `span` covers the name.
+    empty for `Bool p()`. `body` is the definition, or None; a program that defines a Real is an
+    implicit definition: values at time 0, then a differential equation, both of which the functions
+    defined together share. `span` covers the name.
     """
 
     sort: Sort
@@ -412,6 +414,10 @@ class Declaration:
     body: Expression | None
     annotations: tuple[Annotation, ...] = field(default=(), compare=False)
     span: Span = _span()
+
+    @property
+    def implicit(self) -> bool:
+        return self.sort == "Real" and isinstance(self.body, Program)
 
 
 @dataclass(frozen=True, slots=True)

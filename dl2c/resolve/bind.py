@@ -11,16 +11,7 @@ from typing import assert_never
 from dl2c.diagnostics import Diagnostic
 from dl2c.parse import tree
 from dl2c.resolve import errors
-from dl2c.resolve.symbols import BUILTINS, Node, Symbols, children
-
-HOLES = {
-    "exerciseF_": "term",
-    "exerciseP_": "formula",
-    "exerciseS_": "program",
-    "exerciseD_": "differential equation",
-}
-"""The symbols that the holes of exercises are read as, and what each stands for."""
-
+from dl2c.resolve.symbols import BUILTINS, HOLES, Node, Symbols, children, nodes, own_names
 
 IN_HINTS = frozenset({"old()"})
 """What invariants may use, and definitions that only they call."""
@@ -30,11 +21,17 @@ def check_entry(entry: tree.Entry, symbols: Symbols) -> list[Diagnostic]:
     """Errors in all definitions and in the problem."""
     found: list[Diagnostic] = []
     for declaration in entry.definitions:
-        if declaration.body is not None:
-            local = frozenset(p.name for p in declaration.parameters or ())
-            found += _parameters(declaration)
-            found += check(declaration.body, symbols, local | IN_HINTS)
+        local = own_names(declaration) | IN_HINTS
+        found += _parameters(declaration) if declaration.body is not None else ()
+        found += [d for part in _meaning(declaration) for d in check(part, symbols, local)]
     return found + list(check(entry.problem, symbols, frozenset()))
+
+
+def _meaning(declaration: tree.Declaration) -> list[Node]:
+    """What a definition says: its body; of an implicit one the values and rates."""
+    if not declaration.implicit:
+        return [] if declaration.body is None else [declaration.body]
+    return [n.term for n in nodes(declaration.body) if isinstance(n, (tree.Assign, tree.AtomicODE))]
 
 
 def _parameters(declaration: tree.Declaration) -> Iterator[Diagnostic]:

@@ -74,6 +74,17 @@ def undefined_function(name: str, span: Span) -> Diagnostic:
     )
 
 
+def implicit_function(name: str, defined: Span, span: Span) -> Diagnostic:
+    return error(
+        "implicit-function",
+        "only functions of the library can be run",
+        span,
+        f"no library function solves the differential equation of `{name}`",
+        "solve it by hand, or make it part of the plant",
+        notes=(f"defined at {defined.place}",),
+    )
+
+
 def undefined_program(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
     return error(
         "undefined-program", "undefined program", span, f"`{name}` is not defined", suggestion(name, known)

@@ -14,6 +14,7 @@ from typing import assert_never
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import tree
 from dl2c.resolve import errors
+from dl2c.resolve.implicit import library_function
 from dl2c.resolve.symbols import Node, Symbols, children, nodes
 from dl2c.source import Span
 
@@ -29,11 +30,12 @@ MAX_SIZE = 100_000
 class Expander:
     """One expansion: the symbols it reads and the errors it found so far.
 
-    Invariants are hints that no run depends on: they stay as written, or are left out.
+    With `run`, what has no definition is an error. Without, it stays as it is, and invariants,
+    which are hints that no run depends on, are left out.
     """
 
     symbols: Symbols
-    hints: bool = True
+    run: bool = True
     found: list[Diagnostic] = field(default_factory=list[Diagnostic])
     expanded: int = 0
 
@@ -61,15 +63,26 @@ class Expander:
         if self.symbols.is_builtin(name, len(args)) and not (
             args == () and isinstance(use, tree.Variable) and name in self.symbols.declarations
         ):
+            if name == "div" and self.run:
+                return tree.Divide(*args, span=use.span)
             return tree.FuncOf(name, args, span=use.span)
         declaration = self.symbols.declarations.get(name)
         if declaration is None or self.symbols.roles[name] in ("variable", "constant"):
             return tree.FuncOf(name, args, span=use.span) if args else tree.Variable(name, span=use.span)
         if declaration.body is None:
-            self.found.append(errors.undefined_function(name, use.span))
-            return use
+            self._undefined(name, use)
+            return tree.FuncOf(name, args, span=use.span)
+        if declaration.implicit:
+            return self._solution(declaration, args, use)
         self._check_use(declaration, use, bound)
         return self.term(_term_body(declaration), _bound_parameters(declaration, args), bound)
+
+    def _solution(self, function: tree.Declaration, args: tuple[tree.Term, ...], use: tree.Term) -> tree.Term:
+        """A call of a function that is defined by a differential equation, which the library may have."""
+        known = library_function(function)
+        if known is None and self.run:
+            self.found.append(errors.implicit_function(function.name, function.span, use.span))
+        return tree.FuncOf(known or function.name, args, span=use.span)
 
     def formula(self, formula: tree.Formula, values: dict[str, tree.Term], bound: Names) -> tree.Formula:
         match formula:
@@ -83,8 +96,8 @@ class Expander:
                 declaration = self.symbols.declarations[name]
                 actual = tuple(self.term(a, values, bound) for a in args)
                 if declaration.body is None:
-                    self.found.append(errors.undefined_function(name, formula.span))
-                    return formula
+                    self._undefined(name, formula)
+                    return replace(formula, args=actual)
                 self._check_use(declaration, formula, bound)
                 return self.formula(_formula_body(declaration), _bound_parameters(declaration, actual), bound)
             case tree.Not(child) | tree.DifferentialFormula(child):
@@ -117,7 +130,8 @@ class Expander:
                 return replace(program, formula=self.formula(formula, values, bound)), NONE
             case tree.ProgramConst(name):
                 self._count(program.span)
-                return self.program(_program_body(self.symbols.declarations[name]), {}, bound)
+                body = _program_body(self.symbols.declarations[name])
+                return (program, NONE) if body is None else self.program(body, {}, bound)
             case tree.ODESystem():
                 return self._ode(program, values, bound)
             case tree.Compose(left, right):
@@ -148,7 +162,7 @@ class Expander:
         return self._without_hints(replace(ode, equations=equations, domain=domain)), written
 
     def _without_hints(self, program: tree.Loop | tree.Dual | tree.ODESystem) -> tree.Program:
-        if self.hints or isinstance(program, tree.Dual):
+        if self.run or isinstance(program, tree.Dual):
             return program
         return replace(program, invariants=())
 
@@ -164,10 +178,15 @@ class Expander:
                     found.add(name)
                 case tree.ProgramConst(name) if name not in calls:
                     calls.add(name)
-                    stack.append(_program_body(self.symbols.declarations[name]))
+                    body = _program_body(self.symbols.declarations[name])
+                    stack += [] if body is None else [body]
                 case _:
                     stack += children(node)
         return frozenset(found)
+
+    def _undefined(self, name: str, use: tree.Term | tree.Formula) -> None:
+        if self.run:
+            self.found.append(errors.undefined_function(name, use.span))
 
     def _count(self, use: Span) -> None:
         self.expanded += 1
@@ -188,12 +207,13 @@ class Expander:
         return frozenset(n for n in names - parameters if self.symbols.roles.get(n) == "variable")
 
 
-def expanded_formula(formula: tree.Formula, symbols: Symbols, hints: bool = True) -> tree.Formula:
-    """The formula without definitions, with its invariants as written or without `hints`.
+def expanded_formula(formula: tree.Formula, symbols: Symbols, run: bool = True) -> tree.Formula:
+    """The formula without definitions, to `run` or only to be shown.
 
-    Raises `CompileError` for captures, missing bodies, and a result beyond the limits.
+    Raises `CompileError` for captures, for missing bodies of what is to run, and for a result
+    beyond the limits.
     """
-    expander = Expander(symbols, hints)
+    expander = Expander(symbols, run)
     try:
         result = expander.formula(formula, {}, NONE)
     except RecursionError:
@@ -238,7 +258,7 @@ def _formula_body(declaration: tree.Declaration) -> tree.Formula:
     return body
 
 
-def _program_body(declaration: tree.Declaration) -> tree.Program:
+def _program_body(declaration: tree.Declaration) -> tree.Program | None:
     body = declaration.body
-    assert isinstance(body, tree.Program), "bind checks sorts"
+    assert body is None or isinstance(body, tree.Program), "bind checks sorts"
     return body

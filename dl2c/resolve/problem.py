@@ -25,7 +25,7 @@ from dl2c.resolve.expand import expanded_formula
 from dl2c.resolve.fragment import check_executable
 from dl2c.resolve.predicates import AnnotatedPredicate, bind_predicates
 from dl2c.resolve.shape import Shape, take_apart
-from dl2c.resolve.symbols import Symbols, collect
+from dl2c.resolve.symbols import Symbols, collect, with_implied
 
 _T = TypeVar("_T")
 
@@ -76,6 +76,18 @@ def resolve(entry: tree.Entry, loop: int | None = None) -> Problem:
         program_annotations=program,
         episode=episode,
     )
+
+
+def expansion(entry: tree.Entry) -> tree.Formula:
+    """The problem of an entry without its definitions, also of one that nothing can run.
+
+    Raises `CompileError` for what KeYmaera X refuses too.
+    """
+    symbols, found = collect(with_implied(entry))
+    found += [d for d in check_entry(entry, symbols) if d.code != "exercise-hole"]
+    if found:
+        raise CompileError(found)
+    return expanded_formula(entry.problem, symbols, run=False)
 
 
 def _chosen(loop: int | None, episode: EpisodeAnnotation | None) -> int | None:

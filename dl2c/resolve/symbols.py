@@ -5,7 +5,7 @@ checked, or all errors found at once.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, assert_never
 
 from dl2c.diagnostics import Diagnostic
@@ -14,6 +14,7 @@ from dl2c.resolve import errors
 
 BUILTINS: dict[str, int] = {
     "abs": 1,
+    "div": 2,
     "min": 2,
     "max": 2,
     "sqrt": 1,
@@ -29,6 +30,14 @@ BUILTINS: dict[str, int] = {
 
 NULLARY_BUILTINS = ("e", "pi")
 """Numbers of kyx.math; ordinary names unless imported."""
+
+HOLES = {
+    "exerciseF_": "term",
+    "exerciseP_": "formula",
+    "exerciseS_": "program",
+    "exerciseD_": "differential equation",
+}
+"""The symbols that the holes of exercises are read as, and what each stands for."""
 
 Role: TypeAlias = Literal["variable", "constant", "function", "predicate", "program"]
 
@@ -49,9 +58,8 @@ class Symbols:
         declared = self.declarations.get(name)
         if declared is not None and declared.body is not None:
             return False
-        return BUILTINS.get(name) == arity or (
-            arity == 0 and name in NULLARY_BUILTINS and name in self.imports
-        )
+        imported = name in self.imports or "*" in self.imports
+        return BUILTINS.get(name) == arity or (arity == 0 and name in NULLARY_BUILTINS and imported)
 
 
 def collect(entry: tree.Entry) -> tuple[Symbols, list[Diagnostic]]:
@@ -72,6 +80,49 @@ def collect(entry: tree.Entry) -> tuple[Symbols, list[Diagnostic]]:
     return symbols, found
 
 
+def with_implied(entry: tree.Entry) -> tree.Entry:
+    """The entry with declarations of what KeYmaera X lets be undeclared or undefined.
+
+    Undeclared may be variables which the problem writes, programs, and in an entry without any
+    declaration every variable. A hole as definition defines nothing.
+    """
+    declared = {d.name for d in (*entry.definitions, *entry.variables)}
+    bare = not declared
+    variables: dict[str, tree.Declaration] = {}
+    programs: dict[str, tree.Declaration] = {}
+    for body in (entry.problem, *(d.body for d in entry.definitions if not d.implicit)):
+        for node in nodes(body):
+            match node:
+                case tree.Assign(name) | tree.AssignAny(name) | tree.AtomicODE(name):
+                    variables[name] = tree.Declaration("Real", name, None, None, span=node.span)
+                case tree.Variable(name) if bare:
+                    variables[name] = tree.Declaration("Real", name, None, None, span=node.span)
+                case tree.ProgramConst(name):
+                    programs[name] = tree.Declaration("HP", name, None, None, span=node.span)
+                case _:
+                    pass
+    return replace(
+        entry,
+        definitions=(
+            *map(_without_hole, entry.definitions),
+            *(d for n, d in programs.items() if n not in declared),
+        ),
+        variables=(*entry.variables, *(d for n, d in variables.items() if n not in declared)),
+    )
+
+
+def is_hole(node: tree.Expression | None) -> bool:
+    """Whether an expression is the hole `__________` of an exercise."""
+    return (
+        isinstance(node, (tree.UnitFunctional, tree.UnitPredicational, tree.ProgramConst))
+        and node.name in HOLES
+    )
+
+
+def _without_hole(declaration: tree.Declaration) -> tree.Declaration:
+    return replace(declaration, body=None) if is_hole(declaration.body) else declaration
+
+
 def _role(declaration: tree.Declaration) -> Role:
     match declaration.sort:
         case "Real" if not declaration.parameters and declaration.body is None:
@@ -89,7 +140,7 @@ def _role(declaration: tree.Declaration) -> Role:
 def _cycles(symbols: Symbols) -> list[Diagnostic]:
     """One error for every definition that reaches itself, at the first of the cycle."""
     uses = {
-        name: [n for n in mentioned(d.body) if n in symbols.declarations and n not in _parameters(d)]
+        name: [n for n in mentioned(d.body) if n in symbols.declarations and n not in own_names(d)]
         for name, d in symbols.declarations.items()
         if d.body is not None
     }
@@ -113,8 +164,15 @@ def _cycles(symbols: Symbols) -> list[Diagnostic]:
     return found
 
 
-def _parameters(declaration: tree.Declaration) -> frozenset[str]:
-    return frozenset(p.name for p in declaration.parameters or ())
+def own_names(declaration: tree.Declaration) -> frozenset[str]:
+    """The names that mean something else in a body than outside: parameters, and what moves in an
+    implicit definition."""
+    parameters = frozenset(p.name for p in declaration.parameters or ())
+    if not declaration.implicit:
+        return parameters
+    return parameters | {
+        n.name for n in nodes(declaration.body) if isinstance(n, (tree.Assign, tree.AtomicODE))
+    }
 
 
 def mentioned(expression: tree.Expression | None) -> Iterator[str]:

@@ -1,0 +1,129 @@
+"""Agreement with KeYmaera X: its own test pairs, and what it makes of public models in both dialects."""
+
+import json
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass, replace
+from functools import cache
+from typing import Any
+
+from conftest import shared
+
+from dl2c.diagnostics import CompileError
+from dl2c.options import Options
+from dl2c.parse.parser import parse_archive, parse_formula, parse_program, parse_term
+from dl2c.parse.printer import print_archive, print_formula
+from dl2c.parse.tree import Archive, Entry, Formula, FuncOf, Variable
+from dl2c.pipeline import emit
+from dl2c.resolve.problem import expansion
+from dl2c.source import Source, Span
+
+READERS = {"term": parse_term, "formula": parse_formula, "program": parse_program}
+
+
+def test_both_sides_of_every_official_pair_are_the_same_tree() -> None:
+    pairs = json.loads(shared("oracle/pairs.json").read_text())
+    differing: list[str] = []
+    for sort, rows in pairs.items():
+        for text, meaning in rows:
+            try:
+                tree = READERS[sort](text, strict=True)
+            except CompileError:
+                tree = None
+            expected = None if meaning is None else READERS[sort](meaning, strict=True)
+            if tree != expected:
+                differing.append(text)
+    assert differing == []
+    assert sum(len(rows) for rows in pairs.values()) == 573
+
+
+def elaborate(node: Any, constants: frozenset[str]) -> Any:
+    """KeYmaera X shows a declared constant `c` as `c()`."""
+    match node:
+        case Variable(name=name):
+            return FuncOf(name, ()) if name in constants else node
+        case tuple():
+            return tuple(elaborate(child, constants) for child in node)
+        case _ if is_dataclass(node) and not isinstance(node, (type, Span)):
+            changed = {
+                f.name: elaborate(getattr(node, f.name), constants)
+                for f in fields(node)
+                if f.name not in ("span", "invariants")
+            }
+            return replace(node, **changed)
+        case _:
+            return node
+
+
+def meaning(entry: Entry, formula: Formula) -> Formula:
+    """A formula of an entry as KeYmaera X shows it."""
+    return elaborate(formula, frozenset(d.name for d in entry.definitions if d.sort == "Real"))
+
+
+def reading_of_keymaera(text: str) -> Formula:
+    """KeYmaera X's print of a model without its interpretations `f<<...>>` and the taboos of `a{|^@|};`."""
+    parts, depth = [""], 0
+    for part in re.split(r"(<<|>>(?=\())", text.replace("{|^@|}", "")):
+        depth += {"<<": 1, ">>": -1}.get(part, 0)
+        if depth == 0 and part != ">>":
+            parts.append(part)
+    return parse_formula("".join(parts))
+
+
+@cache
+def public_models() -> dict[str, tuple[Archive, list[dict[str, str]]]]:
+    """By file, its archive and what the parsers of KeYmaera X 5 and 4 make of its entries."""
+    rows: dict[str, list[dict[str, str]]] = {}
+    for line in shared("oracle/golden.jsonl").read_text().splitlines():
+        row = json.loads(line)
+        rows.setdefault(row["file"], []).append(row)
+    return {f: (parse_archive(Source.read(shared(f"corpus/{f}")))[0], found) for f, found in rows.items()}
+
+
+def of_name(archive: Archive, name: str) -> list[Entry]:
+    """The entries of a name; KeYmaera X has none for the entry of a bare file."""
+    return [entry for entry in archive.entries if name in (entry.name, "<undefined>")]
+
+
+def compared(stage: str, ours: Callable[[Entry], Formula]) -> tuple[dict[str, int], list[str]]:
+    """How many entries agree with a stage of KeYmaera X, by its parser, and which differ."""
+    agreeing: Counter[str] = Counter()
+    differing: list[str] = []
+    for file, (archive, rows) in public_models().items():
+        for row in rows:
+            expected = reading_of_keymaera(row[stage])
+            if expected in [meaning(entry, ours(entry)) for entry in of_name(archive, row["name"])]:
+                agreeing[row["parser"]] += 1
+            else:
+                differing.append(f"{file}: {row['name']}")
+    print(f"{stage}: {dict(agreeing)} agree, {len(differing)} differ")
+    return dict(agreeing), differing
+
+
+ALL = {"archive": 473, "oldarchive": 114}
+"""The entries that the parsers of KeYmaera X 5 and 4 read."""
+
+
+def test_public_models_read_as_keymaera_reads_them() -> None:
+    assert compared("model", lambda entry: entry.problem) == (ALL, [])
+
+
+def test_public_models_expand_as_keymaera_expands_them() -> None:
+    """What `dl2c emit --stage expanded` prints parses back to the formula of KeYmaera X."""
+    assert compared("expanded", lambda entry: parse_formula(print_formula(expansion(entry)))) == (ALL, [])
+
+
+def test_the_expanded_stage_prints_the_expansion() -> None:
+    for file, (archive, _) in list(public_models().items())[::20]:
+        source = Source.read(shared(f"corpus/{file}"))
+        for entry in archive.entries[:2]:
+            shown = emit(source, "expanded", Options(entry=entry.name))
+            assert shown == print_formula(expansion(entry)) + "\n"
+
+
+def test_public_models_print_as_models_of_the_new_dialect() -> None:
+    for archive, _ in public_models().values():
+        again, warnings = parse_archive(Source("again.kyx", print_archive(archive)))
+        assert again == archive
+        assert not warnings
