@@ -299,6 +299,18 @@ def test_a_mixture_of_dialects_is_read() -> None:
     assert read(mixed.replace("Variables.", "ProgramVariables")) == read(NEW)
 
 
+def test_arguments_without_name_are_dots() -> None:
+    definitions = read(
+        model("R f(R) = (. + x1). B p(R, R x) <-> ( ._0 > ._1 + x ). Real g(Real) = 5;")
+    ).entries[0]
+    shown = [(d.name, [p.name for p in d.parameters or ()], d.body) for d in definitions.definitions]
+    assert shown == [
+        ("f", ["x1_1"], parse_term("x1_1 + x1")),
+        ("p", ["x1", "x"], parse_formula("x1 > x + x")),
+        ("g", ["x1"], parse_term("5")),
+    ]
+
+
 def test_a_file_in_the_old_dialect_is_warned_about_once() -> None:
     _, warnings = parse_archive(Source("model.kyx", OLD))
     assert [(w.code, w.span.text) for w in warnings] == [("keymaera-rejects", "Functions")]

@@ -41,6 +41,7 @@ MAX_DECLARATIONS = 1000
 
 MAX_ANNOTATIONS = 5000
 MAX_ENTRIES = 500
+MAX_SECTIONS = 5000
 """Of one file."""
 
 _SEAM = re.compile(r"(?:(?:HP|HG)\s+\w+\s*::=\s*\{)?\s*\Z")
@@ -67,6 +68,7 @@ def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
     )
     _check_count("annotations", [a.span for a in work.annotations], MAX_ANNOTATIONS)
     sections = find_sections(code, problems)
+    _check_count("sections", [code.span(s.start, s.begin) for s in sections], MAX_SECTIONS)
     if any(s.kind == "Problem" for s in sections) and all(s.kind != "entry" for s in sections):
         sections.insert(0, bare_entry(sections))
     heads = [i for i, section in enumerate(sections) if section.kind == "entry"]

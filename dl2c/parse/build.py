@@ -24,16 +24,20 @@ Child: TypeAlias = Node | Token | None
 
 MAX_DIGITS = 400
 _TERMS = frozenset(
-    {"number", "primed_name", "neg", "power", "product", "sum", "name", "call", "space_call", "hole"}
+    {"number", "primed_name", "neg", "power", "product", "sum", "name", "call", "space_call", "hole", "dot"}
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One text being read, and the warnings found so far (appended to while reading)."""
+    """One text being read, and the warnings found so far (appended to while reading).
+
+    `anonymous` are the names given to the parameters without name that `.`, `._0`, `._1` mean.
+    """
 
     source: Source
     warnings: list[Diagnostic]
+    anonymous: tuple[str, ...] = ()
 
     def span(self, part: Node | Token) -> Span:
         match part:
@@ -65,6 +69,8 @@ def term(node: Node, read: Reading) -> ast.Term:
             return _number(digits, span)
         case "hole", _:
             return ast.UnitFunctional("exerciseF_", (), span=span)
+        case "dot", [Token() as dot]:
+            return ast.Variable(_argument(dot, read), span=span)
         case "name", [Token() as name]:
             return ast.Variable(str(name), span=span)
         case "primed_name", [Token() as name, _]:
@@ -89,6 +95,16 @@ def term(node: Node, read: Reading) -> ast.Term:
             return _sum(first, rest, read)
         case _:
             raise CompileError(errors.wrong_sort(span, "term", "formula"))
+
+
+def _argument(dot: Token, read: Reading) -> str:
+    """The name of the parameter without name that `dot` stands for."""
+    if not read.anonymous:
+        raise CompileError(errors.axiom_dot(read.span(dot)))
+    place = int(dot[2:] or "0")
+    if place >= len(read.anonymous) or (dot == "." and len(read.anonymous) != 1):
+        raise CompileError(errors.stray_dot(read.span(dot)))
+    return read.anonymous[place]
 
 
 def _number(digits: Token, span: Span) -> ast.Number:

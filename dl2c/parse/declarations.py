@@ -6,12 +6,14 @@ annotations, which archive.py attaches.
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import count
 
 from lark import Token, Tree
 
 from dl2c.diagnostics import CompileError
 from dl2c.parse import build, errors
-from dl2c.parse.build import Child, Node, Reading
+from dl2c.parse.build import Node, Reading
 from dl2c.parse.scan import Code
 from dl2c.parse.syntax import parse_tree
 from dl2c.parse.tree import (
@@ -73,10 +75,10 @@ def read_definition(code: Code, start: int, end: int, read: Reading) -> tuple[De
             return declared
         case "defined_term", [Token() as sort, Tree() as item, Tree() as body]:
             _check_sign(sort, "Real", "=", read)
-            return (_declaration(sort, item, build.term(body, read), read),)
+            return (_declaration(sort, item, build.term(body, _anonymous(item, body, read)), read, body),)
         case "defined_formula", [Token() as sort, Tree() as item, _, Tree() as body]:
             _check_sign(sort, "Bool", "<->", read)
-            return (_declaration(sort, item, build.formula(body, read), read),)
+            return (_declaration(sort, item, build.formula(body, _anonymous(item, body, read)), read, body),)
         case "defined_program", [Token() as sort, Tree() as item, Tree() as body]:
             _check_sign(sort, "HP", "::=", read)
             return (_declaration(sort, item, build.program(body, read), read),)
@@ -134,34 +136,46 @@ def _check_sign(sort: Token, wanted: Sort, sign: str, read: Reading) -> None:
         raise CompileError(errors.not_defined_with(read.span(sort), str(sort), sign, expected))
 
 
-def _declaration(sort: Token, item: Node, body: Expression | None, read: Reading) -> Declaration:
+def _declaration(
+    sort: Token, item: Node, body: Expression | None, read: Reading, written: Node | None = None
+) -> Declaration:
+    """`written` is the text of a body in which parameters without name may occur."""
     name, parameters = build.parts(item)
     assert isinstance(name, Token)
     span = read.span(name)
     if parameters is None:
         return Declaration(_SORTS[sort], str(name), None, body, span=span)
-    assert isinstance(parameters, Tree)
     if _SORTS[sort] == "HP":
         raise CompileError(errors.program_parameters(span))
-    named = _parameters(build.parts(parameters), body is not None, read)
-    return Declaration(_SORTS[sort], str(name), named, body, span=span)
+    return Declaration(_SORTS[sort], str(name), _parameters(item, written, read), body, span=span)
 
 
-def _parameters(children: Sequence[Child], defined: bool, read: Reading) -> tuple[Parameter, ...]:
-    """Where no body uses them, KeYmaera X 4 lets parameters be without names: they get `x1`, `x2`, ..."""
+def _parameters(item: Node, body: Node | None, read: Reading) -> tuple[Parameter, ...]:
+    """The parameters; those without name, which KeYmaera X 4 allows, get names the body does not have."""
     parameters: list[Parameter] = []
-    for place, node in enumerate(build.nodes(children), 1):
+    taken = {str(token) for part in (item, body) if part for token in part.scan_values(lambda _: True)}
+    for place, node in enumerate(_parameter_nodes(item), 1):
         sort, name = build.parts(node)
         assert isinstance(sort, Token)
-        if name is None and defined:
-            raise CompileError(errors.unnamed_parameter(read.span(node)))
         if _SORTS[sort] != "Real":
             raise CompileError(errors.parameter_sort(read.span(node), str(sort)))
-        if isinstance(name, Token):
-            parameters.append(Parameter(str(name), span=read.span(name)))
-        else:
-            parameters.append(Parameter(f"x{place}", span=read.span(node)))
+        fresh = next(n for i in count() if (n := f"x{place}_{i}" if i else f"x{place}") not in taken)
+        text, part = (str(name), name) if isinstance(name, Token) else (fresh, node)
+        parameters.append(Parameter(text, span=read.span(part)))
     return tuple(parameters)
+
+
+def _parameter_nodes(item: Node) -> list[Node]:
+    _, parameters = build.parts(item)
+    return build.nodes(build.parts(parameters)) if isinstance(parameters, Tree) else []
+
+
+def _anonymous(item: Node, body: Node, read: Reading) -> Reading:
+    """The reading of a body whose parameters have no names."""
+    unnamed = [node for node in _parameter_nodes(item) if build.parts(node)[1] is None]
+    if not unnamed:
+        return read
+    return replace(read, anonymous=tuple(p.name for p in _parameters(item, body, read)))
 
 
 def read_import(code: Code, start: int, end: int, read: Reading) -> tuple[str, ...]:

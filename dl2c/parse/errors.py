@@ -115,14 +115,24 @@ def stray_tuple(span: Span) -> Diagnostic:
     return error("wrong-sort", "a tuple is only allowed as arguments of a call", span)
 
 
+def axiom_dot(span: Span) -> Diagnostic:
+    return error("syntax", "`.` and `•` are syntax of axioms, not of models", span)
+
+
+def stray_dot(span: Span) -> Diagnostic:
+    return error(
+        "syntax",
+        "there is no such argument",
+        span,
+        "`.` means the only argument, `._0` the first of several",
+        "give the parameters names",
+    )
+
+
 def not_defined_with(span: Span, sort: str, found: str, wanted: str) -> Diagnostic:
     return error(
         "wrong-sort", f"`{sort}` is not defined with `{found}`", span, "", f"write `{sort} ... {wanted} ...;`"
     )
-
-
-def unnamed_parameter(span: Span) -> Diagnostic:
-    return error("syntax", "a parameter needs a name", span, "", "write for example `Real f(Real x)`")
 
 
 def parameter_sort(span: Span, sort: str) -> Diagnostic:

@@ -38,6 +38,7 @@ class Expander:
     run: bool = True
     found: list[Diagnostic] = field(default_factory=list[Diagnostic])
     expanded: int = 0
+    solutions: dict[str, str | None] = field(default_factory=dict[str, str | None])
 
     def term(self, term: tree.Term, values: dict[str, tree.Term], bound: Names) -> tree.Term:
         """`values` replaces parameters; `bound` are variables that programs around this term change."""
@@ -79,7 +80,10 @@ class Expander:
 
     def _solution(self, function: tree.Declaration, args: tuple[tree.Term, ...], use: tree.Term) -> tree.Term:
         """A call of a function that is defined by a differential equation, which the library may have."""
-        known = library_function(function)
+        self._count(use.span)
+        if function.name not in self.solutions:
+            self.solutions[function.name] = library_function(function)
+        known = self.solutions[function.name]
         if known is None and self.run:
             self.found.append(errors.implicit_function(function.name, function.span, use.span))
         return tree.FuncOf(known or function.name, args, span=use.span)

@@ -28,6 +28,8 @@ def library_function(function: tree.Declaration) -> str | None:
     if start.pop(time, ZERO) != ZERO or rates.pop(time, ONE) != ONE:
         return None
     names = _needed(function.name, rates)
+    if len(names) > max(map(len, LIBRARY.values())):
+        return None
     system = tuple((start.get(name), rates[name]) for name in names)
     letters = dict(zip("fg", names, strict=False)) | {"t": time}
     for known, equations in LIBRARY.items():
@@ -43,7 +45,10 @@ ZERO, ONE = parse_term("0"), parse_term("1")
 
 def _needed(first: str, rates: dict[str, tree.Term]) -> list[str]:
     """The variables that the motion of the first depends on, the first before them."""
-    names = [first]
-    for name in names:
-        names += [n for n in dict.fromkeys(mentioned(rates[name])) if n in rates and n not in names]
-    return names
+    found = {first: None}
+    waiting = [first]
+    while waiting:
+        more = [n for n in mentioned(rates[waiting.pop()]) if n in rates and n not in found]
+        found |= dict.fromkeys(more)
+        waiting += dict.fromkeys(more)
+    return list(found)

@@ -189,8 +189,55 @@ AMOUNTS = (
     Case("recursion", model(extra="Real f(Real y) = g(y); Real g(Real y) = f(y);"), "recursive-definition"),
 )
 
+OLD = """Functions. %s End.
+ProgramVariables. R x. End.
+Problem. x = 0 -> [{{%s} {x' = 1 & x <= 1}}*]x <= 1 End."""
+"""A model in the dialect of KeYmaera X 4, without annotations."""
+
+OLD_DIALECT = (
+    Case("old_plain", OLD % ("", "x := 0;"), "builds"),
+    Case("old_declarations", OLD % ("R a. " * 50_000, "?true;"), "too-many-declarations"),
+    Case("old_sorts", OLD % ("R " * 500_000, "?true;"), "syntax"),
+    Case("old_lines_of_sorts", OLD % ("R\n" * 500_000, "?true;"), "too-many-declarations"),
+    Case("old_blanks", OLD % (("R" + " " * 2000) * 500, "?true;"), "syntax"),
+    Case("old_sections", "Functions. R a. End.\n" * 50_000 + OLD % ("", "?true;"), "too-many-sections"),
+    Case("old_dots", OLD % ("R f(R) = (" + "." * 100_000 + ").", "?true;"), "syntax"),
+    Case("old_parameters", OLD % ("R f(" + "R," * 50_000 + "R).", "?true;"), "builds"),
+    Case("old_sum_of_dots", OLD % ("R f(R) = (" + ".+" * 5000 + "1).", "?true;"), "too-deep"),
+    Case("old_bare_ends", "Problem. x = 0 End." + " End." * 100_000, "too-many-sections"),
+)
+
+IMPLICIT = (
+    Case(
+        "implicit_deep",
+        model(extra="implicit Real f(Real t) = {{f:=1;}; {f'=" + "(" * 20_000 + "}};"),
+        "syntax",
+    ),
+    Case(
+        "implicit_many",
+        model(
+            extra="implicit Real f(Real t) = {{f:=1;}; {f'=f1"
+            + "".join(f", f{k}'=f{k + 1}" for k in range(1, 20_000))
+            + ", f20000'=f}};",
+            control="a := f(x);",
+        ),
+        "implicit-function",
+    ),
+    Case(
+        "implicit_uses",
+        model(
+            extra="implicit Real f(Real t) = {{f:=1;}; {f'=f}};"
+            + doubling("Real d0 = f(A);", "Real d%0 = d%1 + d%1;"),
+            control="a := d40;",
+        ),
+        "too-large",
+    ),
+)
+
 CASES = (
     *TEXTS,
+    *OLD_DIALECT,
+    *IMPLICIT,
     *NAMES,
     *(Case(name, model(control=control), expected) for name, control, expected in NESTED),
     *(
