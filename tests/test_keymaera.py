@@ -14,9 +14,10 @@ from dl2c.diagnostics import CompileError
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive, parse_formula, parse_program, parse_term
 from dl2c.parse.printer import print_archive, print_formula
-from dl2c.parse.tree import Archive, Entry, Formula, FuncOf, Variable
+from dl2c.parse.tree import Archive, Entry, Expression, Formula, FuncOf, Loop, ODESystem, Variable
 from dl2c.pipeline import emit
 from dl2c.resolve.problem import expansion
+from dl2c.resolve.symbols import nodes
 from dl2c.source import Source, Span
 
 READERS = {"term": parse_term, "formula": parse_formula, "program": parse_program}
@@ -112,6 +113,26 @@ def test_public_models_read_as_keymaera_reads_them() -> None:
 def test_public_models_expand_as_keymaera_expands_them() -> None:
     """What `dl2c emit --stage expanded` prints parses back to the formula of KeYmaera X."""
     assert compared("expanded", lambda entry: parse_formula(print_formula(expansion(entry)))) == (ALL, [])
+
+
+def hints(entry: Entry, *bodies: Expression | None) -> list[Formula]:
+    """The formulas of `@invariant` and `@variant` in the bodies."""
+    loops = [n for body in bodies for n in nodes(body) if isinstance(n, (Loop, ODESystem))]
+    return [meaning(entry, formula) for loop in loops for formula in loop.invariants]
+
+
+def test_invariants_of_public_models_are_those_of_keymaera() -> None:
+    """KeYmaera X lists those of the problem and of the definitions that it uses."""
+    found = 0
+    for archive, rows in public_models().values():
+        for row in rows:
+            (entry,) = of_name(archive, row["name"])[:1]
+            listed = [reading_of_keymaera(text) for text in row["annot"].split(" ;; ") if text]
+            everywhere = hints(entry, entry.problem, *(d.body for d in entry.definitions))
+            assert all(formula in listed for formula in hints(entry, entry.problem))
+            assert all(formula in everywhere for formula in listed)
+            found += bool(listed)
+    assert found == 278
 
 
 def test_the_expanded_stage_prints_the_expansion() -> None:

@@ -1,5 +1,6 @@
 """Printing is the inverse of parsing."""
 
+import re
 from fractions import Fraction
 
 import pytest
@@ -33,6 +34,31 @@ def test_parse_inverts_print_of_archives(archive: Archive) -> None:
     read, warnings = parse_archive(Source("printed.kyx", print_archive(archive)))
     assert read == archive
     assert not warnings
+
+
+SORTS = {"Real": "R", "Bool": "B", "HP": "P"}
+HEADERS = {"Definitions": "Functions.", "ProgramVariables": "Variables;", "Problem": "Problem."}
+
+
+def in_old_dialect(text: str) -> str:
+    """A printed archive as KeYmaera X 4 would have it."""
+    lines: list[str] = []
+    for line in text.split("\n"):
+        if line in HEADERS:
+            lines.append(HEADERS[line])
+        elif re.match(r"  (implicit )?(Real|Bool|HP) ", line):
+            old = re.sub(r"(?<=[ (])(Real|Bool|HP)(?= )", lambda sort: SORTS[sort.group()], line)
+            lines.append(f"{old[:-1]}.")
+        else:
+            lines.append(f"{line}." if line.endswith('"') else line)
+    return "\n".join(lines)
+
+
+@given(archives())
+@settings(max_examples=50)
+def test_both_dialects_read_to_one_tree(archive: Archive) -> None:
+    text = in_old_dialect(print_archive(archive))
+    assert parse_archive(Source("old.kyx", text))[0] == archive
 
 
 @given(terms())
