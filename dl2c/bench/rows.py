@@ -177,9 +177,7 @@ class EmptyEnv(gym.Env[NDArray[Any], Any]):
 
     def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Fresh objects; the action is not looked at."""
-        info = dict(self._info)
-        if "action_mask" in info:
-            info["action_mask"] = info["action_mask"].copy()
+        info = {key: v.copy() if isinstance(v, np.ndarray) else v for key, v in self._info.items()}
         return self._obs.copy(), 0.0, False, False, info
 
 
