@@ -58,6 +58,11 @@ QUICK = {name: getattr(np, name) for name in EXACT if hasattr(np, name)} | {
 }  # fmt: skip
 """The same functions of rows of doubles, NaN where undefined."""
 
+DOUBLES = {name: getattr(math, name) for name in EXACT if hasattr(math, name)} | {
+    "abs": abs, "min": min, "max": max, "arcsin": math.asin, "arctan": math.atan,
+}  # fmt: skip
+"""The same functions of doubles, which raise where undefined."""
+
 Functions = Mapping[str, Callable[..., Any]]
 
 
@@ -116,6 +121,19 @@ def atoms_of(formula: Formula) -> Iterator[Compare]:
         case And(children) | Or(children):
             for child in children:
                 yield from atoms_of(child)
+
+
+def inside(formula: Formula, at: Mapping[Symbol, float]) -> bool:
+    """Whether a formula holds in doubles, operation by operation as it is written."""
+    return truth(formula, {a: _sign_in_doubles(a, at) for a in atoms_of(formula)})
+
+
+def _sign_in_doubles(atom: Compare, at: Mapping[Symbol, float]) -> int | None:
+    try:
+        left, right = value(atom.left, at, DOUBLES), value(atom.right, at, DOUBLES)
+    except (ArithmeticError, ValueError):
+        return None
+    return (left > right) - (left < right) if math.isfinite(left) and math.isfinite(right) else None
 
 
 # Solutions --------------------------------------------------------------------
