@@ -80,7 +80,7 @@ def value(term: Term, at: Mapping[Symbol, Any], functions: Functions = EXACT) ->
         case Neg():
             return -args[0]
         case Pow(_, exponent):
-            return args[0] ** exponent
+            return math.prod([args[0]] * exponent) if functions is DOUBLES else args[0] ** exponent
         case Div():
             return None if functions is EXACT and args[1] == 0 else args[0] / args[1]
         case Call("sqrt") if functions is EXACT and args[0] < 0:
