@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from random import Random
-from typing import Any
 
 import pytest
 from flow_library import Arrival, Compiled, compiled
@@ -86,7 +85,9 @@ def domain_law(kernel: Kernel, seed: int, count: int, folder: Path) -> tuple[int
 
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_no_state_after_a_flow_violates_its_domain(kernel: Kernel, tmp_path: Path) -> None:
-    followed, lasted = (sum(n) for n in zip(*(domain_law(kernel, s, 1700, tmp_path) for s in (0, 1)), strict=True))
+    followed, lasted = (
+        sum(n) for n in zip(*(domain_law(kernel, s, 1700, tmp_path) for s in (0, 1)), strict=True)
+    )
     assert followed > 2800 and lasted > 1500
 
 
