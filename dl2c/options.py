@@ -28,6 +28,8 @@ MAX_LENGTH = 400
 """Numbers may be so large, and their texts so long."""
 
 MOST_STEPS = 10**18
+MOST_LOOPS = 10**9
+MOST_REPEATS = 1000
 
 DEFAULT_DT = Fraction(1, 10)
 """Seconds a flow lasts where the model gives no horizon."""
@@ -120,10 +122,12 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return None if value is None else str(value)
         case "blocked_penalty":
             return float(_exact(name, value))
-        case "max_episode_steps" | "stall_limit" | "max_repeat":
+        case "max_episode_steps" | "stall_limit":
             return _whole(name, value, 0)
+        case "max_repeat":
+            return _whole(name, value, 0, MOST_REPEATS)
         case "max_loop":
-            return _whole(name, value, 1)
+            return _whole(name, value, 1, MOST_LOOPS)
         case "loop":
             return None if value is None else _whole(name, value, 1)
         case "observe_constants" | "native":
@@ -137,9 +141,9 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return value
 
 
-def _whole(name: str, value: Any, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= MOST_STEPS:
-        raise UnknownOption(f"`{name}` takes a whole number from {least} to {MOST_STEPS:,}")
+def _whole(name: str, value: Any, least: int, most: int = MOST_STEPS) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise UnknownOption(f"`{name}` takes a whole number from {least} to {most:,}")
     return value
 
 

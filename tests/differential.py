@@ -22,6 +22,7 @@ from streams import Stream
 
 from dl2c.diagnostics import CompileError
 from dl2c.emit.model_c import model_sources
+from dl2c.emit.names import file_stem
 from dl2c.emit.plan import Environment
 from dl2c.ir import model as ir
 from dl2c.ir.evaluate import evaluate, truth
@@ -70,7 +71,7 @@ def compiled(environments: list[Environment], folder: Path, level: str = "-O1") 
 
 
 def _compiled(environment: Environment, folder: Path, level: str) -> Library:
-    name = environment.model.name
+    name = file_stem(environment.model.name)
     source, target = folder / f"{name}.c", folder / f"lib{name}.so"
     for file, text in model_sources(environment).items():
         (folder / file).write_text(text, encoding="utf-8")

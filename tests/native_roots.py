@@ -54,7 +54,7 @@ MEANING: dict[str, Callable[[int], bool]] = {
 
 
 def holds(formula: int, sign: Sequence[int]) -> bool:
-    """What the compiled `model_holds` must say."""
+    """What the compiled `model_condition` must say."""
     return any(all(MEANING[op](sign[m]) for m, op in row) for row in FORMULAS[formula])
 
 
@@ -70,7 +70,7 @@ SOURCE = r"""
 #include <time.h>
 #include "flow_exact.h"
 #include "numbers.h"
-static inline bool model_holds(int flow, int formula, const int8_t *sign)
+static inline bool model_condition(int flow, int formula, const int8_t *sign)
 {
   (void)flow;
   switch (formula) {

@@ -16,7 +16,7 @@ enum { NX = 6, NP = 1 };
 
 #include "numbers.h"
 
-static inline bool model_holds(int flow, int formula, const int8_t *sign)
+static inline bool model_condition(int flow, int formula, const int8_t *sign)
 {
   (void)flow, (void)formula, (void)sign;
   return true;

@@ -137,7 +137,10 @@ def archives() -> st.SearchStrategy[Archive]:
     entry = st.builds(
         Entry,
         st.sampled_from(["ArchiveEntry", "Theorem", "Lemma", "Exercise"]),
-        st.text(st.characters(codec="utf-8", exclude_characters="\r"), max_size=12),
+        st.text(
+            st.characters(codec="utf-8", exclude_characters="\r", exclude_categories=["Cc", "Cf", "Cs"]),
+            max_size=12,
+        ),
         st.lists(st.sampled_from(["kyx.math.abs", "kyx.math.*"]), max_size=2).map(tuple),
         st.lists(_declarations(), max_size=3).map(tuple),
         st.lists(variables, max_size=3).map(tuple),

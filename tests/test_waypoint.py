@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from dl2c.ir.evaluate import evaluate
-from dl2c.ir.exact import ExactPlan, advance, plan
+from dl2c.ir.follow import follow
 from dl2c.ir.interp import Interpreter
+from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.logic import atoms
 from dl2c.ir.lower import lower
 from dl2c.ir.model import Model
 from dl2c.ir.transition import Request, Start
+from dl2c.ir.watch import watches_of
 from dl2c.native.binding import Batch, Library
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive
@@ -62,7 +64,11 @@ def test_a_random_masked_policy_never_violates_the_invariant(library: Library) -
 
 def test_exact_arithmetic_agrees_with_the_compiled_code(library: Library, model: Model) -> None:
     """Every decision of a step: the mask, the run, how the flow ends, what ends the episode."""
-    plans = [p for f in model.flows if isinstance(p := plan(f), ExactPlan)]
+    plans = [p for f in model.flows if isinstance(p := plan_flow(f, watches_of(model)), FlowPlan)]
+
+    def flow(k: int, env: Any, exact: bool, part: Any, waiting: Any) -> Any:
+        return follow(plans[k], env, exact, part, waiting)
+
     batch = library.batch(1, autoreset="same_step")
     rng = np.random.default_rng(1)
     names = [c.name for c in model.constants]
@@ -72,7 +78,7 @@ def test_exact_arithmetic_agrees_with_the_compiled_code(library: Library, model:
         x, p = batch.get_state(0)
         state = {v.name: Fraction(float(a)) for v, a in zip(model.variables, x, strict=True)}
         constants = {n: Fraction(float(a)) for n, a in zip(names, p, strict=True)}
-        exact = Interpreter(model, constants, lambda k, env, e: advance(plans[k], env, e), exact=True)
+        exact = Interpreter(model, constants, flow, exact=True)
         mask = batch.mask[0].tolist()
         masked(batch, rng)
         choice = int(batch.choices[0, 0])

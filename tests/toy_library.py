@@ -41,6 +41,8 @@ def toy_manifest(counts: tuple[int, ...] = (3,), inputs: int = 0, **options: Any
         observations=(Quantity("x", -10.0, 20.0), Quantity("k", 0.1, 0.3)),
         choices=tuple(ChoiceSpec(f"choice_{i}", tuple("abcdefgh"[:n])) for i, n in enumerate(counts)),
         inputs=tuple(InputSpec(f"assign_u{i}", f"u{i}", -1.5, 2.0) for i in range(inputs)),
+        drawn_choices=(),
+        drawn_inputs=(),
         runs=runs,
         run_texts=tuple(map(str, runs)),
         predicates=(PredicateSpec("goal", "progress"), PredicateSpec("safe", "safety")),

@@ -66,9 +66,9 @@ static real dl2c_watch(int flow, const dl2c_events *events, real limit, uint8_t 
     if (!dl2c_reached(exit, limit, false)) continue;
     if (stop <= 1.0 && !dl2c_reached(exit, stop, WATCH_CUTS[w])) continue;
     const int8_t *signs = exit->holds ? failures[w].after : failures[w].at;
-    if (model_holds(flow, 3 + 3 * w, signs))
+    if (model_condition(flow, 3 + 3 * w, signs))
       watch[w] = DL2C_MET;
-    else if (model_holds(flow, 2 + 3 * w, signs))
+    else if (model_condition(flow, 2 + 3 * w, signs))
       watch[w] = DL2C_FAILED;
   }
   return stop;

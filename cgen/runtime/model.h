@@ -40,7 +40,7 @@
  *   void model_settle(int flow, x, p, real end, sign, real *y)   clocks and bounds that were met
  *   void model_polynomials(int flow, x, p, real (*c)[NDEGREE + 1], int32_t *degree)   of margins
  *   void model_margins(int flow, x, p, real *g)                  where they are no polynomials
- *   bool model_holds(int flow, int formula, const int8_t *sign)  formulas over signs of margins
+ *   bool model_condition(int flow, int formula, const int8_t *sign)  formulas over signs of margins
  *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) of the rates; kernels LINEAR, NUMERIC
  *   void model_lie(int flow, x, p, real *lie)                    (3, NMARGIN) where margins are sampled
  *   void model_project(int flow, p, real *y)                     back onto what the flow leaves invariant

@@ -9,6 +9,7 @@
 #ifndef DL2C_PIECES_H
 #define DL2C_PIECES_H
 
+#include "hull.h"
 #include "roots.h"
 
 enum { DL2C_TRACK_DEGREE = 12, DL2C_NODES = 13, DL2C_HALF = DL2C_NODES / 2 };

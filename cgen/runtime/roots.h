@@ -45,7 +45,7 @@ typedef struct dl2c_exit {
 } dl2c_exit;
 
 /* Given by the model: whether a formula of a flow holds where its margins have these signs. */
-static inline bool model_holds(int flow, int formula, const int8_t *sign);
+static inline bool model_condition(int flow, int formula, const int8_t *sign);
 
 /* Where a margin changes its sign that has the other sign from the start. */
 #define DL2C_AT_ONCE 0x1p-1074
@@ -205,8 +205,8 @@ static inline dl2c_exit dl2c_first_exit(int flow, int formula, const dl2c_crossi
 {
   memcpy(sign_at, at0, (size_t)n);
   memcpy(sign_after, start, (size_t)n);
-  if (!model_holds(flow, formula, sign_at)) return (dl2c_exit){true, false, 0.0};
-  if (!model_holds(flow, formula, sign_after)) return (dl2c_exit){true, true, 0.0};
+  if (!model_condition(flow, formula, sign_at)) return (dl2c_exit){true, false, 0.0};
+  if (!model_condition(flow, formula, sign_after)) return (dl2c_exit){true, true, 0.0};
   memcpy(sign_at, start, (size_t)n);
   for (int i = 0; i < count;) {
     const real at = crossings[i].at;
@@ -215,9 +215,9 @@ static inline dl2c_exit dl2c_first_exit(int flow, int formula, const dl2c_crossi
       sign_at[crossings[i].margin] = 0;
       sign_after[crossings[i].margin] = crossings[i].after;
     }
-    if (!model_holds(flow, formula, sign_at)) return (dl2c_exit){true, false, at};
+    if (!model_condition(flow, formula, sign_at)) return (dl2c_exit){true, false, at};
     if (at == 1.0) return (dl2c_exit){false, true, 1.0};
-    if (!model_holds(flow, formula, sign_after)) return (dl2c_exit){true, true, at};
+    if (!model_condition(flow, formula, sign_after)) return (dl2c_exit){true, true, at};
   }
   memcpy(sign_at, sign_after, (size_t)n);
   return (dl2c_exit){false, true, 1.0};

@@ -63,8 +63,10 @@ def after(symbol: Symbol) -> str:
 
 RUNTIME_FILES = frozenset(
     [
-        *("actions", "batch", "block", "dl2c", "flow_exact", "judge", "lanes", "model", "move", "numbers"),
-        *("rng", "sampler", "state", "step"),
+        *("actions", "ahead", "batch", "block", "curve", "dense", "dl2c", "events", "flow_cvodes"),
+        *("flow_exact", "hull", "judge", "lanes", "linear", "model", "move", "numbers", "numeric"),
+        *("pieces", "rng", "roots", "sampler", "state", "step", "stretch", "sundials"),
+        *("sundials_system", "sundials_wheel", "travel"),
     ]
 )
 """Headers of the runtime, which a model's own header must not hide."""

@@ -2,7 +2,7 @@
 
 Margin j of a flow is positive inside its atom. `model_polynomials` writes the coefficients
 of all margins as polynomials of the time since the flow began, `model_margins` their values
-in a state, `model_holds` decides a formula from signs alone: 0 is the domain, then for watch w
+in a state, `model_condition` decides a formula from signs alone: 0 is the domain, then for watch w
 1 + 3w what must stay, 2 + 3w what is due, 3 + 3w the goal. `model_quiet` is a quick proof that
 no watch fails.
 """
@@ -25,14 +25,16 @@ SPANS = ("constant", "line", "parabola")
 
 
 def watch_functions(environment: Environment, leaves: Leaves) -> list[str]:
-    """All functions of this file."""
+    """All functions of this file that the flows need."""
+    sampled = any(plan.curves is None for plan in environment.flows)
+    tracked = any(plan.kernel != "exact" for plan in environment.flows)
     return [
         _polynomials(environment, leaves),
-        _sampled("margins", "margin", environment, leaves),
-        _sampled("sizes", "size", environment, leaves),
+        *([_sampled("margins", "margin", environment, leaves)] if sampled or tracked else []),
+        *([_sampled("sizes", "size", environment, leaves)] if sampled or tracked else []),
         _holds(environment),
         _quiet(environment, leaves),
-        _project(environment, leaves),
+        *([_project(environment, leaves)] if tracked else []),
     ]
 
 
@@ -129,7 +131,7 @@ def _holds(environment: Environment) -> str:
             lines += [f"if (formula == {f})", *(f"  {x}" for x in wrapped(f"return {condition};"))]
         body += _selected(k, lines)
     return function(
-        "static inline bool model_holds(int flow, int formula, const int8_t *sign)",
+        "static inline bool model_condition(int flow, int formula, const int8_t *sign)",
         [*body, "return true;"],
         "Whether a condition watched along a flow holds where its margins have these signs.",
     )

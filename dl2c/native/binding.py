@@ -31,7 +31,7 @@ AUTORESET = {"disabled": 0, "next_step": 1, "same_step": 2}
 ON_BLOCKED = {"fallback": 0, "truncate": 1, "terminate": 2}
 ACTION_MAP = {"project": 0, "squash": 1}
 
-ERR_RESET, ERR_STATE, ERR_BLOCKED = -3, -4, -5
+ERR_RESET, ERR_STATE, ERR_BLOCKED = -3, -4, -6
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,6 +93,8 @@ class Manifest:
     observations: tuple[Quantity, ...]
     choices: tuple[ChoiceSpec, ...]
     inputs: tuple[InputSpec, ...]
+    drawn_choices: tuple[ChoiceSpec, ...]
+    drawn_inputs: tuple[InputSpec, ...]
     runs: tuple[tuple[int, ...], ...]
     run_texts: tuple[str, ...]
     predicates: tuple[PredicateSpec, ...]
@@ -102,8 +104,6 @@ class Manifest:
     options: dict[str, Any]
     notes: tuple[str, ...]
     platform: dict[str, str]
-    drawn_choices: tuple[ChoiceSpec, ...] = ()
-    drawn_inputs: tuple[InputSpec, ...] = ()
 
     def to_json(self) -> str:
         """Stable text: the same manifest gives the same bytes. Infinite limits are "inf" and "-inf"."""

@@ -50,6 +50,8 @@ from dl2c.paths.path import END, Admission, Decision, Input, Limit, Path, Paths,
 from dl2c.source import NOWHERE, Span
 
 MAX_PATHS = 4096
+MAX_LENGTH = 2000
+"""Statements on one path."""
 MAX_SIZE = 100_000
 """Symbols in the value of a variable, written over the state at the start of its path."""
 
@@ -208,46 +210,54 @@ def _lines_from(point: Block) -> Iterator[_Line]:
     """Every straight line from a point; at the head of a while loop into it and past it."""
     if point and isinstance(loop := point[0], While):
         into = (Test(loop.condition, span=loop.span), *loop.body, *point)
-        yield from (replace(line, enters=True) for line in _lines(into, {}, False))
-        yield from _lines((Test(loop.otherwise, span=loop.span), *point[1:]), {}, False)
+        yield from (replace(line, enters=True) for line in _lines(into))
+        yield from _lines((Test(loop.otherwise, span=loop.span), *point[1:]))
     else:
-        yield from _lines(point, {}, False)
+        yield from _lines(point)
 
 
-def _lines(block: Block, taken: Mapping[str, int], drawn: bool) -> Iterator[_Line]:
+def _lines(block: Block) -> Iterator[_Line]:
     """Every straight line from the start of a block to its first flow or while loop, or its end.
 
-    A decision that was `taken` earlier on the line keeps its outcome. It also ends before a branch
+    A decision that was taken earlier on the line keeps its outcome. It also ends before a branch
     where an input was `drawn` on it.
     """
-    if not block:
-        yield _Line((), (), ())
-        return
-    first, rest = block[0], block[1:]
-    match first:
-        case Evolve():
-            yield _Line((), (first,), rest)
-        case While():
-            yield _Line((), (), block)
-        case If() | Choice() | Repeat() if drawn:
-            yield _Line((), (), block)
-        case Assign() | AssignAny() | Test():
-            draws = isinstance(first, AssignAny) and first.role != "agent"
-            for line in _lines(rest, taken, drawn or draws):
-                yield replace(line, statements=(first, *line.statements))
-        case If(condition, otherwise, then, orelse):
-            for guard, body in ((condition, then), (otherwise, orelse)):
-                test = Test(guard, span=first.span)
-                yield from _lines((test, *body, *rest), taken, False)
-        case Choice(key, alternatives) | Repeat(key=key, alternatives=alternatives):
-            if key in taken:
-                yield from _lines((*alternatives[taken[key]].body, *rest), taken, False)
-                return
-            for k, alternative in enumerate(alternatives):
-                for line in _lines((*alternative.body, *rest), {**taken, key: k}, False):
-                    yield replace(line, decisions=((key, k, alternative.fallback), *line.decisions))
-        case _:
-            assert_never(first)
+    todo = [(_Line((), (), block), False)]
+    while todo:
+        line, drawn = todo.pop()
+        if not line.rest:
+            yield line
+            continue
+        first, rest = line.rest[0], line.rest[1:]
+        if len(line.statements) > MAX_LENGTH:
+            raise CompileError(errors.too_long(MAX_LENGTH, first.span))
+        match first:
+            case Evolve():
+                yield replace(line, statements=(*line.statements, first), rest=rest)
+            case While():
+                yield line
+            case If() | Choice() | Repeat() if drawn:
+                yield line
+            case Assign() | AssignAny() | Test():
+                draws = isinstance(first, AssignAny) and first.role != "agent"
+                todo.append((_with(line, first, rest), drawn or draws))
+            case If(condition, otherwise, then, orelse):
+                for guard, body in ((otherwise, orelse), (condition, then)):
+                    todo.append((_with(line, Test(guard, span=first.span), (*body, *rest)), False))
+            case Choice(key, alternatives) | Repeat(key=key, alternatives=alternatives):
+                taken = {k: outcome for k, outcome, _ in line.decisions}
+                for k in (taken[key],) if key in taken else reversed(range(len(alternatives))):
+                    decision = () if key in taken else ((key, k, alternatives[k].fallback),)
+                    decisions = (*line.decisions, *decision)
+                    todo.append(
+                        (replace(line, decisions=decisions, rest=(*alternatives[k].body, *rest)), False)
+                    )
+            case _:
+                assert_never(first)
+
+
+def _with(line: _Line, statement: Assign | AssignAny | Test, rest: Block) -> _Line:
+    return replace(line, statements=(*line.statements, statement), rest=rest)
 
 
 def _draft(model: Model, points: list[Block], point: int, line: _Line) -> _Draft:

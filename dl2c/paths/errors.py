@@ -14,6 +14,16 @@ def too_many_paths(count: int, span: Span) -> Diagnostic:
     )
 
 
+def too_long(count: int, span: Span) -> Diagnostic:
+    return error(
+        "too-large",
+        f"a control path of the step has more than {count} statements",
+        span,
+        "the path gets here",
+        "loops inside loops multiply: give `max_repeat` a smaller value, or split the step by a flow",
+    )
+
+
 def too_large(variable: str, limit: int, span: Span) -> Diagnostic:
     return error(
         "too-large",

@@ -348,20 +348,8 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
   }
 }
 
-/* Margins in a state, for flows along which they are no polynomials.   g: (NMARGIN) */
-static inline void model_margins(int flow, const real *x, const real *p, real *g)
-{
-  (void)flow; (void)x; (void)p; (void)g;
-}
-
-/* How large the numbers are that these margins are made of.   g: (NMARGIN) */
-static inline void model_sizes(int flow, const real *x, const real *p, real *g)
-{
-  (void)flow; (void)x; (void)p; (void)g;
-}
-
 /* Whether a condition watched along a flow holds where its margins have these signs. */
-static inline bool model_holds(int flow, int formula, const int8_t *sign)
+static inline bool model_condition(int flow, int formula, const int8_t *sign)
 {
   if (flow == 0) {
     if (formula == 0)
@@ -379,12 +367,6 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
 {
   (void)flow; (void)x; (void)p; (void)duration; (void)y;
   return true;
-}
-
-/* Moves y, the end of a flow, onto the equalities that the flow leaves invariant. */
-static inline void model_project(int flow, const real *p, real *y)
-{
-  (void)flow; (void)p; (void)y;
 }
 
 /* How fast the variables change along a flow; 0 where its ODE does not name one. */
