@@ -171,13 +171,14 @@ class Piece:
 
 
 def grazes(row: Any) -> bool:
-    """Whether a row has a small extremum between values of one sign, by parabolas through three of them."""
+    """Whether a row has a small extremum, or a kink that may be one, between values of one sign."""
     size = np.abs(row)
     before, here, after = size[:-2], size[1:-1], size[2:]
     low = (here <= before) & (here <= after) & (row[:-2] * row[2:] > 0)
     bend = before - 2 * here + after
     least = here - (after - before) ** 2 / (8 * np.maximum(bend, 1e-300))
-    return bool(np.any(low & (least < 1e-3) & (bend > 0)))
+    kink = here < np.maximum(before, after) - here
+    return bool(np.any(low & (kink | (least < 1e-3)) & (bend > 0)))
 
 
 def solution(flow: Flow, at: State, stop: mpf) -> Iterator[Piece]:
