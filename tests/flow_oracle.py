@@ -301,7 +301,7 @@ def _bisected(atom: Compare, piece: Piece, low: mpf, high: mpf, before: int | No
 
 
 def moved(flow: Flow, start: Mapping[Symbol, float], told: Verdict, by: float = 1e-7) -> float:
-    """How much more than the start the end and the duration move, where the start moves a little.
+    """How much more than start and constants the end and the duration move, where these move a little.
 
     Infinite where a neighbour is outside the domain, ends for another reason or has no solution:
     then the answer from this start is ill-conditioned, as at a grazing contact.
@@ -312,7 +312,7 @@ def moved(flow: Flow, start: Mapping[Symbol, float], told: Verdict, by: float = 
     names = [Symbol(x, "variable") for x, _ in flow.equations]
     rng = Random(1)
     for _ in range(2):
-        near = {**start, **{s: start[s] + by * rng.choice((-1, 1)) for s in names if s.name != "t"}}
+        near = {s: v if s.name == "t" else v + by * rng.choice((-1, 1)) for s, v in start.items()}
         try:
             other = judge(flow, near)
         except Singular:

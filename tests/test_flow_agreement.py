@@ -17,7 +17,7 @@ from dl2c.ir.logic import operands
 from dl2c.ir.model import Call, Compare, Flow, Neg, Symbol, Term
 from dl2c.ir.printer import print_flow
 
-ACCURACY: dict[Kernel, float] = {"exact": 1e-13, "linear": 1e-12, "cvodes": 3e-8}
+ACCURACY: dict[Kernel, float] = {"exact": 1e-12, "linear": 1e-11, "cvodes": 3e-8}
 """Of states and durations, relative to how much more than the start they move (`moved`)."""
 
 AT_A_BOUND = 1e-9
@@ -103,9 +103,9 @@ def test_flows_end_where_and_when_their_solutions_do(kernel: Kernel, tmp_path: P
 @pytest.mark.slow
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_many_flows_end_where_and_when_their_solutions_do(kernel: Kernel, tmp_path: Path) -> None:
-    found = sum((agreement(kernel, seed, 450, tmp_path) for seed in range(101, 107)), Counter[str]())
-    assert found["compared"] > 2000 and found["ill-conditioned"] < 0.05 * found["compared"]
-    assert all(found[kind] >= 100 for kind in EVENTS)
+    found = sum((agreement(kernel, seed, 400, tmp_path) for seed in range(101, 105)), Counter[str]())
+    assert found["compared"] > 1300 and found["ill-conditioned"] < 0.05 * found["compared"]
+    assert all(found[kind] >= 80 for kind in EVENTS)
     assert all(found[kind] >= 5 for kind in ("apart", "equal"))
 
 
