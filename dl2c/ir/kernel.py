@@ -81,10 +81,11 @@ class FlowPlan:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Why a flow cannot be followed as asked, and where."""
+    """Why a flow cannot be followed as asked, where, and what to do about it."""
 
     reason: str
     span: Span
+    help: str
 
 
 def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "auto") -> FlowPlan | Refused:
@@ -98,14 +99,16 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
         watched = tuple(_smoothed(w, moves) for w in watches)
         still = conjunction(smooth(w.plainly, moves) for w in watches)
     except TooManyCases:
-        return Refused("its conditions have too many cases of abs, min and max", flow.span)
+        why = "its conditions have too many cases of abs, min and max"
+        return Refused(why, flow.span, "write the conditions with fewer of these")
     margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
     solved, why = _solved(flow, margins_of([domain]), margins, integrator)
     kernel: Kernel = "exact" if solved is not None else "cvodes"
     if solved is None and integrator != "cvodes" and is_linear(flow):
         kernel, why = "linear", "its equations are linear: power series to the last digit"
     elif solved is None and integrator == "exact":
-        return Refused(why, flow.span)
+        advice = "leave out `integrator=exact`, or make the flow and its domain polynomial in time"
+        return Refused(why, flow.span, advice)
     quick = plan(flow) if solved is not None else None
     still_margins = margins_of([still])
     still_curves = None if solved is None else _curves(solved, still_margins)
