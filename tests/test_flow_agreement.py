@@ -95,9 +95,9 @@ EVENTS = ("time", "another alternative", "at once", "later", "closed", "open", "
 
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_flows_end_where_and_when_their_solutions_do(kernel: Kernel, tmp_path: Path) -> None:
-    found = agreement(kernel, 100, 230, tmp_path)
-    assert found["compared"] > 190 and found["ill-conditioned"] < 15
-    assert all(found[kind] >= 10 for kind in EVENTS)
+    found = agreement(kernel, 100, 190, tmp_path)
+    assert found["compared"] > 150 and found["ill-conditioned"] < 15
+    assert all(found[kind] >= 8 for kind in EVENTS)
 
 
 @pytest.mark.slow

@@ -44,6 +44,9 @@ MAX_MARGIN_DEGREE = 24
 """Margins of higher degree in time are sampled (DL2C_MAX_DEGREE in cgen/runtime/roots.h)."""
 
 
+FEWER = "write the conditions with fewer of these"
+
+
 @dataclass(frozen=True, slots=True)
 class FlowPlan:
     """How one flow is followed.
@@ -99,8 +102,7 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
         watched = tuple(_smoothed(w, moves) for w in watches)
         still = conjunction(smooth(w.plainly, moves) for w in watches)
     except TooManyCases:
-        why = "its conditions have too many cases of abs, min and max"
-        return Refused(why, flow.span, "write the conditions with fewer of these")
+        return Refused("its conditions have too many cases of abs, min and max", flow.span, FEWER)
     margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
     solved, why = _solved(flow, margins_of([domain]), margins, integrator)
     kernel: Kernel = "exact" if solved is not None else "cvodes"
