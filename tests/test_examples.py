@@ -1,6 +1,7 @@
 """The models that come with dl2c: other tools accept each of them, and it keeps its promise."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import dl2c
+from dl2c.commands.describe import describe
 from dl2c.env.registration import EXAMPLES
 from dl2c.native.binding import Batch
 from dl2c.options import Options
@@ -21,6 +23,14 @@ FOLDER = Path(__file__).resolve().parent.parent / "examples"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.kyx"))
 IDENTIFIERS = {model: f"dl2c/{name}-v0" for name, model in EXAMPLES.items()}
 UNPROVED = {"forced_acceleration"}
+
+POLYNOMIAL = ("exact", "its solution is a polynomial of time")
+LINEAR = ("linear", "its equations are linear: power series to the last digit")
+KERNELS = dict.fromkeys(NAMES, POLYNOMIAL) | {
+    "dubins": LINEAR,
+    "thermostat": LINEAR,
+    "pendulum": ("cvodes", "theta' depends on itself, directly or through other variables"),
+}
 
 
 def seeded(batch: Batch) -> Batch:
@@ -62,6 +72,22 @@ def test_models_are_readable_by_keymaera_x(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_models_have_no_warnings(name: str) -> None:
     assert check_model(Source.read(FOLDER / f"{name}.kyx"), Options()) == ()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_info_says_which_kernel_follows_a_flow_and_why(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    manifest = dl2c.build(f"example:{name}").library.manifest
+    assert [(f.kernel, f.reason) for f in manifest.flows] == [KERNELS[name]]
+    describe(manifest)
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith(f"{name}.kyx:"))
+    _, ode, *columns = re.split("  +", line)
+    assert ode.startswith("{") and tuple(columns) == KERNELS[name]
+
+
+@pytest.mark.parametrize("name", ["waypoint", "dubins"])
+def test_info_says_that_a_kernel_was_asked_for(name: str) -> None:
+    flows = dl2c.build(f"example:{name}", integrator="cvodes").library.manifest.flows
+    assert [(f.kernel, f.reason) for f in flows] == [("cvodes", "integrator=cvodes was asked for")]
 
 
 @pytest.mark.filterwarnings("ignore:.*normalized.*")

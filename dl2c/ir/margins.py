@@ -41,7 +41,7 @@ from dl2c.ir.model import (
 )
 
 MAX_ATOMS = 256
-"""A condition that would need more cases is watched at the end of a flow only."""
+"""A condition that would need more cases is refused."""
 
 
 Moves: TypeAlias = Callable[[Term], bool]
