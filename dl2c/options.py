@@ -41,10 +41,8 @@ class Options:
 
     `dt` None means: the model's own horizon, else `DEFAULT_DT`. `safety_check` "auto" is
     "continuous" where every path of a step ends with its ODE, else "step". `rtol` and `atol` are
-    CVODES' tolerances. `constants` fixes episode
-    constants by name, `entry` selects an archive entry.
-    `dt` None means: the model's own horizon, else `DEFAULT_DT`. `constants` fixes episode
-    constants by name, `entry` selects an archive entry, `loop` one of several top-level loops (from 1).
+    CVODES' tolerances. `constants` fixes episode constants by name, `entry` selects an archive
+    entry by its name or its number in the file (from 1), `loop` one of several top-level loops (from 1).
     """
 
     entry: str | None = None

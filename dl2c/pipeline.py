@@ -149,12 +149,15 @@ def _completed(options: Options, episode: EpisodeAnnotation) -> Options:
 
 
 def entry_of(archive: Archive, options: Options) -> Entry:
-    """The archive entry that the options name, or the only one."""
-    named = [e for e in archive.entries if options.entry in (None, e.name)]
+    """The archive entry that the options name, by its name or else its number, or the only one."""
+    chosen = options.entry
+    named = [e for e in archive.entries if chosen in (None, e.name)]
+    named = named or [e for number, e in enumerate(archive.entries, 1) if chosen == str(number)]
     if len(named) == 1:
         return named[0]
     names = ", ".join(f'"{e.name}"' for e in archive.entries)
-    title = f"no entry `{options.entry}`" if not named else "the file has several entries"
+    several = "the file has several entries" + (f" `{chosen}`: give its number" if chosen else "")
+    title = several if named else f"no entry `{chosen}`"
     start = archive.entries[0].span
     raise CompileError(
         error(

@@ -2,8 +2,10 @@
 
 import re
 
+import pytest
 from test_parse import model, read
 
+from dl2c.diagnostics import CompileError
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive, parse_formula, parse_program, parse_term
 from dl2c.pipeline import emit
@@ -112,3 +114,15 @@ def test_letters_that_are_sorts_stay_names() -> None:
     )
     body = entry.entries[0].definitions[-1].body
     assert body == parse_program("x := T; T := x; {T' = 1 & T > 0}")
+
+
+def test_entries_of_one_name_are_chosen_by_number() -> None:
+    source = Source(
+        "two.kyx", model(problem="x >= 0") + model(problem="x >= 1") + model().replace('"M"', '"2"')
+    )
+    assert emit(source, "expanded", Options(entry="1")) == "x >= 0\n"
+    assert emit(source, "expanded", Options(entry="2")) == "x >= 0\n"
+    with pytest.raises(CompileError, match="several entries `M`: give its number"):
+        emit(source, "expanded", Options(entry="M"))
+    with pytest.raises(CompileError, match="no entry `4`"):
+        emit(source, "expanded", Options(entry="4"))

@@ -15,7 +15,7 @@ from dl2c.options import Options, UnknownOption
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
 
 HELP = {
-    "entry": "Entry of a KeYmaera X archive that holds several.",
+    "entry": "Entry of a KeYmaera X archive that holds several, by name or number.",
     "loop": "Which of several top-level loops is the episode's, counted from 1.",
     "dt": "Longest time of a continuous evolution, in seconds.",
     "duration": "Flows last as long as they may, a random part of that, or one the agent chooses.",
