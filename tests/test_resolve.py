@@ -117,17 +117,44 @@ IMPLICIT = """
 """
 
 
-def test_functions_of_time_are_those_of_the_library_that_solve_the_same_equation() -> None:
+def test_functions_of_time_are_those_of_the_library_with_the_same_equation() -> None:
     given = resolved("true -> [v := grow(x) + si(x)*co(x) - th(x) + at(x)/as(x);] v = 1", IMPLICIT)
     known = resolved("true -> [v := exp(x) + sin(x)*cos(x) - tanh(x) + arctan(x)/arcsin(x);] v = 1")
     assert given.expanded == known.expanded
 
 
-@pytest.mark.parametrize("start", ["late := 1; t := 1;", "late := 2;", "late := 1; t := s;"])
-def test_another_start_gives_another_function(start: str) -> None:
-    definition = f"Real s; implicit Real late(Real t) = {{{{{start}}} {{late' = late, t' = 1}}}};"
+@pytest.mark.parametrize(
+    ("equations", "solution"),
+    [
+        ("{f := 3;}; {f' = A}", "3 + A*x"),
+        ("{f := 2;}; {f' = -f}", "2*exp((-1)*x)"),
+        ("{f := A;}; {f' = 3*f*A/2}", "A*exp((1.5*A)*x)"),
+        ("{f := 1; g := A;}; {f' = A*g, g' = -A*f}", "1*cos(A*x) + A*sin(A*x)"),
+        ("{f := 1; g := 0;}; {f' = -(g/2), g' = 0.5*f}", "1*cos((-0.5)*x) + 0*sin((-0.5)*x)"),
+        ("{f := double(five); g := 0;}; {f' = 0, g' = f}", "5 + 5 + 0*x"),
+    ],
+)
+def test_linear_functions_of_time_are_solved(equations: str, solution: str) -> None:
+    problem = "true -> [v := {};] v = 1"
+    given = resolved(problem.format("f(x)"), f"{DEFINITIONS} implicit Real f(Real t) = {{{equations}}};")
+    assert given.expanded == resolved(problem.format(solution), DEFINITIONS).expanded
+
+
+@pytest.mark.parametrize(
+    "equations",
+    [
+        "{f := 1; t := 1;}; {f' = f, t' = 1}",
+        "{f := 1; t := 0;}; {f' = f, t' = 2}",
+        "{f := 1; g := 1;}; {f' = g, g' = f}",
+        "{f := 1; g := 1;}; {f' = g, g' = -2*f}",
+        "{f := 1; g := f;}; {f' = g, g' = -f}",
+        "{f := 1;}; {f' = f^2}",
+        "{f := 1; g := 1; h := 1;}; {f' = g, g' = h, h' = f}",
+    ],
+)
+def test_other_functions_of_time_are_refused(equations: str) -> None:
     with pytest.raises(CompileError) as refused:
-        resolved("true -> [v := late(x);] v = 1", definition)
+        resolved("true -> [v := f(x);] v = 1", f"implicit Real f(Real t) = {{{equations}}};")
     assert codes(refused.value) == ["implicit-function"]
 
 

@@ -77,9 +77,9 @@ def undefined_function(name: str, span: Span) -> Diagnostic:
 def implicit_function(name: str, defined: Span, span: Span) -> Diagnostic:
     return error(
         "implicit-function",
-        "only functions of the library can be run",
+        "this function of time cannot be run",
         span,
-        f"no library function solves the differential equation of `{name}`",
+        f"no solution of the differential equation of `{name}` is known",
         "solve it by hand, or make it part of the plant",
         notes=(f"defined at {defined.place}",),
     )

@@ -14,8 +14,8 @@ from typing import assert_never
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import tree
 from dl2c.resolve import errors
-from dl2c.resolve.implicit import library_function
-from dl2c.resolve.symbols import Node, Symbols, children, nodes
+from dl2c.resolve.implicit import Solution, solve
+from dl2c.resolve.symbols import Node, Symbols, children, nodes, own_names
 from dl2c.source import Span
 
 Names = frozenset[str]
@@ -38,7 +38,7 @@ class Expander:
     run: bool = True
     found: list[Diagnostic] = field(default_factory=list[Diagnostic])
     expanded: int = 0
-    solutions: dict[str, str | None] = field(default_factory=dict[str, str | None])
+    solutions: dict[str, Solution | None] = field(default_factory=dict[str, Solution | None])
 
     def term(self, term: tree.Term, values: dict[str, tree.Term], bound: Names) -> tree.Term:
         """`values` replaces parameters; `bound` are variables that programs around this term change."""
@@ -73,20 +73,25 @@ class Expander:
         if declaration.body is None:
             self._undefined(name, use)
             return tree.FuncOf(name, args, span=use.span)
-        if declaration.implicit:
-            return self._solution(declaration, args, use)
         self._check_use(declaration, use, bound)
+        if declaration.implicit:
+            return self._solution(declaration, args, use, bound)
         return self.term(_term_body(declaration), _bound_parameters(declaration, args), bound)
 
-    def _solution(self, function: tree.Declaration, args: tuple[tree.Term, ...], use: tree.Term) -> tree.Term:
-        """A call of a function that is defined by a differential equation, which the library may have."""
-        self._count(use.span)
+    def _solution(
+        self, function: tree.Declaration, args: tuple[tree.Term, ...], use: tree.Term, bound: Names
+    ) -> tree.Term:
+        """A call of a function that is defined by a differential equation."""
+        if not self.run:
+            return tree.FuncOf(function.name, args, span=use.span)
         if function.name not in self.solutions:
-            self.solutions[function.name] = library_function(function)
-        known = self.solutions[function.name]
-        if known is None and self.run:
+            own = {n: tree.Variable(n) for n in own_names(function)}
+            self.solutions[function.name] = solve(function, lambda term: self.term(term, dict(own), bound))
+        solution = self.solutions[function.name]
+        if solution is None:
             self.found.append(errors.implicit_function(function.name, function.span, use.span))
-        return tree.FuncOf(known or function.name, args, span=use.span)
+            return use
+        return replace(solution(args[0]), span=use.span)
 
     def formula(self, formula: tree.Formula, values: dict[str, tree.Term], bound: Names) -> tree.Formula:
         match formula:
@@ -206,9 +211,8 @@ class Expander:
 
     def _free(self, declaration: tree.Declaration) -> Names:
         """Program variables that a body mentions itself, other than as parameters."""
-        parameters = {p.name for p in declaration.parameters or ()}
         names = {n.name for n in nodes(declaration.body) if isinstance(n, tree.Variable)}
-        return frozenset(n for n in names - parameters if self.symbols.roles.get(n) == "variable")
+        return frozenset(n for n in names - own_names(declaration) if self.symbols.roles.get(n) == "variable")
 
 
 def expanded_formula(formula: tree.Formula, symbols: Symbols, run: bool = True) -> tree.Formula:
