@@ -54,6 +54,16 @@ WORDS = st.sampled_from(
         *(" x ", ":=", "->", "<-", "'=", "/*", "*/", "//"),
         *("\\forall x ", "if (", "else {", "Real ", "Bool ", "HP ", "true", "++", "--", "^@", "::=", "<->"),
         *('Theorem "T" ', "Definitions ", "ProgramVariables ", "Problem ", "Tactic ", "End."),
+        *(
+            "Functions. ",
+            "SharedDefinitions ",
+            "R x. ",
+            "P a ::= {",
+            "B p(R) <-> ",
+            "._1",
+            "implicit ",
+            "{{f:=1;}",
+        ),
         *("@var: ", "// @safety: ", "bound=[0:1]"),
     ]
 )
