@@ -102,7 +102,7 @@ def emit(source: Source, stage: str, options: Options) -> str:
         expanded = expanded_formula(problem.entry.problem, problem.symbols, hints=False)
         return print_formula(expanded) + "\n"
     if stage == "ir":
-        return print_model(lower(problem, options))
+        return print_model(_lowered(problem, options)[0])
     environment, _ = _environment(problem, options, silent)
     if stage == "paths":
         from dl2c.paths.printer import print_paths
@@ -118,8 +118,8 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
     from dl2c.paths.enumerate import enumerate_paths
 
     problem, options, _ = _front(source, options)
-    model = lower(problem, options)
-    return model, enumerate_paths(model)
+    model, _ = _lowered(problem, options)
+    return model, enumerate_paths(model, options.default_bound)
 
 
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:
@@ -179,18 +179,18 @@ def _environment(
     from dl2c.smt.precondition import decide
 
     say("lowering")
-    model = lower(problem, options)
+    model, drawn = _lowered(problem, options)
     say("enumerating paths")
-    paths = enumerate_paths(model)
+    paths = enumerate_paths(model, options.default_bound)
     watches = watches_of(model)
     plans = [plan_flow(f, watches, options.integrator) for f in model.flows]
     refused = [_refused(p) for p in plans if isinstance(p, Refused)]
     if refused:
         raise CompileError(refused)
     say("deciding the precondition")
-    decision = decide(model)
+    decision = decide(drawn)
     say("planning initial states")
-    sampling = plan_sampling(model, decision=decision)
+    sampling = plan_sampling(drawn, decision=decision)
     warnings = program_warnings(model)
     if isinstance(sampling, NoSampler):
         if sampling.diagnostic.code in ("unsatisfiable-precondition", "unbounded-variable"):
@@ -207,6 +207,20 @@ def _environment(
         version=__version__,
     )
     return environment, warnings
+
+
+def _lowered(problem: Problem, options: Options) -> tuple["Model", "Model"]:
+    """The model, and the model whose initial states are drawn: there the default bound limits variables.
+
+    They start inside it and may leave it, so it is no limit of observations; constants keep it.
+    """
+    from dl2c.interval.bounded import bounded
+
+    model = lower(problem, options)
+    if options.default_bound is None:
+        return model, model
+    drawn = bounded(model, options.default_bound)
+    return replace(model, constants=drawn.constants), drawn
 
 
 def _refused(refused: "Refused") -> Diagnostic:

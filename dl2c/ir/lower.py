@@ -187,7 +187,8 @@ def _constants(
     for declaration, annotation in problem.constants:
         constant = _constant(declaration, annotation, given.get(declaration.name))
         open_ended = constant.bound.low is None or constant.bound.high is None
-        if constant.value is None and open_ended and declaration.name not in used:
+        limited = declaration.name in used or options.default_bound is not None
+        if constant.value is None and open_ended and not limited:
             found.append(_no_value(declaration))
         constants.append(constant)
     return tuple(constants)
@@ -235,7 +236,8 @@ def _no_value(declaration: tree.Declaration) -> Diagnostic:
         f"nothing says which values `{name}` takes",
         declaration.span,
         "neither bounded nor fixed",
-        f"annotate it with `@const: bound=[lo:hi]`, or fix it with `--set {name}=1.5`",
+        f"annotate it with `@const: bound=[lo:hi]`, fix it with `--set {name}=1.5`, or give "
+        "`--default-bound`",
     )
 
 
