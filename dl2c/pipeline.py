@@ -78,16 +78,32 @@ def compile_model(source: Source, options: Options, *, progress: Progress = sile
     return Compiled(load_library(directory), directory, in_source_order((*warnings, *later)))
 
 
-def check_model(source: Source, options: Options) -> tuple[Diagnostic, ...]:
-    """Everything that can be said of a model without compiling C: its warnings.
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """A model that can be built: everything known of it before C is written."""
 
-    Raises `CompileError` for its errors.
-    """
+    problem: Problem
+    environment: "Environment"
+    warnings: tuple[Diagnostic, ...]
+
+    @property
+    def options(self) -> Options:
+        """Those given, completed by `@episode`."""
+        return self.environment.options
+
+
+def checked(source: Source, options: Options) -> Checked:
+    """A model up to the point where C would be written. Raises `CompileError` for its errors."""
     with stages() as say:
         say("reading the model")
         problem, options, warnings = _front(source, options)
-        _, later = _environment(problem, options, say)
-    return in_source_order((*warnings, *later))
+        environment, later = _environment(problem, options, say)
+    return Checked(problem, environment, in_source_order((*warnings, *later)))
+
+
+def check_model(source: Source, options: Options) -> tuple[Diagnostic, ...]:
+    """The warnings that a build gives. Raises `CompileError` for a model's errors."""
+    return checked(source, options).warnings
 
 
 def emit(source: Source, stage: str, options: Options) -> str:
@@ -136,6 +152,8 @@ def _completed(options: Options, episode: EpisodeAnnotation) -> Options:
     names = {"max_steps": "max_episode_steps"}
     found: list[Diagnostic] = []
     for name, value, span in episode.options:
+        if name == "allow":
+            continue
         if names.get(name, name) not in {f.name for f in fields(Options)}:
             title = f"`@episode` option `{name}` is not supported"
             found.append(error("unsupported-option", title, span, help="leave it out"))

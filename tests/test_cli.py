@@ -38,7 +38,9 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         return SimpleNamespace(library=library, warnings=found, directory=built)
 
     monkeypatch.setattr("dl2c.env.opening.build", build)
-    monkeypatch.setattr("dl2c.pipeline.check_model", lambda source, given: build(source, {}).warnings)
+    monkeypatch.setattr(
+        "dl2c.lint.check.examine", lambda source, given, portable: build(source, {}).warnings
+    )
     return str(path)
 
 
@@ -52,11 +54,11 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, 
 
 
 def failing(patch: pytest.MonkeyPatch, failure: Exception) -> None:
-    def build(source: Source, given: Any, progress: Any = None) -> Any:
+    def build(source: Source, given: Any, progress: Any = None, portable: bool = False) -> Any:
         raise failure
 
     patch.setattr("dl2c.env.opening.build", build)
-    patch.setattr("dl2c.pipeline.check_model", build)
+    patch.setattr("dl2c.lint.check.examine", build)
 
 
 def test_version(capsys: Any) -> None:

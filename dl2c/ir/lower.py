@@ -38,7 +38,7 @@ UNANNOTATED_PENALTY = Fraction(-1)
 
 def lower(problem: Problem, options: Options) -> ir.Model:
     """The step model of a problem."""
-    scope = _scope(problem)
+    scope = scope_of(problem)
     shape = problem.shape
     found: list[Diagnostic] = []
     code = scan(problem.entry.span.source).text
@@ -166,7 +166,8 @@ def _runs(problem: Problem, place: Span) -> bool:
     return any(start <= place.start < end for start, end in ranges)
 
 
-def _scope(problem: Problem) -> Scope:
+def scope_of(problem: Problem) -> Scope:
+    """What the names of a problem stand for."""
     scope: dict[str, ir.Term] = {d.name: ir.Symbol(d.name, "variable") for d, _ in problem.variables}
     return scope | {d.name: ir.Symbol(d.name, "constant") for d, _ in problem.constants}
 

@@ -23,12 +23,13 @@ class Option:
     """Values are one of `words`, or a number of the given kind with the given least value."""
 
     words: tuple[str, ...] = ()
-    kind: Literal["word", "integer", "decimal", "boolean", "range"] = "word"
+    kind: Literal["word", "integer", "decimal", "boolean", "range", "codes"] = "word"
     least: int | None = None
     open: bool = False
 
 
 OPTIONS = {
+    "allow": Option(kind="codes"),
     "max_steps": Option(kind="integer", least=1),
     "default_bound": Option(kind="range"),
     "dt": Option(kind="decimal", least=0, open=True),
@@ -76,6 +77,8 @@ def read_option(name: str, text: str, at: Span, span: Span) -> tuple[str, Value]
             if plain not in option.words:
                 return errors.unknown_value(span, plain, option.words)
             return name, plain == "true" if option.kind == "boolean" else plain
+        case "codes":
+            return name, plain
         case "range":
             return (name, plain) if _RANGE.fullmatch(plain) else errors.malformed_bound(span)
         case "integer":
