@@ -7,6 +7,7 @@ Results go to stdout, messages and progress bars to stderr. Exit codes: see `com
 import csv
 import math
 import shutil
+import sys
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
@@ -151,6 +152,28 @@ def check(
     if not (json or quiet()):
         made = f"{corrections} correction{'s' * (corrections != 1)}, " if fix else ""
         print(f"{model}: {made}no errors, {len(found)} warning{'s' * (len(found) != 1)}")
+
+
+@app.command()
+@model_options
+def annotate(
+    model: Model,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="File to write instead of stdout.", show_default=False),
+    ] = None,
+    *,
+    options: Mapping[str, Any],
+) -> None:
+    """Write a copy of a model with suggested annotations; without these comments it is the same file."""
+    from dl2c.commands.check import annotated, write
+
+    content = annotated(model, options)
+    if output is None:
+        sys.stdout.buffer.write(content)
+    else:
+        write(output, content)
+        print(output)
 
 
 @app.command()

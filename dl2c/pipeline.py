@@ -78,6 +78,12 @@ def compile_model(source: Source, options: Options, *, progress: Progress = sile
     return Compiled(load_library(directory), directory, in_source_order((*warnings, *later)))
 
 
+def resolved(source: Source, options: Options) -> tuple[Problem, Options]:
+    """The entry that the options name, and the options completed by its `@episode`. Raises `CompileError`."""
+    problem, options, _ = _front(source, options)
+    return problem, options
+
+
 @dataclass(frozen=True, slots=True)
 class Checked:
     """A model that can be built: everything known of it before C is written."""

@@ -38,9 +38,7 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         return SimpleNamespace(library=library, warnings=found, directory=built)
 
     monkeypatch.setattr("dl2c.env.opening.build", build)
-    monkeypatch.setattr(
-        "dl2c.lint.check.examine", lambda source, given, portable: build(source, {}).warnings
-    )
+    monkeypatch.setattr("dl2c.lint.check.examine", lambda source, given, portable: build(source, {}).warnings)
     return str(path)
 
 

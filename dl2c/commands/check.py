@@ -33,6 +33,25 @@ def fixed(model: str) -> int:
         return 0
 
 
+def annotated(model: str, options: Mapping[str, Any]) -> bytes:
+    """The file of a model with suggested annotations."""
+    from dl2c.lint.edits import edited
+    from dl2c.lint.suggest import suggestions
+    from dl2c.pipeline import resolve_options
+
+    source = source_of(model)
+    path = Path(source.name) if not model.startswith(EXAMPLE) else None
+    content = path.read_bytes() if path else source.text.encode()
+    return edited(content, suggestions(source, resolve_options(options)))
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file as a whole or not at all."""
+    from dl2c.lint.edits import replace_file
+
+    replace_file(path, content)
+
+
 def table_of_codes() -> str:
     """The table of the README."""
     rows = [f"| `{lint.code}` | {lint.meaning} | {'yes' if lint.fixable else ''} |" for lint in LINTS]

@@ -116,13 +116,14 @@ def _postcondition(problem: Problem, scope: Scope) -> ir.Formula | None:
 
 
 def _after_loop(problem: Problem) -> Iterator[Diagnostic]:
-    """Without annotations the conditions after the program become predicates of the state after a step."""
+    """Conditions after the program that become predicates of the state after a step."""
     shape = problem.shape
-    used = shape.postcondition or shape.progress
-    if used is None or problem.annotated:
-        return
+    used = [p.formula for p in problem.predicates if p.formula in (shape.postcondition, shape.progress)]
+    if not problem.annotated:
+        used = [f for f in (shape.postcondition or shape.progress,) if f is not None]
+    read = frozenset(name for formula in used for name in _changed_afterwards(problem, formula))
     for program in shape.suffix:
-        if changed := written_variables((program,)) & _changed_afterwards(problem, used):
+        if changed := written_variables((program,)) & read:
             yield error(
                 "program-after-loop",
                 "a program after the loop is not run",
