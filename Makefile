@@ -31,6 +31,7 @@ lint: $(READY)
 
 bench: $(READY)
 	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000
+	$(BIN)/dl2c bench examples/dubins.kyx --integrator cvodes --rtol 1e-6 --atol 1e-6 --require batch1024=30
 
 clean:
 	rm -rf .venv dist .pytest_cache .ruff_cache .hypothesis

@@ -253,7 +253,7 @@ def _refused(refused: "Refused") -> Diagnostic:
         "this differential equation cannot be integrated as asked",
         refused.span,
         refused.reason,
-        "leave out `integrator=exact`, or make the flow and its domain polynomial in time",
+        refused.help,
     )
 
 

@@ -58,6 +58,11 @@ QUICK = {name: getattr(np, name) for name in EXACT if hasattr(np, name)} | {
 }  # fmt: skip
 """The same functions of rows of doubles, NaN where undefined."""
 
+DOUBLES = {name: getattr(math, name) for name in EXACT if hasattr(math, name)} | {
+    "abs": abs, "min": min, "max": max, "arcsin": math.asin, "arctan": math.atan,
+}  # fmt: skip
+"""The same functions of doubles, which raise where undefined."""
+
 Functions = Mapping[str, Callable[..., Any]]
 
 
@@ -75,7 +80,7 @@ def value(term: Term, at: Mapping[Symbol, Any], functions: Functions = EXACT) ->
         case Neg():
             return -args[0]
         case Pow(_, exponent):
-            return args[0] ** exponent
+            return math.prod([args[0]] * exponent) if functions is DOUBLES else args[0] ** exponent
         case Div():
             return None if functions is EXACT and args[1] == 0 else args[0] / args[1]
         case Call("sqrt") if functions is EXACT and args[0] < 0:
@@ -118,6 +123,19 @@ def atoms_of(formula: Formula) -> Iterator[Compare]:
                 yield from atoms_of(child)
 
 
+def inside(formula: Formula, at: Mapping[Symbol, float]) -> bool:
+    """Whether a formula holds in doubles, operation by operation as it is written."""
+    return truth(formula, {a: _sign_in_doubles(a, at) for a in atoms_of(formula)})
+
+
+def _sign_in_doubles(atom: Compare, at: Mapping[Symbol, float]) -> int | None:
+    try:
+        left, right = value(atom.left, at, DOUBLES), value(atom.right, at, DOUBLES)
+    except (ArithmeticError, ValueError):
+        return None
+    return (left > right) - (left < right) if math.isfinite(left) and math.isfinite(right) else None
+
+
 # Solutions --------------------------------------------------------------------
 
 
@@ -153,13 +171,14 @@ class Piece:
 
 
 def grazes(row: Any) -> bool:
-    """Whether a row has a small extremum between values of one sign, by parabolas through three of them."""
+    """Whether a row has a small extremum, or a kink that may be one, between values of one sign."""
     size = np.abs(row)
     before, here, after = size[:-2], size[1:-1], size[2:]
     low = (here <= before) & (here <= after) & (row[:-2] * row[2:] > 0)
     bend = before - 2 * here + after
     least = here - (after - before) ** 2 / (8 * np.maximum(bend, 1e-300))
-    return bool(np.any(low & (least < 1e-3) & (bend > 0)))
+    kink = here < np.maximum(before, after) - here
+    return bool(np.any(low & (kink | (least < 1e-3)) & (bend > 0)))
 
 
 def solution(flow: Flow, at: State, stop: mpf) -> Iterator[Piece]:
@@ -282,7 +301,7 @@ def _bisected(atom: Compare, piece: Piece, low: mpf, high: mpf, before: int | No
 
 
 def moved(flow: Flow, start: Mapping[Symbol, float], told: Verdict, by: float = 1e-7) -> float:
-    """How much more than the start the end and the duration move, where the start moves a little.
+    """How much more than start and constants the end and the duration move, where these move a little.
 
     Infinite where a neighbour is outside the domain, ends for another reason or has no solution:
     then the answer from this start is ill-conditioned, as at a grazing contact.
@@ -293,7 +312,7 @@ def moved(flow: Flow, start: Mapping[Symbol, float], told: Verdict, by: float = 
     names = [Symbol(x, "variable") for x, _ in flow.equations]
     rng = Random(1)
     for _ in range(2):
-        near = {**start, **{s: start[s] + by * rng.choice((-1, 1)) for s in names if s.name != "t"}}
+        near = {s: v if s.name == "t" else v + by * rng.choice((-1, 1)) for s, v in start.items()}
         try:
             other = judge(flow, near)
         except Singular:

@@ -50,11 +50,15 @@ DL2C_INLINE void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stri
   }
 }
 
-/* Assignments and flow of every lane.   x: (NX, stride)   p: (NP, stride)   state: (NX, DL2C_BLOCK) */
+/*
+ * Assignments and flow of every lane; whether it is settled first as wide as the numbers that decide
+ * it (see model_guards).   x: (NX, stride)   p: (NP, stride)   state: (NX, DL2C_BLOCK)
+ */
 DL2C_INLINE void dl2c_move_lanes(const real *restrict x, const real *restrict p, int64_t stride,
                                  int64_t count, const int64_t *restrict path, real *restrict state,
                                  real *restrict duration, uint8_t *restrict settled)
 {
+  int64_t flags[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) {
     real own[NX];
     real start[NX];
@@ -77,8 +81,9 @@ DL2C_INLINE void dl2c_move_lanes(const real *restrict x, const real *restrict p,
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) state[k * DL2C_BLOCK + i] = end[k];
     duration[i] = time;
-    settled[i] = well;
+    flags[i] = well;
   }
+  for (int64_t i = 0; i < count; i++) settled[i] = (uint8_t)flags[i];
 }
 
 /* The alternatives that the lanes took, the request where a decision was not met. */

@@ -46,7 +46,10 @@ typedef struct dl2c_scratch {
   dl2c_obs obs[NOBS * DL2C_BLOCK + 1];
 } dl2c_scratch;
 
-/* Counters after a move that took so long. */
+/*
+ * Counters after a move that took so long. An episode stalls where its time stands still: at a Zeno
+ * point durations get lost in rounding before they are zero, if they ever are.
+ */
 DL2C_INLINE void dl2c_count_lanes(int64_t count, const real *restrict duration,
                                   real *restrict shown, real *restrict elapsed, real *restrict time,
                                   int64_t *restrict steps, int64_t *restrict stalled)
@@ -54,11 +57,11 @@ DL2C_INLINE void dl2c_count_lanes(int64_t count, const real *restrict duration,
   for (int64_t i = 0; i < count; i++) {
     const real took = duration[i];
     const real so_far = elapsed[i] + took;
+    stalled[i] = so_far > elapsed[i] ? 0 : stalled[i] + 1;
     shown[i] = took;
     elapsed[i] = so_far;
     time[i] = so_far;
     steps[i] += 1;
-    stalled[i] = took > 0.0 ? 0 : stalled[i] + 1;
   }
 }
 

@@ -126,7 +126,7 @@ static void dl2c_track_at(const dl2c_track *track, real s, real *x)
 /*
  * What a track stays in: s^i is between 0 and 1, and rounding adds little.   x: (NX)
  */
-static void dl2c_track_hull(const dl2c_track *track, dl2c_hull *x)
+static inline void dl2c_track_hull(const dl2c_track *track, dl2c_hull *x)
 {
   for (int k = 0; k < NX; k++) {
     const real *c = track->c[k];

@@ -20,7 +20,7 @@ struct dl2c_batch {
   uint64_t *episode; /* (n) episodes begun since the seed was given */
   int64_t *steps;    /* (n) in this episode */
   real *elapsed;     /* (n) time in this episode */
-  int64_t *stalled;  /* (n) zero-duration steps in a row */
+  int64_t *stalled;  /* (n) steps in a row that did not advance `elapsed` */
   struct dl2c_solver *solver; /* NULL where no flow needs one */
   dl2c_rng *rng;     /* (n) what the environment decides, only where it does */
   dl2c_start *start; /* (n) likewise */

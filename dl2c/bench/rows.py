@@ -167,6 +167,7 @@ class EmptyEnv(gym.Env[NDArray[Any], Any]):
         self.observation_space, self.action_space = model.observation_space, model.action_space
         self._obs, self._reset_info = model.reset(seed=0)
         self._info = model.step(zero(model.action_space))[4]
+        self._arrays = [key for key, value in self._info.items() if isinstance(value, np.ndarray)]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -178,8 +179,8 @@ class EmptyEnv(gym.Env[NDArray[Any], Any]):
     def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Fresh objects; the action is not looked at."""
         info = dict(self._info)
-        if "action_mask" in info:
-            info["action_mask"] = info["action_mask"].copy()
+        for key in self._arrays:
+            info[key] = info[key].copy()
         return self._obs.copy(), 0.0, False, False, info
 
 

@@ -73,6 +73,19 @@ def each_lane(target: str, value: str) -> list[str]:
     return ["for (int64_t i = 0; i < count; i++)", *(f"  {line}" for line in wrapped(f"{target} = {value};"))]
 
 
+FLAGS = "int64_t flags[DL2C_BLOCK];"
+"""What a function with `each_flag` declares first."""
+
+
+def each_flag(target: str, condition: str) -> list[str]:
+    """Loops that compute a condition for every lane of a block.
+
+    First as wide as the numbers it depends on: a compiler that fits bytes to doubles would work on so
+    many lanes at once that registers run out.
+    """
+    return [*each_lane("flags[i]", condition), *each_lane(target, "(uint8_t)flags[i]")]
+
+
 def wrapped(statement: str) -> list[str]:
     """A long statement over several lines, broken before operators."""
     if len(statement) <= WIDTH - 2:

@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import LANES, each_lane, function, place, wrapped
+from dl2c.emit.cfile import FLAGS, LANES, each_flag, each_lane, function, place, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import lane
 from dl2c.emit.plan import Environment
@@ -52,11 +52,11 @@ def _precondition(model: Model, leaves: Leaves) -> str:
 
 
 def _facts(model: Model, leaves: Leaves) -> str:
-    body: list[str] = []
+    body = [FLAGS]
 
     def add(fact: str, name: str, formula: Formula, about: str) -> None:
         nonlocal body
-        body += each_lane(f"facts[{fact} * row + i]", leaves.condition(name, formula, about, lane))
+        body += each_flag(f"facts[{fact} * row + i]", leaves.condition(name, formula, about, lane))
 
     for predicate in model.predicates:
         name, where = predicate.name, place(predicate.span)

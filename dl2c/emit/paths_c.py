@@ -6,7 +6,7 @@ INPUT_LOW, INPUT_HIGH, CHOICE_DRAW, INPUT_DRAW, FLOW_DRAW.
 """
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import LANES, each_lane, function, place, row, table, wrapped
+from dl2c.emit.cfile import FLAGS, LANES, each_flag, function, place, row, table, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import index, lane, slot
 from dl2c.emit.plan import Environment
@@ -37,11 +37,11 @@ def _guards(environment: Environment, leaves: Leaves) -> str:
         for k, path in enumerate(paths.of(point)):
             about = f"{place(path.span)}  {print_formula(path.guard)}"
             name = f"path{paths.paths.index(path)}_guard"
-            lines += each_lane(f"enabled[{k} * stride + i]", leaves.condition(name, path.guard, about, lane))
+            lines += each_flag(f"enabled[{k} * stride + i]", leaves.condition(name, path.guard, about, lane))
         body += lines if paths.points == 1 else [f"if (point == {point}) {{", *(f"  {x}" for x in lines), "}"]
     return function(
         f"DL2C_INLINE void model_guards(int point, {LANES}, uint8_t *restrict enabled)",
-        body,
+        [FLAGS, *body],
         "Which paths of a point pass the tests that no input decides.   enabled: (paths, stride)",
     )
 

@@ -5,7 +5,7 @@ objects. Numbers that depend on the model are worked out once, in the constructo
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeAlias
 
 import gymnasium as gym
 import numpy as np
@@ -55,7 +55,8 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         self.observation_space = observation_space(self.manifest)
         self.action_space = action_space(self._encoding)
         self._seeded = False
-        self._running = False
+        self._act: Callable[[Any], Step] = _not_running
+        """What a step does now."""
         self._closed = False
         self._bind(self._batch)
 
@@ -97,7 +98,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
             if fresh_mask is not None:
                 info["action_mask"] = fresh_mask()
             if end or cut:
-                self._running = False
+                self._act = _not_running
                 info["is_success"] = status == SUCCESS
             return copy(), reward, end, cut, info
 
@@ -128,7 +129,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
             )
         else:
             self._batch.reset(seeds=None if seed is None else np.array([seed % SEEDS], np.uint64))
-        self._seeded = self._running = True
+        self._seeded, self._act = True, self._transition
         info: dict[str, Any] = {"initial_state_certificate": self.manifest.certificate}
         if self.manifest.choices:
             info["action_mask"] = self._fresh_mask()
@@ -136,9 +137,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
 
     def step(self, action: Any) -> Step:
         """One run of the loop's body. Raises `ValueError` for an action outside the action space."""
-        if not self._running:
-            raise gym.error.ResetNeeded("the episode has ended, or none has begun: call reset() first")
-        return self._transition(action)
+        return self._act(action)
 
     def _fresh_mask(self) -> NDArray[np.int8]:
         return masks(self._encoding, self._batch.mask)[0]
@@ -159,7 +158,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
     def close(self) -> None:
         """Free the native environment. Closing twice is fine."""
         if not self._closed:
-            self._closed, self._running = True, False
+            self._closed, self._act = True, _not_running
             self._batch.close()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -173,3 +172,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(state["model"], render_mode=state["render_mode"], **state["options"])
         self.spec = state["spec"]
+
+
+def _not_running(action: Any) -> NoReturn:
+    raise gym.error.ResetNeeded("the episode has ended, or none has begun: call reset() first")

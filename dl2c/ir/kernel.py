@@ -44,6 +44,9 @@ MAX_MARGIN_DEGREE = 24
 """Margins of higher degree in time are sampled (DL2C_MAX_DEGREE in cgen/runtime/roots.h)."""
 
 
+FEWER = "write the conditions with fewer of these"
+
+
 @dataclass(frozen=True, slots=True)
 class FlowPlan:
     """How one flow is followed.
@@ -81,10 +84,11 @@ class FlowPlan:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Why a flow cannot be followed as asked, and where."""
+    """Why a flow cannot be followed as asked, where, and what to do about it."""
 
     reason: str
     span: Span
+    help: str
 
 
 def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "auto") -> FlowPlan | Refused:
@@ -98,14 +102,15 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
         watched = tuple(_smoothed(w, moves) for w in watches)
         still = conjunction(smooth(w.plainly, moves) for w in watches)
     except TooManyCases:
-        return Refused("its conditions have too many cases of abs, min and max", flow.span)
+        return Refused("its conditions have too many cases of abs, min and max", flow.span, FEWER)
     margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
     solved, why = _solved(flow, margins_of([domain]), margins, integrator)
     kernel: Kernel = "exact" if solved is not None else "cvodes"
     if solved is None and integrator != "cvodes" and is_linear(flow):
         kernel, why = "linear", "its equations are linear: power series to the last digit"
     elif solved is None and integrator == "exact":
-        return Refused(why, flow.span)
+        advice = "leave out `integrator=exact`, or make the flow and its domain polynomial in time"
+        return Refused(why, flow.span, advice)
     quick = plan(flow) if solved is not None else None
     still_margins = margins_of([still])
     still_curves = None if solved is None else _curves(solved, still_margins)

@@ -41,7 +41,7 @@ from dl2c.ir.model import (
 )
 
 MAX_ATOMS = 256
-"""A condition that would need more cases is watched at the end of a flow only."""
+"""A condition that would need more cases is refused."""
 
 
 Moves: TypeAlias = Callable[[Term], bool]
@@ -148,39 +148,39 @@ def _scaled(direction: int | None, positive: bool) -> int | None:
 
 def _cleared(term: Term, moves: Moves) -> Term:
     """A term of the same sign, wherever the term has a value, without divisors that move: n*d for n/d."""
-    above, below = _fraction(term, moves)
+    above, below = fraction(term, moves)
     return above if below is None else Mul(above, below)
 
 
-def _fraction(term: Term, moves: Moves) -> tuple[Term, Term | None]:
-    """Dividend and moving divisor, None for 1."""
+def fraction(term: Term, cleared: Callable[[Term], bool]) -> tuple[Term, Term | None]:
+    """Dividend and divisor, None for 1, made of the divisors that are to be `cleared`."""
     match term:
-        case Div(left, right) if moves(right):
-            (a, b), (c, d) = _fraction(left, moves), _fraction(right, moves)
-            return _times(a, d), _times(c, b)
+        case Div(left, right) if cleared(right):
+            (a, b), (c, d) = fraction(left, cleared), fraction(right, cleared)
+            return times(a, d), times(c, b)
         case Div(left, right):
-            a, b = _fraction(left, moves)
+            a, b = fraction(left, cleared)
             return (term, None) if b is None else (folded(Div(a, right)), b)
         case Neg(child):
-            a, b = _fraction(child, moves)
+            a, b = fraction(child, cleared)
             return folded(Neg(a)), b
         case Add(left, right) | Sub(left, right):
-            (a, b), (c, d) = _fraction(left, moves), _fraction(right, moves)
-            below = b if d is None or d == b else _times(d, b)
-            scaled = (a, c) if b == d else (_times(a, d), _times(c, b))
+            (a, b), (c, d) = fraction(left, cleared), fraction(right, cleared)
+            below = b if d is None or d == b else times(d, b)
+            scaled = (a, c) if b == d else (times(a, d), times(c, b))
             return (term, None) if below is None else (folded(type(term)(*scaled)), below)
         case Mul(left, right):
-            (a, b), (c, d) = _fraction(left, moves), _fraction(right, moves)
-            below = b if d is None else _times(d, b)
+            (a, b), (c, d) = fraction(left, cleared), fraction(right, cleared)
+            below = b if d is None else times(d, b)
             return (term, None) if below is None else (folded(Mul(a, c)), below)
         case Pow(base, exponent):
-            a, b = _fraction(base, moves)
+            a, b = fraction(base, cleared)
             return (term, None) if b is None else (folded(Pow(a, exponent)), folded(Pow(b, exponent)))
         case _:
             return term, None
 
 
-def _times(term: Term, factor: Term | None) -> Term:
+def times(term: Term, factor: Term | None) -> Term:
     return term if factor is None else folded(Mul(term, factor))
 
 

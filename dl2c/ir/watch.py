@@ -11,6 +11,7 @@ from fractions import Fraction
 from typing import Literal
 
 from dl2c.ir.logic import conjunction, disjunction, negation, operands
+from dl2c.ir.margins import fraction, times
 from dl2c.ir.model import (
     FALSE,
     TRUE,
@@ -26,7 +27,6 @@ from dl2c.ir.model import (
     If,
     Model,
     Mul,
-    Neg,
     Number,
     Or,
     Pow,
@@ -68,7 +68,7 @@ def watches_of(model: Model) -> tuple[Watch, ...]:
     """All watches of a model, in the order of its predicates."""
     last = not model.lead and flows_come_last(model.body)
     found: list[Watch] = []
-    least = {c.name: _distance(c.bound, c.value) for c in model.constants}
+    least = {c.name: _smallest(c.bound, c.value) for c in model.constants}
     for k, predicate in enumerate(model.predicates):
         exact, relaxed = (_guarded(f, least) for f in (predicate.formula, predicate.relaxed))
         if predicate.category == "safety" and model.continuous:
@@ -84,13 +84,21 @@ def watches_of(model: Model) -> tuple[Watch, ...]:
 
 
 def _guarded(formula: Formula, least: Mapping[str, Fraction]) -> Formula:
-    """The formula with every divisor that may be zero, also a constant one, excluded beside its atom."""
+    """The formula without divisors that are surely positive; others may be zero, which is excluded
+    beside their atom.
+    """
     match formula:
         case Truth():
             return formula
-        case Compare(_, left, right):
-            divisors = [d for side in (left, right) for d in _divisors(side) if _least(d, least) < SMALLEST]
-            return conjunction([*(Compare("!=", d, ZERO) for d in dict.fromkeys(divisors)), formula])
+        case Compare(op, left, right, span=span):
+
+            def positive(term: Term) -> bool:
+                return _least(term, least) >= SMALLEST
+
+            (a, b), (c, d) = fraction(left, positive), fraction(right, positive)
+            cleared = Compare(op, times(a, d), times(c, b), span=span)
+            divisors = dict.fromkeys((*_divisors(cleared.left), *_divisors(cleared.right)))
+            return conjunction([*(Compare("!=", t, ZERO) for t in divisors if not positive(t)), cleared])
         case And(children):
             return conjunction(_guarded(c, least) for c in children)
         case Or(children):
@@ -105,14 +113,12 @@ def _divisors(term: Term) -> Iterator[Term]:
 
 
 def _least(term: Term, least: Mapping[str, Fraction]) -> Fraction:
-    """A lower limit of the magnitude of a term, from those of the constants."""
+    """A lower limit of a term that is surely positive, from those of the constants; else 0."""
     match term:
         case Number(value):
-            return abs(value)
+            return max(value, Fraction(0))
         case Symbol(name, "constant"):
             return least[name]
-        case Neg(child):
-            return _least(child, least)
         case Pow(base, exponent):
             return _least(base, least) ** exponent
         case Mul(left, right):
@@ -121,12 +127,9 @@ def _least(term: Term, least: Mapping[str, Fraction]) -> Fraction:
             return Fraction(0)
 
 
-def _distance(bound: Bound, value: Fraction | None) -> Fraction:
-    """How far from zero a constant is at least."""
-    if value is not None:
-        return abs(value)
-    low, high = bound.low, bound.high
-    return max(Fraction(0), Fraction(0) if low is None else low, Fraction(0) if high is None else -high)
+def _smallest(bound: Bound, value: Fraction | None) -> Fraction:
+    """The least value of a constant that is surely positive; else 0."""
+    return max(Fraction(0), value if value is not None else bound.low or Fraction(0))
 
 
 def flows_come_last(block: Block) -> bool:

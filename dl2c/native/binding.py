@@ -52,7 +52,7 @@ class Sizes:
     obs_size: int
 
 
-OUTCOME = struct.Struct("=3d3i6?")
+OUTCOME = struct.Struct("@3d3i6?")
 """rewards, duration, time; status, reason, cost; the flags from terminated to began."""
 
 

@@ -691,35 +691,54 @@ static inline void model_roots(int flow, const real *x, const real *p, real *g, 
 DL2C_INLINE void model_guards(int point, const real *restrict x, const real *restrict p,
                               int64_t stride, int64_t count, uint8_t *restrict enabled)
 {
+  int64_t flags[DL2C_BLOCK];
   if (point == 0) {
     for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = path0_guard(x[X_h * stride + i], p[P_speed * stride + i]);
+      flags[i] = path0_guard(x[X_h * stride + i], p[P_speed * stride + i]);
     for (int64_t i = 0; i < count; i++)
-      enabled[1 * stride + i] = path1_guard(x[X_h * stride + i], x[X_door * stride + i],
-          p[P_speed * stride + i]);
+      enabled[0 * stride + i] = (uint8_t)flags[i];
     for (int64_t i = 0; i < count; i++)
-      enabled[2 * stride + i] = path2_guard(x[X_h * stride + i], x[X_door * stride + i],
-          p[P_speed * stride + i]);
+      flags[i] = path1_guard(x[X_h * stride + i], x[X_door * stride + i], p[P_speed * stride + i]);
     for (int64_t i = 0; i < count; i++)
-      enabled[3 * stride + i] = path3_guard(x[X_h * stride + i], p[P_speed * stride + i]);
+      enabled[1 * stride + i] = (uint8_t)flags[i];
     for (int64_t i = 0; i < count; i++)
-      enabled[4 * stride + i] = path4_guard(x[X_h * stride + i], x[X_door * stride + i],
-          p[P_speed * stride + i]);
+      flags[i] = path2_guard(x[X_h * stride + i], x[X_door * stride + i], p[P_speed * stride + i]);
     for (int64_t i = 0; i < count; i++)
-      enabled[5 * stride + i] = path5_guard(x[X_h * stride + i], x[X_door * stride + i],
-          p[P_speed * stride + i]);
+      enabled[2 * stride + i] = (uint8_t)flags[i];
     for (int64_t i = 0; i < count; i++)
-      enabled[6 * stride + i] = path6_guard(x[X_door * stride + i]);
+      flags[i] = path3_guard(x[X_h * stride + i], p[P_speed * stride + i]);
     for (int64_t i = 0; i < count; i++)
-      enabled[7 * stride + i] = path7_guard(x[X_door * stride + i]);
+      enabled[3 * stride + i] = (uint8_t)flags[i];
     for (int64_t i = 0; i < count; i++)
-      enabled[8 * stride + i] = path8_guard(x[X_h * stride + i]);
+      flags[i] = path4_guard(x[X_h * stride + i], x[X_door * stride + i], p[P_speed * stride + i]);
     for (int64_t i = 0; i < count; i++)
-      enabled[9 * stride + i] = path9_guard(x[X_h * stride + i], x[X_load * stride + i]);
+      enabled[4 * stride + i] = (uint8_t)flags[i];
+    for (int64_t i = 0; i < count; i++)
+      flags[i] = path5_guard(x[X_h * stride + i], x[X_door * stride + i], p[P_speed * stride + i]);
+    for (int64_t i = 0; i < count; i++)
+      enabled[5 * stride + i] = (uint8_t)flags[i];
+    for (int64_t i = 0; i < count; i++)
+      flags[i] = path6_guard(x[X_door * stride + i]);
+    for (int64_t i = 0; i < count; i++)
+      enabled[6 * stride + i] = (uint8_t)flags[i];
+    for (int64_t i = 0; i < count; i++)
+      flags[i] = path7_guard(x[X_door * stride + i]);
+    for (int64_t i = 0; i < count; i++)
+      enabled[7 * stride + i] = (uint8_t)flags[i];
+    for (int64_t i = 0; i < count; i++)
+      flags[i] = path8_guard(x[X_h * stride + i]);
+    for (int64_t i = 0; i < count; i++)
+      enabled[8 * stride + i] = (uint8_t)flags[i];
+    for (int64_t i = 0; i < count; i++)
+      flags[i] = path9_guard(x[X_h * stride + i], x[X_load * stride + i]);
+    for (int64_t i = 0; i < count; i++)
+      enabled[9 * stride + i] = (uint8_t)flags[i];
   }
   if (point == 1) {
     for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = true;
+      flags[i] = true;
+    for (int64_t i = 0; i < count; i++)
+      enabled[0 * stride + i] = (uint8_t)flags[i];
   }
 }
 
@@ -816,15 +835,24 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
   (void)p;
+  int64_t flags[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++)
-    facts[F_closed_holds * row + i] = closed_holds(x[X_h * stride + i], x[X_door * stride + i]);
+    flags[i] = closed_holds(x[X_h * stride + i], x[X_door * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    facts[F_delivered_holds * row + i] = delivered_holds(x[X_h * stride + i], x[X_load * stride + i]);
+    facts[F_closed_holds * row + i] = (uint8_t)flags[i];
   for (int64_t i = 0; i < count; i++)
-    facts[F_delivered_due * row + i] = delivered_due(x[X_clock * stride + i]);
+    flags[i] = delivered_holds(x[X_h * stride + i], x[X_load * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = problem_postcondition(x[X_h * stride + i],
-        x[X_door * stride + i], x[X_load * stride + i], x[X_clock * stride + i]);
+    facts[F_delivered_holds * row + i] = (uint8_t)flags[i];
+  for (int64_t i = 0; i < count; i++)
+    flags[i] = delivered_due(x[X_clock * stride + i]);
+  for (int64_t i = 0; i < count; i++)
+    facts[F_delivered_due * row + i] = (uint8_t)flags[i];
+  for (int64_t i = 0; i < count; i++)
+    flags[i] = problem_postcondition(x[X_h * stride + i], x[X_door * stride + i],
+        x[X_load * stride + i], x[X_clock * stride + i]);
+  for (int64_t i = 0; i < count; i++)
+    facts[F_postcondition * row + i] = (uint8_t)flags[i];
 }
 
 /*

@@ -309,8 +309,11 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
                               int64_t stride, int64_t count, uint8_t *restrict enabled)
 {
   (void)point;
+  int64_t flags[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++)
-    enabled[0 * stride + i] = path0_guard(x[X_x * stride + i], p[P_ep * stride + i]);
+    flags[i] = path0_guard(x[X_x * stride + i], p[P_ep * stride + i]);
+  for (int64_t i = 0; i < count; i++)
+    enabled[0 * stride + i] = (uint8_t)flags[i];
 }
 
 /* Narrows the values of an input to those its tests leave, up to rounding. */
@@ -360,13 +363,19 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, real
 DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
+  int64_t flags[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++)
-    facts[F_inside_holds * row + i] = inside_holds(x[X_x * stride + i], p[P_H * stride + i]);
+    flags[i] = inside_holds(x[X_x * stride + i], p[P_H * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    facts[F_distance_holds * row + i] = true;
+    facts[F_inside_holds * row + i] = (uint8_t)flags[i];
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = problem_postcondition(x[X_x * stride + i],
-        p[P_H * stride + i]);
+    flags[i] = true;
+  for (int64_t i = 0; i < count; i++)
+    facts[F_distance_holds * row + i] = (uint8_t)flags[i];
+  for (int64_t i = 0; i < count; i++)
+    flags[i] = problem_postcondition(x[X_x * stride + i], p[P_H * stride + i]);
+  for (int64_t i = 0; i < count; i++)
+    facts[F_postcondition * row + i] = (uint8_t)flags[i];
 }
 
 /*

@@ -405,45 +405,64 @@ static inline void model_roots(int flow, const real *x, const real *p, real *g, 
 DL2C_INLINE void model_guards(int point, const real *restrict x, const real *restrict p,
                               int64_t stride, int64_t count, uint8_t *restrict enabled)
 {
+  int64_t flags[DL2C_BLOCK];
   if (point == 0) {
     for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = true;
+      flags[i] = true;
+    for (int64_t i = 0; i < count; i++)
+      enabled[0 * stride + i] = (uint8_t)flags[i];
   }
   if (point == 1) {
     for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = path1_guard(x[X_rest * stride + i], p[P_size * stride + i]);
+      flags[i] = path1_guard(x[X_rest * stride + i], p[P_size * stride + i]);
     for (int64_t i = 0; i < count; i++)
-      enabled[1 * stride + i] = path2_guard(x[X_x * stride + i], x[X_rest * stride + i],
-          p[P_size * stride + i]);
+      enabled[0 * stride + i] = (uint8_t)flags[i];
     for (int64_t i = 0; i < count; i++)
-      enabled[2 * stride + i] = path3_guard(x[X_x * stride + i], x[X_rest * stride + i],
-          p[P_size * stride + i]);
+      flags[i] = path2_guard(x[X_x * stride + i], x[X_rest * stride + i], p[P_size * stride + i]);
     for (int64_t i = 0; i < count; i++)
-      enabled[3 * stride + i] = path4_guard(x[X_x * stride + i], x[X_rest * stride + i],
-          p[P_size * stride + i]);
+      enabled[1 * stride + i] = (uint8_t)flags[i];
     for (int64_t i = 0; i < count; i++)
-      enabled[4 * stride + i] = path5_guard(x[X_x * stride + i], x[X_rest * stride + i],
-          p[P_size * stride + i]);
+      flags[i] = path3_guard(x[X_x * stride + i], x[X_rest * stride + i], p[P_size * stride + i]);
     for (int64_t i = 0; i < count; i++)
-      enabled[5 * stride + i] = path6_guard(x[X_x * stride + i], x[X_rest * stride + i],
-          p[P_size * stride + i]);
+      enabled[2 * stride + i] = (uint8_t)flags[i];
     for (int64_t i = 0; i < count; i++)
-      enabled[6 * stride + i] = path7_guard(x[X_x * stride + i], x[X_rest * stride + i],
-          p[P_size * stride + i]);
+      flags[i] = path4_guard(x[X_x * stride + i], x[X_rest * stride + i], p[P_size * stride + i]);
+    for (int64_t i = 0; i < count; i++)
+      enabled[3 * stride + i] = (uint8_t)flags[i];
+    for (int64_t i = 0; i < count; i++)
+      flags[i] = path5_guard(x[X_x * stride + i], x[X_rest * stride + i], p[P_size * stride + i]);
+    for (int64_t i = 0; i < count; i++)
+      enabled[4 * stride + i] = (uint8_t)flags[i];
+    for (int64_t i = 0; i < count; i++)
+      flags[i] = path6_guard(x[X_x * stride + i], x[X_rest * stride + i], p[P_size * stride + i]);
+    for (int64_t i = 0; i < count; i++)
+      enabled[5 * stride + i] = (uint8_t)flags[i];
+    for (int64_t i = 0; i < count; i++)
+      flags[i] = path7_guard(x[X_x * stride + i], x[X_rest * stride + i], p[P_size * stride + i]);
+    for (int64_t i = 0; i < count; i++)
+      enabled[6 * stride + i] = (uint8_t)flags[i];
   }
   if (point == 2) {
     for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = true;
+      flags[i] = true;
+    for (int64_t i = 0; i < count; i++)
+      enabled[0 * stride + i] = (uint8_t)flags[i];
   }
   if (point == 3) {
     for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = true;
+      flags[i] = true;
     for (int64_t i = 0; i < count; i++)
-      enabled[1 * stride + i] = true;
+      enabled[0 * stride + i] = (uint8_t)flags[i];
+    for (int64_t i = 0; i < count; i++)
+      flags[i] = true;
+    for (int64_t i = 0; i < count; i++)
+      enabled[1 * stride + i] = (uint8_t)flags[i];
   }
   if (point == 4) {
     for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = path11_guard(x[X_x * stride + i]);
+      flags[i] = path11_guard(x[X_x * stride + i]);
+    for (int64_t i = 0; i < count; i++)
+      enabled[0 * stride + i] = (uint8_t)flags[i];
   }
 }
 
@@ -547,12 +566,19 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
   (void)p;
+  int64_t flags[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++)
-    facts[F_inside_holds * row + i] = inside_holds(x[X_x * stride + i]);
+    flags[i] = inside_holds(x[X_x * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    facts[F_near_holds * row + i] = near_holds(x[X_x * stride + i]);
+    facts[F_inside_holds * row + i] = (uint8_t)flags[i];
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = problem_postcondition(x[X_x * stride + i]);
+    flags[i] = near_holds(x[X_x * stride + i]);
+  for (int64_t i = 0; i < count; i++)
+    facts[F_near_holds * row + i] = (uint8_t)flags[i];
+  for (int64_t i = 0; i < count; i++)
+    flags[i] = problem_postcondition(x[X_x * stride + i]);
+  for (int64_t i = 0; i < count; i++)
+    facts[F_postcondition * row + i] = (uint8_t)flags[i];
 }
 
 /*

@@ -11,7 +11,7 @@ enum { NU }; /* inputs */
 enum { F_loopInv_holds, F_ensure_holds, F_ensure_due, F_ensure_failed, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 1, NCHOICE = 1, NENVCHOICE = 0, NMASK = 4,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT = 1,
-NFREE = 10, NBOX = 64, NMARGIN = 36, NDEGREE = 2, NWATCH = 2, DL2C_LOOPS = 1,
+NFREE = 10, NBOX = 64, NMARGIN = 46, NDEGREE = 2, NWATCH = 2, DL2C_LOOPS = 1,
 DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
 DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
@@ -92,73 +92,123 @@ static inline real flow0_watch_curve5_c0(real b)
   return 2.0 * b;
 }
 
-/*
- * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)) -
- * (xr + vr^2 / (2 * b)), coefficient of tau^0
- */
-static inline real flow0_watch_curve6_c0(real xr, real vr, real xg, real b, real GDelta)
+/* waypoint.kyx:68  xr + vr^2 / (2 * b) - (-(xr + vr^2 / (2 * b))), coefficient of tau^0 */
+static inline real flow0_watch_curve6_c0(real xr, real vr, real b)
 {
-  const real t0 = xg + GDelta;
-  const real t1 = xr + vr * vr / (2.0 * b);
-  return t0 + 1e-09 * (1.0 + t1 + fabs(t0)) - t1;
+  const real t0 = xr + vr * vr / (2.0 * b);
+  return t0 - -t0;
 }
 
-/*
- * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)) -
- * (xr + vr^2 / (2 * b)), coefficient of tau^1
- */
+/* waypoint.kyx:68  xr + vr^2 / (2 * b) - (-(xr + vr^2 / (2 * b))), coefficient of tau^1 */
 static inline real flow0_watch_curve6_c1(real vr, real ar, real b)
 {
   const real t0 = vr + (vr * ar + ar * vr) / (2.0 * b);
-  return 1e-09 * t0 - t0;
+  return t0 - -t0;
 }
 
-/*
- * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)) -
- * (xr + vr^2 / (2 * b)), coefficient of tau^2
- */
+/* waypoint.kyx:68  xr + vr^2 / (2 * b) - (-(xr + vr^2 / (2 * b))), coefficient of tau^2 */
 static inline real flow0_watch_curve6_c2(real ar, real b)
 {
   const real t0 = ar / 2.0 + ar * ar / (2.0 * b);
-  return 1e-09 * t0 - t0;
+  return t0 - -t0;
 }
 
 /*
- * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg + GDelta))
- * - (xr + vr^2 / (2 * b)), coefficient of tau^0
+ * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)))
+ * * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^0
  */
 static inline real flow0_watch_curve7_c0(real xr, real vr, real xg, real b, real GDelta)
 {
   const real t0 = xg + GDelta;
-  const real t1 = xr + vr * vr / (2.0 * b);
-  return t0 + 1e-09 * (1.0 + -t1 + fabs(t0)) - t1;
+  const real t1 = vr * vr;
+  const real t2 = 2.0 * b;
+  return (t0 + 1e-09 * (1.0 + (xr + t1 / t2) + fabs(t0))) * t2 - (xr * t2 + t1);
 }
 
 /*
- * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg + GDelta))
- * - (xr + vr^2 / (2 * b)), coefficient of tau^1
+ * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)))
+ * * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^1
  */
 static inline real flow0_watch_curve7_c1(real vr, real ar, real b)
 {
-  const real t0 = vr + (vr * ar + ar * vr) / (2.0 * b);
-  return 1e-09 * -t0 - t0;
+  const real t0 = vr * ar + ar * vr;
+  const real t1 = 2.0 * b;
+  return 1e-09 * (vr + t0 / t1) * t1 - (vr * t1 + t0);
 }
 
 /*
- * waypoint.kyx:68  xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg + GDelta))
- * - (xr + vr^2 / (2 * b)), coefficient of tau^2
+ * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)))
+ * * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^2
  */
 static inline real flow0_watch_curve7_c2(real ar, real b)
 {
+  const real t0 = ar / 2.0;
+  const real t1 = ar * ar;
+  const real t2 = 2.0 * b;
+  return 1e-09 * (t0 + t1 / t2) * t2 - (t0 * t2 + t1);
+}
+
+/* waypoint.kyx:68  -(xr + vr^2 / (2 * b)) - (xr + vr^2 / (2 * b)), coefficient of tau^0 */
+static inline real flow0_watch_curve8_c0(real xr, real vr, real b)
+{
+  const real t0 = xr + vr * vr / (2.0 * b);
+  return -t0 - t0;
+}
+
+/* waypoint.kyx:68  -(xr + vr^2 / (2 * b)) - (xr + vr^2 / (2 * b)), coefficient of tau^1 */
+static inline real flow0_watch_curve8_c1(real vr, real ar, real b)
+{
+  const real t0 = vr + (vr * ar + ar * vr) / (2.0 * b);
+  return -t0 - t0;
+}
+
+/* waypoint.kyx:68  -(xr + vr^2 / (2 * b)) - (xr + vr^2 / (2 * b)), coefficient of tau^2 */
+static inline real flow0_watch_curve8_c2(real ar, real b)
+{
   const real t0 = ar / 2.0 + ar * ar / (2.0 * b);
-  return 1e-09 * -t0 - t0;
+  return -t0 - t0;
+}
+
+/*
+ * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg +
+ * GDelta))) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^0
+ */
+static inline real flow0_watch_curve9_c0(real xr, real vr, real xg, real b, real GDelta)
+{
+  const real t0 = xg + GDelta;
+  const real t1 = vr * vr;
+  const real t2 = 2.0 * b;
+  return (t0 + 1e-09 * (1.0 + -(xr + t1 / t2) + fabs(t0))) * t2 - (xr * t2 + t1);
+}
+
+/*
+ * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg +
+ * GDelta))) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^1
+ */
+static inline real flow0_watch_curve9_c1(real vr, real ar, real b)
+{
+  const real t0 = vr * ar + ar * vr;
+  const real t1 = 2.0 * b;
+  return 1e-09 * -(vr + t0 / t1) * t1 - (vr * t1 + t0);
+}
+
+/*
+ * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg +
+ * GDelta))) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^2
+ */
+static inline real flow0_watch_curve9_c2(real ar, real b)
+{
+  const real t0 = ar / 2.0;
+  const real t1 = ar * ar;
+  const real t2 = 2.0 * b;
+  return 1e-09 * -(t0 + t1 / t2) * t2 - (t0 * t2 + t1);
 }
 
 /*
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
  * tau^0
  */
-static inline real flow0_watch_curve8_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve10_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return t0 + 1e-09 * (1.0 + fabs(t0) + xr) - xr;
@@ -168,7 +218,7 @@ static inline real flow0_watch_curve8_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
  * tau^1
  */
-static inline real flow0_watch_curve8_c1(real vr)
+static inline real flow0_watch_curve10_c1(real vr)
 {
   return 1e-09 * vr - vr;
 }
@@ -177,7 +227,7 @@ static inline real flow0_watch_curve8_c1(real vr)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
  * tau^2
  */
-static inline real flow0_watch_curve8_c2(real ar)
+static inline real flow0_watch_curve10_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return 1e-09 * t0 - t0;
@@ -187,7 +237,7 @@ static inline real flow0_watch_curve8_c2(real ar)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
  * of tau^0
  */
-static inline real flow0_watch_curve9_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve11_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return t0 + 1e-09 * (1.0 + fabs(t0) + -xr) - xr;
@@ -197,7 +247,7 @@ static inline real flow0_watch_curve9_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
  * of tau^1
  */
-static inline real flow0_watch_curve9_c1(real vr)
+static inline real flow0_watch_curve11_c1(real vr)
 {
   return 1e-09 * -vr - vr;
 }
@@ -206,99 +256,131 @@ static inline real flow0_watch_curve9_c1(real vr)
  * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
  * of tau^2
  */
-static inline real flow0_watch_curve9_c2(real ar)
+static inline real flow0_watch_curve11_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return 1e-09 * -t0 - t0;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + vr) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve10_c0(real vr)
+static inline real flow0_watch_curve12_c0(real vr)
 {
   return 1e-09 * (1.0 + vr) - vr;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + vr) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve10_c1(real ar)
+static inline real flow0_watch_curve12_c1(real ar)
 {
   return 1e-09 * ar - ar;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + (-vr)) - (-vr), coefficient of tau^0 */
-static inline real flow0_watch_curve11_c0(real vr)
+static inline real flow0_watch_curve13_c0(real vr)
 {
   const real t0 = -vr;
   return 1e-09 * (1.0 + t0) - t0;
 }
 
 /* waypoint.kyx:68  0.000000001 * (1 + (-vr)) - (-vr), coefficient of tau^1 */
-static inline real flow0_watch_curve11_c1(real ar)
+static inline real flow0_watch_curve13_c1(real ar)
 {
   const real t0 = -ar;
   return 1e-09 * t0 - t0;
 }
 
-/* waypoint.kyx:68  T + 0.000000001 * (1 + T + vr / b) - vr / b, coefficient of tau^0 */
-static inline real flow0_watch_curve13_c0(real vr, real T, real b)
+/* waypoint.kyx:68  T - (-T), coefficient of tau^0 */
+static inline real flow0_watch_curve14_c0(real T)
+{
+  return T - -T;
+}
+
+/* waypoint.kyx:68  vr / b - (-(vr / b)), coefficient of tau^0 */
+static inline real flow0_watch_curve16_c0(real vr, real b)
 {
   const real t0 = vr / b;
-  return T + 1e-09 * (1.0 + T + t0) - t0;
+  return t0 - -t0;
 }
 
-/* waypoint.kyx:68  T + 0.000000001 * (1 + T + vr / b) - vr / b, coefficient of tau^1 */
-static inline real flow0_watch_curve13_c1(real ar, real b)
-{
-  const real t0 = ar / b;
-  return -1.0 + 1e-09 * (-1.0 + t0) - t0;
-}
-
-/* waypoint.kyx:68  T + 0.000000001 * (1 + T + (-(vr / b))) - vr / b, coefficient of tau^0 */
-static inline real flow0_watch_curve14_c0(real vr, real T, real b)
-{
-  const real t0 = vr / b;
-  return T + 1e-09 * (1.0 + T + -t0) - t0;
-}
-
-/* waypoint.kyx:68  T + 0.000000001 * (1 + T + (-(vr / b))) - vr / b, coefficient of tau^1 */
-static inline real flow0_watch_curve14_c1(real ar, real b)
-{
-  const real t0 = ar / b;
-  return -1.0 + 1e-09 * (-1.0 + -t0) - t0;
-}
-
-/* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + vr / b) - vr / b, coefficient of tau^0 */
-static inline real flow0_watch_curve15_c0(real vr, real T, real b)
-{
-  const real t0 = vr / b;
-  return T + 1e-09 * (1.0 + -T + t0) - t0;
-}
-
-/* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + vr / b) - vr / b, coefficient of tau^1 */
-static inline real flow0_watch_curve15_c1(real ar, real b)
-{
-  const real t0 = ar / b;
-  return -1.0 + 1e-09 * (1.0 + t0) - t0;
-}
-
-/* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-(vr / b))) - vr / b, coefficient of tau^0 */
-static inline real flow0_watch_curve16_c0(real vr, real T, real b)
-{
-  const real t0 = vr / b;
-  return T + 1e-09 * (1.0 + -T + -t0) - t0;
-}
-
-/* waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-(vr / b))) - vr / b, coefficient of tau^1 */
+/* waypoint.kyx:68  vr / b - (-(vr / b)), coefficient of tau^1 */
 static inline real flow0_watch_curve16_c1(real ar, real b)
 {
   const real t0 = ar / b;
-  return -1.0 + 1e-09 * (1.0 + -t0) - t0;
+  return t0 - -t0;
+}
+
+/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + vr / b)) * b - vr, coefficient of tau^0 */
+static inline real flow0_watch_curve17_c0(real vr, real T, real b)
+{
+  return (T + 1e-09 * (1.0 + T + vr / b)) * b - vr;
+}
+
+/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + vr / b)) * b - vr, coefficient of tau^1 */
+static inline real flow0_watch_curve17_c1(real ar, real b)
+{
+  return (-1.0 + 1e-09 * (-1.0 + ar / b)) * b - ar;
+}
+
+/* waypoint.kyx:68  -(vr / b) - vr / b, coefficient of tau^0 */
+static inline real flow0_watch_curve18_c0(real vr, real b)
+{
+  const real t0 = vr / b;
+  return -t0 - t0;
+}
+
+/* waypoint.kyx:68  -(vr / b) - vr / b, coefficient of tau^1 */
+static inline real flow0_watch_curve18_c1(real ar, real b)
+{
+  const real t0 = ar / b;
+  return -t0 - t0;
+}
+
+/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(vr / b)))) * b - vr, coefficient of tau^0 */
+static inline real flow0_watch_curve19_c0(real vr, real T, real b)
+{
+  return (T + 1e-09 * (1.0 + T + -(vr / b))) * b - vr;
+}
+
+/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(vr / b)))) * b - vr, coefficient of tau^1 */
+static inline real flow0_watch_curve19_c1(real ar, real b)
+{
+  return (-1.0 + 1e-09 * (-1.0 + -(ar / b))) * b - ar;
+}
+
+/* waypoint.kyx:68  -T - T, coefficient of tau^0 */
+static inline real flow0_watch_curve20_c0(real T)
+{
+  return -T - T;
+}
+
+/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + vr / b)) * b - vr, coefficient of tau^0 */
+static inline real flow0_watch_curve21_c0(real vr, real T, real b)
+{
+  return (T + 1e-09 * (1.0 + -T + vr / b)) * b - vr;
+}
+
+/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + vr / b)) * b - vr, coefficient of tau^1 */
+static inline real flow0_watch_curve21_c1(real ar, real b)
+{
+  return (-1.0 + 1e-09 * (1.0 + ar / b)) * b - ar;
+}
+
+/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(vr / b)))) * b - vr, coefficient of tau^0 */
+static inline real flow0_watch_curve22_c0(real vr, real T, real b)
+{
+  return (T + 1e-09 * (1.0 + -T + -(vr / b))) * b - vr;
+}
+
+/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(vr / b)))) * b - vr, coefficient of tau^1 */
+static inline real flow0_watch_curve22_c1(real ar, real b)
+{
+  return (-1.0 + 1e-09 * (1.0 + -(ar / b))) * b - ar;
 }
 
 /*
  * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
  * of tau^0
  */
-static inline real flow0_watch_curve17_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve23_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + xr + fabs(t0)) - t0;
@@ -308,7 +390,7 @@ static inline real flow0_watch_curve17_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
  * of tau^1
  */
-static inline real flow0_watch_curve17_c1(real vr)
+static inline real flow0_watch_curve23_c1(real vr)
 {
   return vr + 1e-09 * vr;
 }
@@ -317,7 +399,7 @@ static inline real flow0_watch_curve17_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
  * of tau^2
  */
-static inline real flow0_watch_curve17_c2(real ar)
+static inline real flow0_watch_curve23_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * t0;
@@ -327,7 +409,7 @@ static inline real flow0_watch_curve17_c2(real ar)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
  * coefficient of tau^0
  */
-static inline real flow0_watch_curve18_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve24_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + -xr + fabs(t0)) - t0;
@@ -337,7 +419,7 @@ static inline real flow0_watch_curve18_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
  * coefficient of tau^1
  */
-static inline real flow0_watch_curve18_c1(real vr)
+static inline real flow0_watch_curve24_c1(real vr)
 {
   return vr + 1e-09 * -vr;
 }
@@ -346,332 +428,500 @@ static inline real flow0_watch_curve18_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
  * coefficient of tau^2
  */
-static inline real flow0_watch_curve18_c2(real ar)
+static inline real flow0_watch_curve24_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * -t0;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + vr + abs(A * ep)) - A * ep, coefficient of tau^0 */
-static inline real flow0_watch_curve19_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve25_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return vr + 1e-09 * (1.0 + vr + fabs(t0)) - t0;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + vr + abs(A * ep)) - A * ep, coefficient of tau^1 */
-static inline real flow0_watch_curve19_c1(real ar)
+static inline real flow0_watch_curve25_c1(real ar)
 {
   return ar + 1e-09 * ar;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr) + abs(A * ep)) - A * ep, coefficient of tau^0 */
-static inline real flow0_watch_curve20_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve26_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return vr + 1e-09 * (1.0 + -vr + fabs(t0)) - t0;
 }
 
 /* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr) + abs(A * ep)) - A * ep, coefficient of tau^1 */
-static inline real flow0_watch_curve20_c1(real ar)
+static inline real flow0_watch_curve26_c1(real ar)
 {
   return ar + 1e-09 * -ar;
 }
 
 /* waypoint.kyx:68  A * ep, coefficient of tau^0 */
-static inline real flow0_watch_curve21_c0(real ep, real A)
+static inline real flow0_watch_curve27_c0(real ep, real A)
 {
   return A * ep;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)) -
- * ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
+ * waypoint.kyx:68  (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-((xg - xr - GDelta) / (A *
+ * ep) + ep + Vmax / b)), coefficient of tau^0
  */
-static inline real flow0_watch_curve22_c0(real xr, real xg, real T, real ep, real b, real A,
-                                          real GDelta, real Vmax)
+static inline real flow0_watch_curve28_c0(real xr, real xg, real ep, real b, real A, real GDelta,
+                                          real Vmax)
 {
   const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return T + 1e-09 * (1.0 + T + t0) - t0;
+  return t0 - -t0;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)) -
- * ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
+ * waypoint.kyx:68  (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-((xg - xr - GDelta) / (A *
+ * ep) + ep + Vmax / b)), coefficient of tau^1
  */
-static inline real flow0_watch_curve22_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve28_c1(real vr, real ep, real A)
 {
   const real t0 = -vr / (A * ep);
-  return -1.0 + 1e-09 * (-1.0 + t0) - t0;
+  return t0 - -t0;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)) -
- * ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
+ * waypoint.kyx:68  (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-((xg - xr - GDelta) / (A *
+ * ep) + ep + Vmax / b)), coefficient of tau^2
  */
-static inline real flow0_watch_curve22_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve28_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
-  return 1e-09 * t0 - t0;
+  return t0 - -t0;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)))
+ * * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)), coefficient of
+ * tau^0
  */
-static inline real flow0_watch_curve23_c0(real xr, real xg, real T, real ep, real b, real A,
+static inline real flow0_watch_curve29_c0(real xr, real xg, real T, real ep, real b, real A,
                                           real GDelta, real Vmax)
 {
-  const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return T + 1e-09 * (1.0 + T + -t0) - t0;
+  const real t0 = xg - xr - GDelta;
+  const real t1 = A * ep;
+  return (T + 1e-09 * (1.0 + T + (t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)))
+ * * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)), coefficient of
+ * tau^1
  */
-static inline real flow0_watch_curve23_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve29_c1(real vr, real ep, real b, real A)
+{
+  const real t0 = -vr;
+  const real t1 = A * ep;
+  return (-1.0 + 1e-09 * (-1.0 + t0 / t1)) * (b * t1) - t0 * b;
+}
+
+/*
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)))
+ * * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)), coefficient of
+ * tau^2
+ */
+static inline real flow0_watch_curve29_c2(real ar, real ep, real b, real A)
+{
+  const real t0 = -(ar / 2.0);
+  const real t1 = A * ep;
+  return 1e-09 * (t0 / t1) * (b * t1) - t0 * b;
+}
+
+/*
+ * waypoint.kyx:68  -((xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - ((xg - xr - GDelta) / (A *
+ * ep) + ep + Vmax / b), coefficient of tau^0
+ */
+static inline real flow0_watch_curve30_c0(real xr, real xg, real ep, real b, real A, real GDelta,
+                                          real Vmax)
+{
+  const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
+  return -t0 - t0;
+}
+
+/*
+ * waypoint.kyx:68  -((xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - ((xg - xr - GDelta) / (A *
+ * ep) + ep + Vmax / b), coefficient of tau^1
+ */
+static inline real flow0_watch_curve30_c1(real vr, real ep, real A)
 {
   const real t0 = -vr / (A * ep);
-  return -1.0 + 1e-09 * (-1.0 + -t0) - t0;
+  return -t0 - t0;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
+ * waypoint.kyx:68  -((xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - ((xg - xr - GDelta) / (A *
+ * ep) + ep + Vmax / b), coefficient of tau^2
  */
-static inline real flow0_watch_curve23_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve30_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
-  return 1e-09 * -t0 - t0;
+  return -t0 - t0;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
+ * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
+ * coefficient of tau^0
  */
-static inline real flow0_watch_curve24_c0(real xr, real xg, real T, real ep, real b, real A,
+static inline real flow0_watch_curve31_c0(real xr, real xg, real T, real ep, real b, real A,
                                           real GDelta, real Vmax)
 {
-  const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return T + 1e-09 * (1.0 + -T + t0) - t0;
+  const real t0 = xg - xr - GDelta;
+  const real t1 = A * ep;
+  return (T + 1e-09 * (1.0 + T + -(t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
+ * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
+ * coefficient of tau^1
  */
-static inline real flow0_watch_curve24_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve31_c1(real vr, real ep, real b, real A)
 {
-  const real t0 = -vr / (A * ep);
-  return -1.0 + 1e-09 * (1.0 + t0) - t0;
+  const real t0 = -vr;
+  const real t1 = A * ep;
+  return (-1.0 + 1e-09 * (-1.0 + -(t0 / t1))) * (b * t1) - t0 * b;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
+ * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
+ * coefficient of tau^2
  */
-static inline real flow0_watch_curve24_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve31_c2(real ar, real ep, real b, real A)
 {
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return 1e-09 * t0 - t0;
+  const real t0 = -(ar / 2.0);
+  const real t1 = A * ep;
+  return 1e-09 * -(t0 / t1) * (b * t1) - t0 * b;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
+ * b))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
+ * coefficient of tau^0
  */
-static inline real flow0_watch_curve25_c0(real xr, real xg, real T, real ep, real b, real A,
+static inline real flow0_watch_curve32_c0(real xr, real xg, real T, real ep, real b, real A,
                                           real GDelta, real Vmax)
 {
-  const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return T + 1e-09 * (1.0 + -T + -t0) - t0;
+  const real t0 = xg - xr - GDelta;
+  const real t1 = A * ep;
+  return (T + 1e-09 * (1.0 + -T + (t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
+ * b))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
+ * coefficient of tau^1
  */
-static inline real flow0_watch_curve25_c1(real vr, real ep, real A)
+static inline real flow0_watch_curve32_c1(real vr, real ep, real b, real A)
 {
-  const real t0 = -vr / (A * ep);
-  return -1.0 + 1e-09 * (1.0 + -t0) - t0;
+  const real t0 = -vr;
+  const real t1 = A * ep;
+  return (-1.0 + 1e-09 * (1.0 + t0 / t1)) * (b * t1) - t0 * b;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
+ * b))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
+ * coefficient of tau^2
  */
-static inline real flow0_watch_curve25_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve32_c2(real ar, real ep, real b, real A)
 {
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return 1e-09 * -t0 - t0;
+  const real t0 = -(ar / 2.0);
+  const real t1 = A * ep;
+  return 1e-09 * (t0 / t1) * (b * t1) - t0 * b;
+}
+
+/*
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
+ * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
+ * coefficient of tau^0
+ */
+static inline real flow0_watch_curve33_c0(real xr, real xg, real T, real ep, real b, real A,
+                                          real GDelta, real Vmax)
+{
+  const real t0 = xg - xr - GDelta;
+  const real t1 = A * ep;
+  return (T + 1e-09 * (1.0 + -T + -(t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
+}
+
+/*
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
+ * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
+ * coefficient of tau^1
+ */
+static inline real flow0_watch_curve33_c1(real vr, real ep, real b, real A)
+{
+  const real t0 = -vr;
+  const real t1 = A * ep;
+  return (-1.0 + 1e-09 * (1.0 + -(t0 / t1))) * (b * t1) - t0 * b;
+}
+
+/*
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
+ * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
+ * coefficient of tau^2
+ */
+static inline real flow0_watch_curve33_c2(real ar, real ep, real b, real A)
+{
+  const real t0 = -(ar / 2.0);
+  const real t1 = A * ep;
+  return 1e-09 * -(t0 / t1) * (b * t1) - t0 * b;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + vr + abs(A * ep)) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve26_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve34_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return t0 + 1e-09 * (1.0 + vr + fabs(t0)) - vr;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + vr + abs(A * ep)) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve26_c1(real ar)
+static inline real flow0_watch_curve34_c1(real ar)
 {
   return 1e-09 * ar - ar;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + (-vr) + abs(A * ep)) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve27_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve35_c0(real vr, real ep, real A)
 {
   const real t0 = A * ep;
   return t0 + 1e-09 * (1.0 + -vr + fabs(t0)) - vr;
 }
 
 /* waypoint.kyx:68  A * ep + 0.000000001 * (1 + (-vr) + abs(A * ep)) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve27_c1(real ar)
+static inline real flow0_watch_curve35_c1(real ar)
 {
   return 1e-09 * -ar - ar;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
- * + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of
- * tau^0
+ * waypoint.kyx:68  ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-(ep - vr / A
+ * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b)), coefficient of tau^0
  */
-static inline real flow0_watch_curve29_c0(real xr, real vr, real xg, real T, real ep, real b,
-                                          real A, real GDelta, real Vmax)
+static inline real flow0_watch_curve37_c0(real xr, real vr, real xg, real ep, real b, real A,
+                                          real GDelta, real Vmax)
 {
   const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return T + 1e-09 * (1.0 + T + t0) - t0;
+  return t0 - -t0;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
- * + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of
- * tau^1
+ * waypoint.kyx:68  ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-(ep - vr / A
+ * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b)), coefficient of tau^1
  */
-static inline real flow0_watch_curve29_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve37_c1(real vr, real ar, real ep, real A)
 {
   const real t0 = -(ar / A) + -vr / (A * ep);
-  return -1.0 + 1e-09 * (-1.0 + t0) - t0;
+  return t0 - -t0;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
- * + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of
- * tau^2
+ * waypoint.kyx:68  ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-(ep - vr / A
+ * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b)), coefficient of tau^2
  */
-static inline real flow0_watch_curve29_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve37_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
-  return 1e-09 * t0 - t0;
+  return t0 - -t0;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
- * of tau^0
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
+ * + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A + ep
+ * * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
  */
-static inline real flow0_watch_curve30_c0(real xr, real vr, real xg, real T, real ep, real b,
+static inline real flow0_watch_curve38_c0(real xr, real vr, real xg, real T, real ep, real b,
                                           real A, real GDelta, real Vmax)
 {
-  const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return T + 1e-09 * (1.0 + T + -t0) - t0;
+  const real t0 = xg - xr - GDelta;
+  const real t1 = A * ep;
+  const real t2 = t1 * A;
+  const real t3 = (T + 1e-09 * (1.0 + T + (ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
+  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
- * of tau^1
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
+ * + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A + ep
+ * * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
  */
-static inline real flow0_watch_curve30_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve38_c1(real vr, real ar, real ep, real b, real A)
+{
+  const real t0 = -vr;
+  const real t1 = A * ep;
+  return (-1.0 + 1e-09 * (-1.0 + (-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
+}
+
+/*
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
+ * + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A + ep
+ * * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
+ */
+static inline real flow0_watch_curve38_c2(real ar, real ep, real b, real A)
+{
+  const real t0 = -(ar / 2.0);
+  const real t1 = A * ep;
+  return 1e-09 * (t0 / t1) * (b * (t1 * A)) - t0 * A * b;
+}
+
+/*
+ * waypoint.kyx:68  -(ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - (ep - vr / A
+ * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
+ */
+static inline real flow0_watch_curve39_c0(real xr, real vr, real xg, real ep, real b, real A,
+                                          real GDelta, real Vmax)
+{
+  const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
+  return -t0 - t0;
+}
+
+/*
+ * waypoint.kyx:68  -(ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - (ep - vr / A
+ * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
+ */
+static inline real flow0_watch_curve39_c1(real vr, real ar, real ep, real A)
 {
   const real t0 = -(ar / A) + -vr / (A * ep);
-  return -1.0 + 1e-09 * (-1.0 + -t0) - t0;
+  return -t0 - t0;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
- * of tau^2
+ * waypoint.kyx:68  -(ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - (ep - vr / A
+ * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
  */
-static inline real flow0_watch_curve30_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve39_c2(real ar, real ep, real A)
 {
   const real t0 = -(ar / 2.0) / (A * ep);
-  return 1e-09 * -t0 - t0;
+  return -t0 - t0;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
- * of tau^0
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
+ * ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
+ * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
  */
-static inline real flow0_watch_curve31_c0(real xr, real vr, real xg, real T, real ep, real b,
+static inline real flow0_watch_curve40_c0(real xr, real vr, real xg, real T, real ep, real b,
                                           real A, real GDelta, real Vmax)
 {
-  const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return T + 1e-09 * (1.0 + -T + t0) - t0;
+  const real t0 = xg - xr - GDelta;
+  const real t1 = A * ep;
+  const real t2 = t1 * A;
+  const real t3 = (T + 1e-09 * (1.0 + T + -(ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
+  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
- * of tau^1
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
+ * ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
+ * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
  */
-static inline real flow0_watch_curve31_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve40_c1(real vr, real ar, real ep, real b, real A)
 {
-  const real t0 = -(ar / A) + -vr / (A * ep);
-  return -1.0 + 1e-09 * (1.0 + t0) - t0;
+  const real t0 = -vr;
+  const real t1 = A * ep;
+  return (-1.0 + 1e-09 * (-1.0 + -(-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b)) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient
- * of tau^2
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
+ * ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
+ * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
  */
-static inline real flow0_watch_curve31_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve40_c2(real ar, real ep, real b, real A)
 {
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return 1e-09 * t0 - t0;
+  const real t0 = -(ar / 2.0);
+  const real t1 = A * ep;
+  return 1e-09 * -(t0 / t1) * (b * (t1 * A)) - t0 * A * b;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
- * + ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
- * coefficient of tau^0
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
+ * ep + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
+ * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
  */
-static inline real flow0_watch_curve32_c0(real xr, real vr, real xg, real T, real ep, real b,
+static inline real flow0_watch_curve41_c0(real xr, real vr, real xg, real T, real ep, real b,
                                           real A, real GDelta, real Vmax)
 {
-  const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return T + 1e-09 * (1.0 + -T + -t0) - t0;
+  const real t0 = xg - xr - GDelta;
+  const real t1 = A * ep;
+  const real t2 = t1 * A;
+  const real t3 = (T + 1e-09 * (1.0 + -T + (ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
+  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
- * + ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
- * coefficient of tau^1
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
+ * ep + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
+ * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
  */
-static inline real flow0_watch_curve32_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_curve41_c1(real vr, real ar, real ep, real b, real A)
 {
-  const real t0 = -(ar / A) + -vr / (A * ep);
-  return -1.0 + 1e-09 * (1.0 + -t0) - t0;
+  const real t0 = -vr;
+  const real t1 = A * ep;
+  return (-1.0 + 1e-09 * (1.0 + (-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
 }
 
 /*
- * waypoint.kyx:68  T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
- * + ep + Vmax / b))) - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
- * coefficient of tau^2
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
+ * ep + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
+ * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
  */
-static inline real flow0_watch_curve32_c2(real ar, real ep, real A)
+static inline real flow0_watch_curve41_c2(real ar, real ep, real b, real A)
 {
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return 1e-09 * -t0 - t0;
+  const real t0 = -(ar / 2.0);
+  const real t1 = A * ep;
+  return 1e-09 * (t0 / t1) * (b * (t1 * A)) - t0 * A * b;
+}
+
+/*
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
+ * + ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
+ * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
+ */
+static inline real flow0_watch_curve42_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax)
+{
+  const real t0 = xg - xr - GDelta;
+  const real t1 = A * ep;
+  const real t2 = t1 * A;
+  const real t3 = (T + 1e-09 * (1.0 + -T + -(ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
+  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
+}
+
+/*
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
+ * + ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
+ * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
+ */
+static inline real flow0_watch_curve42_c1(real vr, real ar, real ep, real b, real A)
+{
+  const real t0 = -vr;
+  const real t1 = A * ep;
+  return (-1.0 + 1e-09 * (1.0 + -(-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
+}
+
+/*
+ * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
+ * + ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
+ * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
+ */
+static inline real flow0_watch_curve42_c2(real ar, real ep, real b, real A)
+{
+  const real t0 = -(ar / 2.0);
+  const real t1 = A * ep;
+  return 1e-09 * -(t0 / t1) * (b * (t1 * A)) - t0 * A * b;
 }
 
 /* waypoint.kyx:68  0 - T, coefficient of tau^0 */
-static inline real flow0_watch_curve33_c0(real T)
+static inline real flow0_watch_curve43_c0(real T)
 {
   return -T;
 }
@@ -680,7 +930,7 @@ static inline real flow0_watch_curve33_c0(real T)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
  * of tau^0
  */
-static inline real flow0_watch_curve34_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve44_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + fabs(t0) + xr) - t0;
@@ -690,7 +940,7 @@ static inline real flow0_watch_curve34_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
  * of tau^1
  */
-static inline real flow0_watch_curve34_c1(real vr)
+static inline real flow0_watch_curve44_c1(real vr)
 {
   return vr + 1e-09 * vr;
 }
@@ -699,7 +949,7 @@ static inline real flow0_watch_curve34_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
  * of tau^2
  */
-static inline real flow0_watch_curve34_c2(real ar)
+static inline real flow0_watch_curve44_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * t0;
@@ -709,7 +959,7 @@ static inline real flow0_watch_curve34_c2(real ar)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
  * coefficient of tau^0
  */
-static inline real flow0_watch_curve35_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve45_c0(real xr, real xg, real GDelta)
 {
   const real t0 = xg - GDelta;
   return xr + 1e-09 * (1.0 + fabs(t0) + -xr) - t0;
@@ -719,7 +969,7 @@ static inline real flow0_watch_curve35_c0(real xr, real xg, real GDelta)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
  * coefficient of tau^1
  */
-static inline real flow0_watch_curve35_c1(real vr)
+static inline real flow0_watch_curve45_c1(real vr)
 {
   return vr + 1e-09 * -vr;
 }
@@ -728,7 +978,7 @@ static inline real flow0_watch_curve35_c1(real vr)
  * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
  * coefficient of tau^2
  */
-static inline real flow0_watch_curve35_c2(real ar)
+static inline real flow0_watch_curve45_c2(real ar)
 {
   const real t0 = ar / 2.0;
   return t0 + 1e-09 * -t0;
@@ -746,141 +996,143 @@ static inline real flow0_watch_still1_c1(real ar)
   return -ar;
 }
 
-/* waypoint.kyx:68  2 * b, coefficient of tau^0 */
-static inline real flow0_watch_still2_c0(real b)
+/* waypoint.kyx:68  (xg + GDelta) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^0 */
+static inline real flow0_watch_still2_c0(real xr, real vr, real xg, real b, real GDelta)
 {
-  return 2.0 * b;
+  const real t0 = 2.0 * b;
+  return (xg + GDelta) * t0 - (xr * t0 + vr * vr);
 }
 
-/* waypoint.kyx:68  xg + GDelta - (xr + vr^2 / (2 * b)), coefficient of tau^0 */
-static inline real flow0_watch_still3_c0(real xr, real vr, real xg, real b, real GDelta)
+/* waypoint.kyx:68  (xg + GDelta) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^1 */
+static inline real flow0_watch_still2_c1(real vr, real ar, real b)
 {
-  return xg + GDelta - (xr + vr * vr / (2.0 * b));
+  return -(vr * (2.0 * b) + (vr * ar + ar * vr));
 }
 
-/* waypoint.kyx:68  xg + GDelta - (xr + vr^2 / (2 * b)), coefficient of tau^1 */
-static inline real flow0_watch_still3_c1(real vr, real ar, real b)
+/* waypoint.kyx:68  (xg + GDelta) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^2 */
+static inline real flow0_watch_still2_c2(real ar, real b)
 {
-  return -(vr + (vr * ar + ar * vr) / (2.0 * b));
-}
-
-/* waypoint.kyx:68  xg + GDelta - (xr + vr^2 / (2 * b)), coefficient of tau^2 */
-static inline real flow0_watch_still3_c2(real ar, real b)
-{
-  return -(ar / 2.0 + ar * ar / (2.0 * b));
+  return -(ar / 2.0 * (2.0 * b) + ar * ar);
 }
 
 /* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^0 */
-static inline real flow0_watch_still4_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_still3_c0(real xr, real xg, real GDelta)
 {
   return xg - GDelta - xr;
 }
 
 /* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^1 */
-static inline real flow0_watch_still4_c1(real vr)
+static inline real flow0_watch_still3_c1(real vr)
 {
   return -vr;
 }
 
 /* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^2 */
-static inline real flow0_watch_still4_c2(real ar)
+static inline real flow0_watch_still3_c2(real ar)
 {
   return -(ar / 2.0);
 }
 
-/* waypoint.kyx:68  T - vr / b, coefficient of tau^0 */
-static inline real flow0_watch_still6_c0(real vr, real T, real b)
+/* waypoint.kyx:68  T * b - vr, coefficient of tau^0 */
+static inline real flow0_watch_still4_c0(real vr, real T, real b)
 {
-  return T - vr / b;
+  return T * b - vr;
 }
 
-/* waypoint.kyx:68  T - vr / b, coefficient of tau^1 */
-static inline real flow0_watch_still6_c1(real ar, real b)
+/* waypoint.kyx:68  T * b - vr, coefficient of tau^1 */
+static inline real flow0_watch_still4_c1(real ar, real b)
 {
-  return -1.0 - ar / b;
+  return -1.0 * b - ar;
 }
 
 /* waypoint.kyx:68  xr - (xg - GDelta), coefficient of tau^0 */
-static inline real flow0_watch_still7_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_still5_c0(real xr, real xg, real GDelta)
 {
   return xr - (xg - GDelta);
 }
 
 /* waypoint.kyx:68  xr - (xg - GDelta), coefficient of tau^2 */
-static inline real flow0_watch_still7_c2(real ar)
+static inline real flow0_watch_still5_c2(real ar)
 {
   return ar / 2.0;
 }
 
 /* waypoint.kyx:68  vr - A * ep, coefficient of tau^0 */
-static inline real flow0_watch_still8_c0(real vr, real ep, real A)
+static inline real flow0_watch_still6_c0(real vr, real ep, real A)
 {
   return vr - A * ep;
 }
 
-/* waypoint.kyx:68  A * ep, coefficient of tau^0 */
-static inline real flow0_watch_still9_c0(real ep, real A)
+/*
+ * waypoint.kyx:68  T * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A *
+ * ep)), coefficient of tau^0
+ */
+static inline real flow0_watch_still7_c0(real xr, real xg, real T, real ep, real b, real A,
+                                         real GDelta, real Vmax)
 {
-  return A * ep;
+  const real t0 = A * ep;
+  return T * (b * t0) - ((xg - xr - GDelta + ep * t0) * b + Vmax * t0);
 }
 
-/* waypoint.kyx:68  T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0 */
-static inline real flow0_watch_still10_c0(real xr, real xg, real T, real ep, real b, real A,
-                                          real GDelta, real Vmax)
+/*
+ * waypoint.kyx:68  T * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A *
+ * ep)), coefficient of tau^1
+ */
+static inline real flow0_watch_still7_c1(real vr, real ep, real b, real A)
 {
-  return T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b);
+  return -1.0 * (b * (A * ep)) - -vr * b;
 }
 
-/* waypoint.kyx:68  T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1 */
-static inline real flow0_watch_still10_c1(real vr, real ep, real A)
+/*
+ * waypoint.kyx:68  T * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A *
+ * ep)), coefficient of tau^2
+ */
+static inline real flow0_watch_still7_c2(real ar, real b)
 {
-  return -1.0 - -vr / (A * ep);
-}
-
-/* waypoint.kyx:68  T - ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2 */
-static inline real flow0_watch_still10_c2(real ar, real ep, real A)
-{
-  return -(-(ar / 2.0) / (A * ep));
+  return -(-(ar / 2.0) * b);
 }
 
 /* waypoint.kyx:68  A * ep - vr, coefficient of tau^0 */
-static inline real flow0_watch_still11_c0(real vr, real ep, real A)
+static inline real flow0_watch_still8_c0(real vr, real ep, real A)
 {
   return A * ep - vr;
 }
 
 /* waypoint.kyx:68  A * ep - vr, coefficient of tau^1 */
-static inline real flow0_watch_still11_c1(real ar)
+static inline real flow0_watch_still8_c1(real ar)
 {
   return -ar;
 }
 
 /*
- * waypoint.kyx:68  T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
- * coefficient of tau^0
+ * waypoint.kyx:68  T * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
+ * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
  */
-static inline real flow0_watch_still13_c0(real xr, real vr, real xg, real T, real ep, real b,
-                                          real A, real GDelta, real Vmax)
+static inline real flow0_watch_still9_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
+                                         real GDelta, real Vmax)
 {
-  return T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b);
+  const real t0 = A * ep;
+  const real t1 = t0 * A;
+  return T * (b * t1) - (((ep * A - vr) * t0 + (xg - xr - GDelta) * A + ep * t1) * b + Vmax * t1);
 }
 
 /*
- * waypoint.kyx:68  T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
- * coefficient of tau^1
+ * waypoint.kyx:68  T * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
+ * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
  */
-static inline real flow0_watch_still13_c1(real vr, real ar, real ep, real A)
+static inline real flow0_watch_still9_c1(real vr, real ar, real ep, real b, real A)
 {
-  return -1.0 - (-(ar / A) + -vr / (A * ep));
+  const real t0 = A * ep;
+  return -1.0 * (b * (t0 * A)) - (-ar * t0 + -vr * A) * b;
 }
 
 /*
- * waypoint.kyx:68  T - (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b),
- * coefficient of tau^2
+ * waypoint.kyx:68  T * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
+ * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
  */
-static inline real flow0_watch_still13_c2(real ar, real ep, real A)
+static inline real flow0_watch_still9_c2(real ar, real b, real A)
 {
-  return -(-(ar / 2.0) / (A * ep));
+  return -(-(ar / 2.0) * A * b);
 }
 
 /* T > 0 */
@@ -1117,7 +1369,7 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
     degree[4] = 1;
     c[5][0] = flow0_watch_curve5_c0(p[P_b]);
     degree[5] = 0;
-    c[6][0] = flow0_watch_curve6_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
+    c[6][0] = flow0_watch_curve6_c0(x[X_xr], x[X_vr], p[P_b]);
     c[6][1] = flow0_watch_curve6_c1(x[X_vr], x[X_ar], p[P_b]);
     c[6][2] = flow0_watch_curve6_c2(x[X_ar], p[P_b]);
     degree[6] = 2;
@@ -1125,109 +1377,149 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
     c[7][1] = flow0_watch_curve7_c1(x[X_vr], x[X_ar], p[P_b]);
     c[7][2] = flow0_watch_curve7_c2(x[X_ar], p[P_b]);
     degree[7] = 2;
-    c[8][0] = flow0_watch_curve8_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[8][1] = flow0_watch_curve8_c1(x[X_vr]);
-    c[8][2] = flow0_watch_curve8_c2(x[X_ar]);
+    c[8][0] = flow0_watch_curve8_c0(x[X_xr], x[X_vr], p[P_b]);
+    c[8][1] = flow0_watch_curve8_c1(x[X_vr], x[X_ar], p[P_b]);
+    c[8][2] = flow0_watch_curve8_c2(x[X_ar], p[P_b]);
     degree[8] = 2;
-    c[9][0] = flow0_watch_curve9_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[9][1] = flow0_watch_curve9_c1(x[X_vr]);
-    c[9][2] = flow0_watch_curve9_c2(x[X_ar]);
+    c[9][0] = flow0_watch_curve9_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
+    c[9][1] = flow0_watch_curve9_c1(x[X_vr], x[X_ar], p[P_b]);
+    c[9][2] = flow0_watch_curve9_c2(x[X_ar], p[P_b]);
     degree[9] = 2;
-    c[10][0] = flow0_watch_curve10_c0(x[X_vr]);
-    c[10][1] = flow0_watch_curve10_c1(x[X_ar]);
-    degree[10] = 1;
-    c[11][0] = flow0_watch_curve11_c0(x[X_vr]);
-    c[11][1] = flow0_watch_curve11_c1(x[X_ar]);
-    degree[11] = 1;
-    c[12][0] = p[P_b];
-    degree[12] = 0;
-    c[13][0] = flow0_watch_curve13_c0(x[X_vr], x[X_T], p[P_b]);
-    c[13][1] = flow0_watch_curve13_c1(x[X_ar], p[P_b]);
+    c[10][0] = flow0_watch_curve10_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[10][1] = flow0_watch_curve10_c1(x[X_vr]);
+    c[10][2] = flow0_watch_curve10_c2(x[X_ar]);
+    degree[10] = 2;
+    c[11][0] = flow0_watch_curve11_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[11][1] = flow0_watch_curve11_c1(x[X_vr]);
+    c[11][2] = flow0_watch_curve11_c2(x[X_ar]);
+    degree[11] = 2;
+    c[12][0] = flow0_watch_curve12_c0(x[X_vr]);
+    c[12][1] = flow0_watch_curve12_c1(x[X_ar]);
+    degree[12] = 1;
+    c[13][0] = flow0_watch_curve13_c0(x[X_vr]);
+    c[13][1] = flow0_watch_curve13_c1(x[X_ar]);
     degree[13] = 1;
-    c[14][0] = flow0_watch_curve14_c0(x[X_vr], x[X_T], p[P_b]);
-    c[14][1] = flow0_watch_curve14_c1(x[X_ar], p[P_b]);
+    c[14][0] = flow0_watch_curve14_c0(x[X_T]);
+    c[14][1] = -2.0;
     degree[14] = 1;
-    c[15][0] = flow0_watch_curve15_c0(x[X_vr], x[X_T], p[P_b]);
-    c[15][1] = flow0_watch_curve15_c1(x[X_ar], p[P_b]);
-    degree[15] = 1;
-    c[16][0] = flow0_watch_curve16_c0(x[X_vr], x[X_T], p[P_b]);
+    c[15][0] = p[P_b];
+    degree[15] = 0;
+    c[16][0] = flow0_watch_curve16_c0(x[X_vr], p[P_b]);
     c[16][1] = flow0_watch_curve16_c1(x[X_ar], p[P_b]);
     degree[16] = 1;
-    c[17][0] = flow0_watch_curve17_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[17][1] = flow0_watch_curve17_c1(x[X_vr]);
-    c[17][2] = flow0_watch_curve17_c2(x[X_ar]);
-    degree[17] = 2;
-    c[18][0] = flow0_watch_curve18_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[18][1] = flow0_watch_curve18_c1(x[X_vr]);
-    c[18][2] = flow0_watch_curve18_c2(x[X_ar]);
-    degree[18] = 2;
-    c[19][0] = flow0_watch_curve19_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[19][1] = flow0_watch_curve19_c1(x[X_ar]);
+    c[17][0] = flow0_watch_curve17_c0(x[X_vr], x[X_T], p[P_b]);
+    c[17][1] = flow0_watch_curve17_c1(x[X_ar], p[P_b]);
+    degree[17] = 1;
+    c[18][0] = flow0_watch_curve18_c0(x[X_vr], p[P_b]);
+    c[18][1] = flow0_watch_curve18_c1(x[X_ar], p[P_b]);
+    degree[18] = 1;
+    c[19][0] = flow0_watch_curve19_c0(x[X_vr], x[X_T], p[P_b]);
+    c[19][1] = flow0_watch_curve19_c1(x[X_ar], p[P_b]);
     degree[19] = 1;
-    c[20][0] = flow0_watch_curve20_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[20][1] = flow0_watch_curve20_c1(x[X_ar]);
+    c[20][0] = flow0_watch_curve20_c0(x[X_T]);
+    c[20][1] = 2.0;
     degree[20] = 1;
-    c[21][0] = flow0_watch_curve21_c0(p[P_ep], p[P_A]);
-    degree[21] = 0;
-    c[22][0] = flow0_watch_curve22_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[22][1] = flow0_watch_curve22_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[22][2] = flow0_watch_curve22_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[22] = 2;
-    c[23][0] = flow0_watch_curve23_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[23][1] = flow0_watch_curve23_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[23][2] = flow0_watch_curve23_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[21][0] = flow0_watch_curve21_c0(x[X_vr], x[X_T], p[P_b]);
+    c[21][1] = flow0_watch_curve21_c1(x[X_ar], p[P_b]);
+    degree[21] = 1;
+    c[22][0] = flow0_watch_curve22_c0(x[X_vr], x[X_T], p[P_b]);
+    c[22][1] = flow0_watch_curve22_c1(x[X_ar], p[P_b]);
+    degree[22] = 1;
+    c[23][0] = flow0_watch_curve23_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[23][1] = flow0_watch_curve23_c1(x[X_vr]);
+    c[23][2] = flow0_watch_curve23_c2(x[X_ar]);
     degree[23] = 2;
-    c[24][0] = flow0_watch_curve24_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[24][1] = flow0_watch_curve24_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[24][2] = flow0_watch_curve24_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[24][0] = flow0_watch_curve24_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[24][1] = flow0_watch_curve24_c1(x[X_vr]);
+    c[24][2] = flow0_watch_curve24_c2(x[X_ar]);
     degree[24] = 2;
-    c[25][0] = flow0_watch_curve25_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[25][1] = flow0_watch_curve25_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[25][2] = flow0_watch_curve25_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[25] = 2;
+    c[25][0] = flow0_watch_curve25_c0(x[X_vr], p[P_ep], p[P_A]);
+    c[25][1] = flow0_watch_curve25_c1(x[X_ar]);
+    degree[25] = 1;
     c[26][0] = flow0_watch_curve26_c0(x[X_vr], p[P_ep], p[P_A]);
     c[26][1] = flow0_watch_curve26_c1(x[X_ar]);
     degree[26] = 1;
-    c[27][0] = flow0_watch_curve27_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[27][1] = flow0_watch_curve27_c1(x[X_ar]);
-    degree[27] = 1;
-    c[28][0] = p[P_A];
-    degree[28] = 0;
-    c[29][0] = flow0_watch_curve29_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[29][1] = flow0_watch_curve29_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[29][2] = flow0_watch_curve29_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[27][0] = flow0_watch_curve27_c0(p[P_ep], p[P_A]);
+    degree[27] = 0;
+    c[28][0] = flow0_watch_curve28_c0(x[X_xr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax]);
+    c[28][1] = flow0_watch_curve28_c1(x[X_vr], p[P_ep], p[P_A]);
+    c[28][2] = flow0_watch_curve28_c2(x[X_ar], p[P_ep], p[P_A]);
+    degree[28] = 2;
+    c[29][0] = flow0_watch_curve29_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax]);
+    c[29][1] = flow0_watch_curve29_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
+    c[29][2] = flow0_watch_curve29_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
     degree[29] = 2;
-    c[30][0] = flow0_watch_curve30_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[30][1] = flow0_watch_curve30_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
+    c[30][0] = flow0_watch_curve30_c0(x[X_xr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax]);
+    c[30][1] = flow0_watch_curve30_c1(x[X_vr], p[P_ep], p[P_A]);
     c[30][2] = flow0_watch_curve30_c2(x[X_ar], p[P_ep], p[P_A]);
     degree[30] = 2;
-    c[31][0] = flow0_watch_curve31_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[31][1] = flow0_watch_curve31_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[31][2] = flow0_watch_curve31_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[31][0] = flow0_watch_curve31_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax]);
+    c[31][1] = flow0_watch_curve31_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
+    c[31][2] = flow0_watch_curve31_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
     degree[31] = 2;
-    c[32][0] = flow0_watch_curve32_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[32][1] = flow0_watch_curve32_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[32][2] = flow0_watch_curve32_c2(x[X_ar], p[P_ep], p[P_A]);
+    c[32][0] = flow0_watch_curve32_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax]);
+    c[32][1] = flow0_watch_curve32_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
+    c[32][2] = flow0_watch_curve32_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
     degree[32] = 2;
-    c[33][0] = flow0_watch_curve33_c0(x[X_T]);
-    c[33][1] = 1.0;
-    degree[33] = 1;
-    c[34][0] = flow0_watch_curve34_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[34][1] = flow0_watch_curve34_c1(x[X_vr]);
-    c[34][2] = flow0_watch_curve34_c2(x[X_ar]);
-    degree[34] = 2;
-    c[35][0] = flow0_watch_curve35_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[35][1] = flow0_watch_curve35_c1(x[X_vr]);
-    c[35][2] = flow0_watch_curve35_c2(x[X_ar]);
-    degree[35] = 2;
+    c[33][0] = flow0_watch_curve33_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax]);
+    c[33][1] = flow0_watch_curve33_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
+    c[33][2] = flow0_watch_curve33_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
+    degree[33] = 2;
+    c[34][0] = flow0_watch_curve34_c0(x[X_vr], p[P_ep], p[P_A]);
+    c[34][1] = flow0_watch_curve34_c1(x[X_ar]);
+    degree[34] = 1;
+    c[35][0] = flow0_watch_curve35_c0(x[X_vr], p[P_ep], p[P_A]);
+    c[35][1] = flow0_watch_curve35_c1(x[X_ar]);
+    degree[35] = 1;
+    c[36][0] = p[P_A];
+    degree[36] = 0;
+    c[37][0] = flow0_watch_curve37_c0(x[X_xr], x[X_vr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax]);
+    c[37][1] = flow0_watch_curve37_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
+    c[37][2] = flow0_watch_curve37_c2(x[X_ar], p[P_ep], p[P_A]);
+    degree[37] = 2;
+    c[38][0] = flow0_watch_curve38_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+        p[P_GDelta], p[P_Vmax]);
+    c[38][1] = flow0_watch_curve38_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
+    c[38][2] = flow0_watch_curve38_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
+    degree[38] = 2;
+    c[39][0] = flow0_watch_curve39_c0(x[X_xr], x[X_vr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax]);
+    c[39][1] = flow0_watch_curve39_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
+    c[39][2] = flow0_watch_curve39_c2(x[X_ar], p[P_ep], p[P_A]);
+    degree[39] = 2;
+    c[40][0] = flow0_watch_curve40_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+        p[P_GDelta], p[P_Vmax]);
+    c[40][1] = flow0_watch_curve40_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
+    c[40][2] = flow0_watch_curve40_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
+    degree[40] = 2;
+    c[41][0] = flow0_watch_curve41_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+        p[P_GDelta], p[P_Vmax]);
+    c[41][1] = flow0_watch_curve41_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
+    c[41][2] = flow0_watch_curve41_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
+    degree[41] = 2;
+    c[42][0] = flow0_watch_curve42_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+        p[P_GDelta], p[P_Vmax]);
+    c[42][1] = flow0_watch_curve42_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
+    c[42][2] = flow0_watch_curve42_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
+    degree[42] = 2;
+    c[43][0] = flow0_watch_curve43_c0(x[X_T]);
+    c[43][1] = 1.0;
+    degree[43] = 1;
+    c[44][0] = flow0_watch_curve44_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[44][1] = flow0_watch_curve44_c1(x[X_vr]);
+    c[44][2] = flow0_watch_curve44_c2(x[X_ar]);
+    degree[44] = 2;
+    c[45][0] = flow0_watch_curve45_c0(x[X_xr], x[X_xg], p[P_GDelta]);
+    c[45][1] = flow0_watch_curve45_c1(x[X_vr]);
+    c[45][2] = flow0_watch_curve45_c2(x[X_ar]);
+    degree[45] = 2;
   }
 }
 
@@ -1239,26 +1531,35 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
       return (sign[0] >= 0);
     if (formula == 1)
       return (((sign[1] >= 0) | (sign[2] >= 0)) & ((sign[3] >= 0) | (sign[4] >= 0)) & (((sign[5] != 0)
-          & (sign[6] > 0)) | ((sign[5] != 0) & (sign[7] > 0))) & ((sign[8] >= 0) | (sign[9] >= 0)
-          | (sign[10] >= 0) | (sign[11] >= 0) | ((sign[12] != 0) & (sign[13] >= 0)) | ((sign[12] != 0)
-          & (sign[14] >= 0)) | ((sign[12] != 0) & (sign[15] >= 0)) | ((sign[12] != 0)
-          & (sign[16] >= 0))) & ((sign[17] > 0) | (sign[18] > 0) | (((sign[19] >= 0) | (sign[20] >= 0))
-          & (((sign[21] != 0) & (sign[12] != 0) & (sign[22] > 0)) | ((sign[21] != 0) & (sign[12] != 0)
-          & (sign[23] > 0)) | ((sign[21] != 0) & (sign[12] != 0) & (sign[24] > 0)) | ((sign[21] != 0)
-          & (sign[12] != 0) & (sign[25] > 0)))) | (((sign[26] >= 0) | (sign[27] >= 0))
-          & (((sign[28] != 0) & (sign[21] != 0) & (sign[12] != 0) & (sign[29] > 0)) | ((sign[28] != 0)
-          & (sign[21] != 0) & (sign[12] != 0) & (sign[30] > 0)) | ((sign[28] != 0) & (sign[21] != 0)
-          & (sign[12] != 0) & (sign[31] > 0)) | ((sign[28] != 0) & (sign[21] != 0) & (sign[12] != 0)
-          & (sign[32] > 0))))));
+          & (sign[6] > 0) & (sign[5] != 0) & (sign[7] > 0)) | ((sign[5] != 0) & (sign[8] >= 0)
+          & (sign[5] != 0) & (sign[9] > 0))) & ((sign[10] >= 0) | (sign[11] >= 0) | (sign[12] >= 0)
+          | (sign[13] >= 0) | ((sign[14] > 0) & (((sign[15] != 0) & (sign[16] > 0) & (sign[15] != 0)
+          & (sign[17] >= 0)) | ((sign[15] != 0) & (sign[18] >= 0) & (sign[15] != 0) & (sign[19] >= 0))))
+          | ((sign[20] >= 0) & (((sign[15] != 0) & (sign[16] > 0) & (sign[15] != 0) & (sign[21] >= 0))
+          | ((sign[15] != 0) & (sign[18] >= 0) & (sign[15] != 0) & (sign[22] >= 0))))) & ((sign[23] > 0)
+          | (sign[24] > 0) | (((sign[25] >= 0) | (sign[26] >= 0)) & (((sign[14] > 0) & (((sign[27] != 0)
+          & (sign[15] != 0) & (sign[28] > 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[29] > 0))
+          | ((sign[27] != 0) & (sign[15] != 0) & (sign[30] >= 0) & (sign[27] != 0) & (sign[15] != 0)
+          & (sign[31] > 0)))) | ((sign[20] >= 0) & (((sign[27] != 0) & (sign[15] != 0) & (sign[28] > 0)
+          & (sign[27] != 0) & (sign[15] != 0) & (sign[32] > 0)) | ((sign[27] != 0) & (sign[15] != 0)
+          & (sign[30] >= 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[33] > 0))))))
+          | (((sign[34] >= 0) | (sign[35] >= 0)) & (((sign[14] > 0) & (((sign[36] != 0)
+          & (sign[27] != 0) & (sign[15] != 0) & (sign[37] > 0) & (sign[36] != 0) & (sign[27] != 0)
+          & (sign[15] != 0) & (sign[38] > 0)) | ((sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0)
+          & (sign[39] >= 0) & (sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[40] > 0))))
+          | ((sign[20] >= 0) & (((sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[37] > 0)
+          & (sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[41] > 0)) | ((sign[36] != 0)
+          & (sign[27] != 0) & (sign[15] != 0) & (sign[39] >= 0) & (sign[36] != 0) & (sign[27] != 0)
+          & (sign[15] != 0) & (sign[42] > 0))))))));
     if (formula == 3)
       return false;
     if (formula == 4)
-      return ((sign[33] < 0) & (((sign[34] <= 0) & (sign[35] <= 0)) | ((sign[10] < 0)
-          & (sign[11] < 0))));
+      return ((sign[43] < 0) & (((sign[44] <= 0) & (sign[45] <= 0)) | ((sign[12] < 0)
+          & (sign[13] < 0))));
     if (formula == 5)
-      return (sign[33] >= 0);
+      return (sign[43] >= 0);
     if (formula == 6)
-      return (((sign[34] > 0) | (sign[35] > 0)) & ((sign[10] >= 0) | (sign[11] >= 0)));
+      return (((sign[44] > 0) | (sign[45] > 0)) & ((sign[12] >= 0) | (sign[13] >= 0)));
   }
   return true;
 }
@@ -1270,37 +1571,31 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
     const dl2c_span still0 = dl2c_line(x[X_vr], x[X_ar], duration);
     const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_vr], p[P_Vmax]),
         flow0_watch_still1_c1(x[X_ar]), duration);
-    const dl2c_span still2 = dl2c_constant(flow0_watch_still2_c0(p[P_b]));
-    const dl2c_span still3 = dl2c_parabola(flow0_watch_still3_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b],
-        p[P_GDelta]), flow0_watch_still3_c1(x[X_vr], x[X_ar], p[P_b]), flow0_watch_still3_c2(x[X_ar],
+    const dl2c_span still2 = dl2c_parabola(flow0_watch_still2_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b],
+        p[P_GDelta]), flow0_watch_still2_c1(x[X_vr], x[X_ar], p[P_b]), flow0_watch_still2_c2(x[X_ar],
         p[P_b]), duration);
-    const dl2c_span still4 = dl2c_parabola(flow0_watch_still4_c0(x[X_xr], x[X_xg], p[P_GDelta]),
-        flow0_watch_still4_c1(x[X_vr]), flow0_watch_still4_c2(x[X_ar]), duration);
-    const dl2c_span still5 = dl2c_constant(p[P_b]);
-    const dl2c_span still6 = dl2c_line(flow0_watch_still6_c0(x[X_vr], x[X_T], p[P_b]),
-        flow0_watch_still6_c1(x[X_ar], p[P_b]), duration);
-    const dl2c_span still7 = dl2c_parabola(flow0_watch_still7_c0(x[X_xr], x[X_xg], p[P_GDelta]),
-        x[X_vr], flow0_watch_still7_c2(x[X_ar]), duration);
-    const dl2c_span still8 = dl2c_line(flow0_watch_still8_c0(x[X_vr], p[P_ep], p[P_A]), x[X_ar],
+    const dl2c_span still3 = dl2c_parabola(flow0_watch_still3_c0(x[X_xr], x[X_xg], p[P_GDelta]),
+        flow0_watch_still3_c1(x[X_vr]), flow0_watch_still3_c2(x[X_ar]), duration);
+    const dl2c_span still4 = dl2c_line(flow0_watch_still4_c0(x[X_vr], x[X_T], p[P_b]),
+        flow0_watch_still4_c1(x[X_ar], p[P_b]), duration);
+    const dl2c_span still5 = dl2c_parabola(flow0_watch_still5_c0(x[X_xr], x[X_xg], p[P_GDelta]),
+        x[X_vr], flow0_watch_still5_c2(x[X_ar]), duration);
+    const dl2c_span still6 = dl2c_line(flow0_watch_still6_c0(x[X_vr], p[P_ep], p[P_A]), x[X_ar],
         duration);
-    const dl2c_span still9 = dl2c_constant(flow0_watch_still9_c0(p[P_ep], p[P_A]));
-    const dl2c_span still10 = dl2c_parabola(flow0_watch_still10_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep],
-        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still10_c1(x[X_vr], p[P_ep], p[P_A]),
-        flow0_watch_still10_c2(x[X_ar], p[P_ep], p[P_A]), duration);
-    const dl2c_span still11 = dl2c_line(flow0_watch_still11_c0(x[X_vr], p[P_ep], p[P_A]),
-        flow0_watch_still11_c1(x[X_ar]), duration);
-    const dl2c_span still12 = dl2c_constant(p[P_A]);
-    const dl2c_span still13 = dl2c_parabola(flow0_watch_still13_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T],
-        p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still13_c1(x[X_vr], x[X_ar],
-        p[P_ep], p[P_A]), flow0_watch_still13_c2(x[X_ar], p[P_ep], p[P_A]), duration);
-    const dl2c_span still14 = dl2c_line(x[X_T], -1.0, duration);
-    return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1) & dl2c_stays_apart(still2)
-        & dl2c_stays_open(still3) & (dl2c_stays_closed(still4) | dl2c_stays_equal(still0)
-        | (dl2c_stays_apart(still5) & dl2c_stays_closed(still6))) & (dl2c_stays_open(still7)
-        | (dl2c_stays_closed(still8) & dl2c_stays_apart(still9) & dl2c_stays_apart(still5)
-        & dl2c_stays_open(still10)) | (dl2c_stays_closed(still11) & dl2c_stays_apart(still12)
-        & dl2c_stays_apart(still9) & dl2c_stays_apart(still5) & dl2c_stays_open(still13)))
-        & dl2c_stays_open(still14)) & flow0_watch_at_end(y[X_T]);
+    const dl2c_span still7 = dl2c_parabola(flow0_watch_still7_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep],
+        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still7_c1(x[X_vr], p[P_ep], p[P_b],
+        p[P_A]), flow0_watch_still7_c2(x[X_ar], p[P_b]), duration);
+    const dl2c_span still8 = dl2c_line(flow0_watch_still8_c0(x[X_vr], p[P_ep], p[P_A]),
+        flow0_watch_still8_c1(x[X_ar]), duration);
+    const dl2c_span still9 = dl2c_parabola(flow0_watch_still9_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T],
+        p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still9_c1(x[X_vr], x[X_ar],
+        p[P_ep], p[P_b], p[P_A]), flow0_watch_still9_c2(x[X_ar], p[P_b], p[P_A]), duration);
+    const dl2c_span still10 = dl2c_line(x[X_T], -1.0, duration);
+    return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1) & dl2c_stays_open(still2)
+        & (dl2c_stays_closed(still3) | dl2c_stays_equal(still0) | dl2c_stays_closed(still4))
+        & (dl2c_stays_open(still5) | (dl2c_stays_closed(still6) & dl2c_stays_open(still7))
+        | (dl2c_stays_closed(still8) & dl2c_stays_open(still9))) & dl2c_stays_open(still10))
+        & flow0_watch_at_end(y[X_T]);
   }
   return true;
 }
@@ -1337,20 +1632,29 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
                               int64_t stride, int64_t count, uint8_t *restrict enabled)
 {
   (void)point;
+  int64_t flags[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++)
-    enabled[0 * stride + i] = path0_guard(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], p[P_ep * stride + i], p[P_GDelta * stride + i]);
+    flags[i] = path0_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_ep * stride + i], p[P_GDelta * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    enabled[1 * stride + i] = path1_guard(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], p[P_ep * stride + i], p[P_GDelta * stride + i]);
+    enabled[0 * stride + i] = (uint8_t)flags[i];
   for (int64_t i = 0; i < count; i++)
-    enabled[2 * stride + i] = path2_guard(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i],
-        p[P_GDelta * stride + i], p[P_Vmax * stride + i]);
+    flags[i] = path1_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_ep * stride + i], p[P_GDelta * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    enabled[3 * stride + i] = path3_guard(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i],
-        p[P_GDelta * stride + i], p[P_Vmax * stride + i]);
+    enabled[1 * stride + i] = (uint8_t)flags[i];
+  for (int64_t i = 0; i < count; i++)
+    flags[i] = path2_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i], p[P_GDelta * stride + i],
+        p[P_Vmax * stride + i]);
+  for (int64_t i = 0; i < count; i++)
+    enabled[2 * stride + i] = (uint8_t)flags[i];
+  for (int64_t i = 0; i < count; i++)
+    flags[i] = path3_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i], p[P_GDelta * stride + i],
+        p[P_Vmax * stride + i]);
+  for (int64_t i = 0; i < count; i++)
+    enabled[3 * stride + i] = (uint8_t)flags[i];
 }
 
 /* Narrows the values of an input to those its tests leave, up to rounding. */
@@ -1409,18 +1713,27 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, real
 DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
+  int64_t flags[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++)
-    facts[F_loopInv_holds * row + i] = loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i],
-        p[P_A * stride + i], p[P_GDelta * stride + i], p[P_Vmax * stride + i]);
+    flags[i] = loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i],
+        p[P_GDelta * stride + i], p[P_Vmax * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    facts[F_ensure_holds * row + i] = ensure_holds(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], p[P_GDelta * stride + i]);
+    facts[F_loopInv_holds * row + i] = (uint8_t)flags[i];
   for (int64_t i = 0; i < count; i++)
-    facts[F_ensure_due * row + i] = ensure_due(x[X_T * stride + i]);
+    flags[i] = ensure_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_GDelta * stride + i]);
   for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = problem_postcondition(x[X_xr * stride + i],
-        x[X_vr * stride + i], x[X_xg * stride + i], x[X_T * stride + i], p[P_GDelta * stride + i]);
+    facts[F_ensure_holds * row + i] = (uint8_t)flags[i];
+  for (int64_t i = 0; i < count; i++)
+    flags[i] = ensure_due(x[X_T * stride + i]);
+  for (int64_t i = 0; i < count; i++)
+    facts[F_ensure_due * row + i] = (uint8_t)flags[i];
+  for (int64_t i = 0; i < count; i++)
+    flags[i] = problem_postcondition(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        x[X_T * stride + i], p[P_GDelta * stride + i]);
+  for (int64_t i = 0; i < count; i++)
+    facts[F_postcondition * row + i] = (uint8_t)flags[i];
 }
 
 /*
@@ -1573,7 +1886,7 @@ static const dl2c_path PATHS[4] = {
 static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};
-static const int32_t FLOW_MARGINS[1] = {36};
+static const int32_t FLOW_MARGINS[1] = {46};
 static const real SAMPLE_LOW[64][10] = {
   {0.0, -10.0, 7.091804922202365, 0.0, 0.0, 0.1, 4.317730279521504, 1.0, 7.091804922202365, 7.93611576627678},
   {0.0, -10.0, 9.061339470123748, 0.0, 0.0, 0.1, 4.48406973026821, 1.0, 9.061339470123748, 9.03222926189029},
