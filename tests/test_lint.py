@@ -99,6 +99,13 @@ def test_a_deadlock_is_shown() -> None:
     assert "x = 5" in diagnostic.notes[0] and diagnostic.span.text == "safe(x) & v >= 0"
 
 
+def test_a_flow_ends_in_its_domain() -> None:
+    """States outside it are neither deadlocks nor violations."""
+    text = MODEL.replace("@invariant(safe(x) & v >= 0)", "@invariant(safe(x))")
+    assert codes(text) == codes(text.replace("]safe(x)", "](safe(x) & v >= 0)")) == set()
+    assert codes(text.replace("HP ctrl ::= {", "HP ctrl ::= { ?v > 0;")) == {"deadlock"}
+
+
 def test_units_are_read_and_shown() -> None:
     assert unit_of("m/s^2") == unit_of("m s^-2") == {"m": 1, "s": -2}
     assert unit_of("1/s") == {"s": -1} and unit_of("rad") == {} and unit_of("m^") is None

@@ -48,7 +48,7 @@ def lints(source: Source, model: Checked) -> Iterator[Diagnostic]:
     yield from annotations.durations(step, options)
     yield from runs.standstill(step, paths, options)
     yield from unit_mismatches(problem)
-    yield from runs.postcondition(step, problem, oracle)
+    yield from runs.postcondition(step, problem, paths, oracle)
     yield from annotations.shapes(step, problem, oracle)
     dead = tuple(runs.dead_alternatives(step, paths, oracle))
     yield from dead

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 from fractions import Fraction
 
 from dl2c.diagnostics import CompileError, Diagnostic, warning
-from dl2c.ir.logic import conjunction, disjunction, negation, symbols
+from dl2c.ir.logic import conjunction, disjunction, domain_at_end, negation, symbols
 from dl2c.ir.lower import scope_of
 from dl2c.ir.lower_terms import lower_formula
 from dl2c.ir.model import TRUE, Assign, AssignAny, Choice, Compare, Flow, Formula, Model, Number
-from dl2c.lint.world import rigid_facts, statements
+from dl2c.lint.world import bounds_of, rigid_facts, statements
 from dl2c.options import Options
 from dl2c.paths.path import END, Path, Paths
 from dl2c.resolve.bind import IN_HINTS, check
@@ -59,7 +59,7 @@ def _tests(path: Path, paths: Paths) -> tuple[Formula, ...]:
 
 
 def deadlock(model: Model, problem: Problem, paths: Paths, oracle: Oracle) -> Iterator[Diagnostic]:
-    """`deadlock`: a state under the loop's @invariant from which no path begins."""
+    """`deadlock`: a state under the loop's @invariant, first or after a flow, where no path begins."""
     known = invariant(problem)
     if known is None or problem.shape.loop is None or paths.lead is not None:
         return
@@ -68,7 +68,9 @@ def deadlock(model: Model, problem: Problem, paths: Paths, oracle: Oracle) -> It
         for p in paths.of(0)
     ]
     used = {s.name for s in symbols(known, *(part.formula for part in never)) if s.kind != "input"}
-    answer = oracle.exists((*rigid_facts(model), known), never, sorted(used))
+    first = conjunction((model.precondition, *bounds_of(model)))
+    reached = disjunction((first, after_steps(model, paths)))
+    answer = oracle.exists((*rigid_facts(model), known, reached), never, sorted(used))
     if answer.verdict == "yes":
         invariants = problem.shape.loop.invariants
         yield warning(
@@ -79,6 +81,18 @@ def deadlock(model: Model, problem: Problem, paths: Paths, oracle: Oracle) -> It
             "strengthen the invariant if the state cannot be reached, or add an alternative for it",
             (f"for instance {_shown(answer.witness)}",) if used else (),
         )
+
+
+def after_steps(model: Model, paths: Paths) -> Formula:
+    """What holds after every step because flows end in their domains."""
+    last = [p.flow for p in paths.paths if p.target == END and p.point < _first_other(paths)]
+    flows = [model.flows[k] for k in dict.fromkeys(last) if k is not None]
+    return TRUE if None in last else disjunction(domain_at_end(flow) for flow in flows)
+
+
+def _first_other(paths: Paths) -> int:
+    """The first point that does not belong to the steps' own part."""
+    return min(p for p in (paths.lead, paths.prefix, paths.points) if p is not None)
 
 
 def invariant(problem: Problem) -> Formula | None:
@@ -100,7 +114,7 @@ def invariant(problem: Problem) -> Formula | None:
     return conjunction(found)
 
 
-def postcondition(model: Model, problem: Problem, oracle: Oracle) -> Iterator[Diagnostic]:
+def postcondition(model: Model, problem: Problem, paths: Paths, oracle: Oracle) -> Iterator[Diagnostic]:
     """`postcondition-not-safe`: a violation of what is proved may go unnoticed.
 
     An obligation of the postcondition is noticed where its @progress predicate has an `on_failure`.
@@ -113,7 +127,8 @@ def postcondition(model: Model, problem: Problem, oracle: Oracle) -> Iterator[Di
     used = {s.name for s in symbols(wrong)}
     met = [p for p in model.predicates if p.due is not None and p.on_failure is not None]
     known = [*(p.formula for p in safe), *(disjunction((negation(p.due or TRUE), p.formula)) for p in met)]
-    answer = oracle.exists((*rigid_facts(model), *known, wrong), shown=sorted(used))
+    facts = (*rigid_facts(model), after_steps(model, paths))
+    answer = oracle.exists((*facts, *known, wrong), shown=sorted(used))
     if answer.verdict == "yes":
         yield warning(
             "postcondition-not-safe",
