@@ -3,20 +3,24 @@
 import json
 import re
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from lint_models import CASES, MODEL, Parts, varied
 from test_cli import run
+from test_model_errors import mutated
 
 from dl2c.commands.check import table_of_codes
-from dl2c.diagnostics import Diagnostic
+from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.ir.model import Symbol
 from dl2c.lint.check import examine
 from dl2c.lint.codes import CODES, LINTS
 from dl2c.lint.edits import Edit, edited
+from dl2c.lint.fix import edits_of
+from dl2c.lint.suggest import suggestions
 from dl2c.lint.units import shown, unit_of
 from dl2c.options import Options
 from dl2c.pipeline import resolve_options
@@ -237,3 +241,20 @@ def test_edits_leave_all_other_bytes(mark: str, parts: list[str], places: list[t
 def test_codes_are_listed(capsys: Any) -> None:
     assert run(capsys, "check", "--list-codes") == (0, table_of_codes() + "\n", "")
     assert {lint.code for lint in LINTS if lint.fixable} == {"keymaera-rejects", "minus-in-quotient"}
+
+
+# Whatever is written -----------------------------------------------------------
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 10**9))
+def test_any_model_is_examined_corrected_and_annotated(seed: int) -> None:
+    source = Source("any.kyx", mutated(MODEL, Random(seed)))
+    examined = examine(source, Options(), portable=True)
+    assert all(d.code in CODES for d in examined if d.severity == "warning")
+    try:
+        corrected = edited(source.text.encode(), edits_of(source)).decode()
+        assert not tuple(edits_of(Source("any.kyx", corrected)))
+        suggestions(source, Options())
+    except CompileError as refused:
+        assert str(refused)
