@@ -102,6 +102,12 @@ def test_suggestions_follow_the_precondition() -> None:
     assert "\t/* @var: bound=[-0.25:0.334] */\n\tReal v" in wide
 
 
+def test_what_only_the_program_before_the_loop_sets_is_observed() -> None:
+    text = DIAMOND.replace("<{x := x + 1;}*>", "<y := 3; {x := x + y;}*>").replace("& y >= 12 ", "")
+    copy = annotated(text.encode()).decode()
+    assert "bound=[-10:10] */Real y" in copy and examine(Source("m.kyx", copy), Options()) == ()
+
+
 def test_the_diamond_becomes_progress() -> None:
     copy = annotated(DIAMOND.encode()).decode()
     assert "/* @progress: reward=1, on_success=terminate:success */\nProblem" in copy

@@ -63,7 +63,7 @@ def test_version(capsys: Any) -> None:
     assert run(capsys, "--version") == (0, "dl2c 0.1.0\n", "")
 
 
-@pytest.mark.parametrize("command", ["build", "check", "info", "emit", "rollout", "train"])
+@pytest.mark.parametrize("command", ["build", "check", "annotate", "info", "emit", "rollout", "train"])
 def test_every_option_is_a_documented_flag(capsys: Any, monkeypatch: Any, command: str) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     code, out, _ = run(capsys, command, "--help")

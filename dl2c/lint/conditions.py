@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from dl2c.diagnostics import Diagnostic, warning
-from dl2c.ir.logic import domain_at_end, mapped, negation, substituted
+from dl2c.ir.logic import domain_at_end, mapped, negation, operands, substituted
 from dl2c.ir.model import (
     Assign,
     AssignAny,
@@ -30,12 +30,16 @@ from dl2c.smt.precondition import span_of
 from dl2c.smt.query import Oracle
 from dl2c.source import NOWHERE, Span
 
+MAX_SIZE = 2000
+"""Symbols in the value of a variable; a larger one is forgotten."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """The values of variables over the start of the step and fresh symbols, and what holds of those."""
+    """Values of variables over the start of the step and fresh symbols, their sizes, and what holds."""
 
     values: Mapping[Symbol, Term]
+    sizes: Mapping[Symbol, int]
     facts: tuple[Formula, ...]
 
     def of(self, formula: Formula) -> Formula:
@@ -68,8 +72,7 @@ class _Walk:
     def statement(self, statement: object, known: _Known) -> Iterator[Diagnostic | _Known]:
         match statement:
             case Assign(name, term):
-                value = substituted(term, known.values)
-                yield replace(known, values={**known.values, Symbol(name, "variable"): value})
+                yield self.assigned(known, Symbol(name, "variable"), term)
             case AssignAny(name):
                 yield self.forgotten(known, frozenset({name}))
             case Test(formula):
@@ -105,6 +108,13 @@ class _Walk:
             case _:
                 raise AssertionError(statement)
 
+    def assigned(self, known: _Known, symbol: Symbol, term: Term) -> _Known:
+        size = _size(term, known.sizes)
+        if size > MAX_SIZE:
+            return self.forgotten(known, frozenset({symbol.name}))
+        value = substituted(term, known.values)
+        return _Known({**known.values, symbol: value}, {**known.sizes, symbol: size}, known.facts)
+
     def test(self, formula: Formula, span: Span, what: str, known: _Known) -> Iterator[Diagnostic | _Known]:
         verdict = self.verdict(formula, known, both=what == "test")
         if verdict is not None:
@@ -127,17 +137,25 @@ class _Walk:
         return self.forgotten(known, written(block, self.model.flows))
 
     def forgotten(self, known: _Known, names: frozenset[str]) -> _Known:
-        values = dict(known.values)
+        values, sizes = dict(known.values), dict(known.sizes)
         for name in sorted(names):
             self.fresh += 1
             values[Symbol(name, "variable")] = Symbol(f"{name} {self.fresh}", "variable")
-        return replace(known, values=values)
+            sizes[Symbol(name, "variable")] = 1
+        return _Known(values, sizes, known.facts)
 
 
 def constant_tests(model: Model, oracle: Oracle) -> Iterator[Diagnostic]:
     """`constant-test`."""
     walk = _Walk(model, oracle)
-    yield from _only_found(walk.block((*model.lead, *model.body), _Known({}, rigid_facts(model))))
+    yield from _only_found(walk.block((*model.lead, *model.body), _Known({}, {}, rigid_facts(model))))
+
+
+def _size(term: Term, sizes: Mapping[Symbol, int]) -> int:
+    """How many symbols the term has once the values of variables are put in."""
+    if isinstance(term, Symbol):
+        return sizes.get(term, 1)
+    return 1 + sum(_size(t, sizes) for t in operands(term))
 
 
 def _only_found(found: Iterator[Diagnostic | _Known]) -> Iterator[Diagnostic]:

@@ -63,7 +63,10 @@ def _bare(minus: tree.Neg, code: str) -> Span | None:
     """The minus with its operand; None where either stands in parentheses."""
     start = minus.span.start if code[minus.span.start] == "-" else code.rfind("-", 0, minus.span.start)
     operand = code[start + 1 : minus.span.end].strip()
-    if not code[:start].rstrip().endswith("/") or _closes(operand) == len(operand) - 1:
+    before = start
+    while code[before - 1].isspace():
+        before -= 1
+    if code[before - 1] != "/" or _closes(operand) == len(operand) - 1:
         return None
     return Span(minus.span.source, start, minus.span.end)
 
@@ -79,9 +82,17 @@ def _closes(text: str) -> int:
 
 
 def _characters(source: Source) -> Iterator[Diagnostic]:
-    strings = [m.span() for m in _STRING.finditer(scan(source).text)]
-    for found in re.finditer(rf"[^\x00-\x7f{SYMBOLS}]+", source.text):
-        if not any(start <= found.start() < end for start, end in strings):
+    """The first place of each character."""
+    pieces: list[str] = []
+    at = 0
+    for string in _STRING.finditer(scan(source).text):
+        pieces += [source.text[at : string.start()], " " * len(string.group())]
+        at = string.end()
+    pieces.append(source.text[at:])
+    seen = set(SYMBOLS)
+    for found in re.finditer(r"[^\x00-\x7f]", "".join(pieces)):
+        if found.group() not in seen:
+            seen.add(found.group())
             yield warning(
                 errors.REJECTS,
                 "KeYmaera X rejects this character outside strings, even in comments",

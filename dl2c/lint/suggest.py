@@ -15,6 +15,7 @@ from fractions import Fraction
 
 from dl2c.interval.arithmetic import WHOLE, Interval, hull_of
 from dl2c.interval.bounded import Range, bounded, initial_box
+from dl2c.ir.liveness import read_first
 from dl2c.ir.lower import lower
 from dl2c.ir.model import Constant, Model, Symbol, Variable
 from dl2c.lint.edits import Edit
@@ -71,7 +72,9 @@ def _variables(problem: Problem, model: Model, drawn: Model, default: Range) -> 
     usual = Interval(float(default[0]), float(default[1]))
     for (declaration, annotation), variable in zip(problem.variables, model.variables, strict=True):
         name = declaration.name
-        own = [] if variable.initial == "zero" else [box.get(Symbol(name, "variable"), WHOLE)]
+        own = [box.get(Symbol(name, "variable"), WHOLE)] if variable.initial == "sampled" else []
+        if not own and read_first((*model.lead, *model.body), name, model.flows):
+            own = [usual]
         limits = (*own, *inputs.get(name, ()))
         wanted = name in unlimited or name in inputs if problem.annotated else limits
         if annotation is None and wanted:

@@ -6,7 +6,7 @@ declaration does not hide the errors of the next.
 """
 
 import re
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -246,10 +246,10 @@ def refused_comments(source: Source) -> tuple[Comment, ...]:
                 ranges += ((start, trimmed_end(code, start, following)) for start, following in pairs)
             case _:
                 pass
-    return tuple(
-        comment
-        for comment in code.comments
-        if comment.line
-        for start, end in ranges
-        if start <= comment.span.start < end and not _SEAM.match(code.text, start, comment.span.start)
-    )
+    found: list[Comment] = []
+    for comment in code.comments:
+        at = comment.span.start
+        start, end = ranges[k - 1] if (k := bisect_right(ranges, (at, len(code.text)))) else (at, at)
+        if comment.line and at < end and not _SEAM.match(code.text, start, at):
+            found.append(comment)
+    return tuple(found)
