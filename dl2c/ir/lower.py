@@ -118,7 +118,7 @@ def _postcondition(problem: Problem, scope: Scope) -> ir.Formula | None:
 def _after_loop(problem: Problem) -> Iterator[Diagnostic]:
     """Conditions after the program that become predicates of the state after a step."""
     shape = problem.shape
-    used = [p.formula for p in problem.predicates if p.formula in (shape.postcondition, shape.progress)]
+    used = [p.formula for p in problem.predicates if p.declaration.name not in problem.symbols.declarations]
     if not problem.annotated:
         used = [f for f in (shape.postcondition or shape.progress,) if f is not None]
     read = frozenset(name for formula in used for name in _changed_afterwards(problem, formula))
