@@ -7,6 +7,7 @@ Results go to stdout, messages and progress bars to stderr. Exit codes: see `com
 import csv
 import math
 import shutil
+import sys
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
@@ -23,7 +24,6 @@ from dl2c.commands.completion import models, words
 from dl2c.commands.failures import CommandError, as_json, report, show, to_json
 from dl2c.commands.flags import Json, model_options
 from dl2c.commands.verbosity import begin, detailed, quiet, talkative
-from dl2c.diagnostics import CompileError
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
@@ -80,6 +80,14 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _list_codes(wanted: bool) -> None:
+    if wanted:
+        from dl2c.commands.check import table_of_codes
+
+        print(table_of_codes())
+        raise typer.Exit
+
+
 @app.callback()
 @talkative
 def options_of_dl2c(
@@ -114,16 +122,27 @@ def build(
 
 @app.command()
 @model_options
-def check(model: Model, json: Json = False, *, options: Mapping[str, Any]) -> None:
-    """Report every error and warning in a model."""
-    from dl2c.env.opening import source_of
-    from dl2c.pipeline import check_model, resolve_options
+def check(
+    model: Model,
+    portable: Annotated[
+        bool, typer.Option("--portable", help="What KeYmaera X 5 rejects is an error.")
+    ] = False,
+    fix: Annotated[bool, typer.Option("--fix", help="Correct in the file what needs no decision.")] = False,
+    list_codes: Annotated[
+        bool,
+        typer.Option("--list-codes", callback=_list_codes, is_eager=True, help="Print what is looked for."),
+    ] = False,
+    json: Json = False,
+    *,
+    options: Mapping[str, Any],
+) -> None:
+    """Report every error and warning in a model, and what it may not mean."""
+    from dl2c.commands.check import diagnostics_of, fixed
 
-    try:
-        with _working(f"checking {model}"):
-            found, failed = check_model(source_of(model), resolve_options(options)), False
-    except CompileError as error:
-        found, failed = error.diagnostics, True
+    corrections = fixed(model) if fix else 0
+    with _working(f"checking {model}"):
+        found = diagnostics_of(model, options, portable)
+    failed = any(d.severity == "error" for d in found)
     if json:
         print(as_json(found))
     else:
@@ -131,7 +150,30 @@ def check(model: Model, json: Json = False, *, options: Mapping[str, Any]) -> No
     if failed:
         raise typer.Exit(1)
     if not (json or quiet()):
-        print(f"{model}: no errors, {len(found)} warning{'s' * (len(found) != 1)}")
+        made = f"{corrections} correction{'s' * (corrections != 1)}, " if fix else ""
+        print(f"{model}: {made}no errors, {len(found)} warning{'s' * (len(found) != 1)}")
+
+
+@app.command()
+@model_options
+def annotate(
+    model: Model,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="File to write instead of stdout.", show_default=False),
+    ] = None,
+    *,
+    options: Mapping[str, Any],
+) -> None:
+    """Write a copy of a model with suggested annotations; without these comments it is the same file."""
+    from dl2c.commands.check import annotated, write
+
+    content = annotated(model, options)
+    if output is None:
+        sys.stdout.buffer.write(content)
+    else:
+        write(output, content)
+        print(output)
 
 
 @app.command()

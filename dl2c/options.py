@@ -41,13 +41,15 @@ class Options:
 
     `dt` None means: the model's own horizon, else `DEFAULT_DT`. `safety_check` "auto" is
     "continuous" where every path of a step ends with its ODE, else "step". `rtol` and `atol` are
-    CVODES' tolerances. `constants` fixes episode constants by name, `entry` selects an archive
-    entry by its name or its number in the file (from 1), `loop` one of several top-level loops (from 1).
+    CVODES' tolerances. `constants` fixes episode constants by name, `default_bound` limits names on
+    the sides on which nothing else does, `entry` selects an archive entry by its name or its number in
+    the file (from 1), `loop` one of several top-level loops (from 1).
     """
 
     entry: str | None = None
     loop: int | None = None
     constants: tuple[tuple[str, Fraction], ...] = ()
+    default_bound: tuple[Fraction, Fraction] | None = None
     dt: Fraction | None = None
     tolerance: Fraction = Fraction(1, 10**9)
     progress_failure: ProgressFailure = "due"
@@ -108,6 +110,8 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
                 raise UnknownOption(f"`constants` takes names with values, not {value!r}")
             given = cast("Mapping[str, Any]", value)
             return tuple(sorted((name, _exact(f"constants[{name}]", v)) for name, v in given.items()))
+        case "default_bound":
+            return None if value is None else _range(name, value)
         case "dt":
             return None if value is None else _positive(name, _exact(name, value))
         case "rtol" | "atol":
@@ -143,6 +147,17 @@ def _whole(name: str, value: Any, least: int, most: int = MOST_STEPS) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise UnknownOption(f"`{name}` takes a whole number from {least} to {most:,}")
     return value
+
+
+def _range(name: str, value: Any) -> tuple[Fraction, Fraction]:
+    """`LO:HI`, with or without brackets, or two numbers."""
+    ends = value.strip().strip("[]").split(":") if isinstance(value, str) else value
+    if not isinstance(ends, list | tuple) or len(found := cast("list[Any]", ends)) != 2:
+        raise UnknownOption(f"`{name}` takes LO:HI, not {value!r}")
+    low, high = (_exact(name, end) for end in found)
+    if low >= high:
+        raise UnknownOption(f"`{name}` takes LO:HI with LO below HI, not {value!r}")
+    return low, high
 
 
 def _exact(name: str, value: Any) -> Fraction:

@@ -77,16 +77,38 @@ def compile_model(source: Source, options: Options, *, progress: Progress = sile
     return Compiled(load_library(directory), directory, in_source_order((*warnings, *later)))
 
 
-def check_model(source: Source, options: Options) -> tuple[Diagnostic, ...]:
-    """Everything that can be said of a model without compiling C: its warnings.
+def resolved(source: Source, options: Options) -> tuple[Problem, Options]:
+    """The entry that the options name, and the options completed by its `@episode`. Raises `CompileError`."""
+    problem, options, _ = _front(source, options)
+    return problem, options
 
-    Raises `CompileError` for its errors.
-    """
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """A model that can be built: everything known of it before C is written."""
+
+    problem: Problem
+    environment: "Environment"
+    warnings: tuple[Diagnostic, ...]
+
+    @property
+    def options(self) -> Options:
+        """Those given, completed by `@episode`."""
+        return self.environment.options
+
+
+def checked(source: Source, options: Options) -> Checked:
+    """A model up to the point where C would be written. Raises `CompileError` for its errors."""
     with stages() as say:
         say("reading the model")
         problem, options, warnings = _front(source, options)
-        _, later = _environment(problem, options, say)
-    return in_source_order((*warnings, *later))
+        environment, later = _environment(problem, options, say)
+    return Checked(problem, environment, in_source_order((*warnings, *later)))
+
+
+def check_model(source: Source, options: Options) -> tuple[Diagnostic, ...]:
+    """The warnings that a build gives. Raises `CompileError` for a model's errors."""
+    return checked(source, options).warnings
 
 
 def emit(source: Source, stage: str, options: Options) -> str:
@@ -101,7 +123,7 @@ def emit(source: Source, stage: str, options: Options) -> str:
         return print_formula(expansion(entry_of(archive, options))) + "\n"
     problem, options, _ = _front(source, options)
     if stage == "ir":
-        return print_model(lower(problem, options))
+        return print_model(_lowered(problem, options)[0])
     environment, _ = _environment(problem, options, silent)
     if stage == "paths":
         from dl2c.paths.printer import print_paths
@@ -117,8 +139,8 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
     from dl2c.paths.enumerate import enumerate_paths
 
     problem, options, _ = _front(source, options)
-    model = lower(problem, options)
-    return model, enumerate_paths(model)
+    model, _ = _lowered(problem, options)
+    return model, enumerate_paths(model, options.default_bound)
 
 
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:
@@ -135,6 +157,8 @@ def _completed(options: Options, episode: EpisodeAnnotation) -> Options:
     names = {"max_steps": "max_episode_steps"}
     found: list[Diagnostic] = []
     for name, value, span in episode.options:
+        if name == "allow":
+            continue
         if names.get(name, name) not in {f.name for f in fields(Options)}:
             title = f"`@episode` option `{name}` is not supported"
             found.append(error("unsupported-option", title, span, help="leave it out"))
@@ -181,18 +205,18 @@ def _environment(
     from dl2c.smt.precondition import decide
 
     say("lowering")
-    model = lower(problem, options)
+    model, drawn = _lowered(problem, options)
     say("enumerating paths")
-    paths = enumerate_paths(model)
+    paths = enumerate_paths(model, options.default_bound)
     watches = watches_of(model)
     plans = [plan_flow(f, watches, options.integrator) for f in model.flows]
     refused = [_refused(p) for p in plans if isinstance(p, Refused)]
     if refused:
         raise CompileError(refused)
     say("deciding the precondition")
-    decision = decide(model)
+    decision = decide(drawn)
     say("planning initial states")
-    sampling = plan_sampling(model, decision=decision)
+    sampling = plan_sampling(drawn, decision=decision)
     warnings = program_warnings(model)
     if isinstance(sampling, NoSampler):
         if sampling.diagnostic.code in ("unsatisfiable-precondition", "unbounded-variable"):
@@ -209,6 +233,20 @@ def _environment(
         version=__version__,
     )
     return environment, warnings
+
+
+def _lowered(problem: Problem, options: Options) -> tuple["Model", "Model"]:
+    """The model, and the model whose initial states are drawn: there the default bound limits variables.
+
+    They start inside it and may leave it, so it is no limit of observations; constants keep it.
+    """
+    from dl2c.interval.bounded import bounded
+
+    model = lower(problem, options)
+    if options.default_bound is None:
+        return model, model
+    drawn = bounded(model, options.default_bound)
+    return replace(model, constants=drawn.constants), drawn
 
 
 def _refused(refused: "Refused") -> Diagnostic:

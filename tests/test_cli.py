@@ -38,7 +38,7 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         return SimpleNamespace(library=library, warnings=found, directory=built)
 
     monkeypatch.setattr("dl2c.env.opening.build", build)
-    monkeypatch.setattr("dl2c.pipeline.check_model", lambda source, given: build(source, {}).warnings)
+    monkeypatch.setattr("dl2c.lint.check.examine", lambda source, given, portable: build(source, {}).warnings)
     return str(path)
 
 
@@ -52,18 +52,18 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, 
 
 
 def failing(patch: pytest.MonkeyPatch, failure: Exception) -> None:
-    def build(source: Source, given: Any, progress: Any = None) -> Any:
+    def build(source: Source, given: Any, progress: Any = None, portable: bool = False) -> Any:
         raise failure
 
     patch.setattr("dl2c.env.opening.build", build)
-    patch.setattr("dl2c.pipeline.check_model", build)
+    patch.setattr("dl2c.lint.check.examine", build)
 
 
 def test_version(capsys: Any) -> None:
     assert run(capsys, "--version") == (0, "dl2c 0.1.0\n", "")
 
 
-@pytest.mark.parametrize("command", ["build", "check", "info", "emit", "rollout", "train"])
+@pytest.mark.parametrize("command", ["build", "check", "annotate", "info", "emit", "rollout", "train"])
 def test_every_option_is_a_documented_flag(capsys: Any, monkeypatch: Any, command: str) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     code, out, _ = run(capsys, command, "--help")

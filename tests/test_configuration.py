@@ -82,7 +82,8 @@ def test_the_command_line_wins_over_episode_wins_over_the_file(project: Any) -> 
 def test_every_option_can_be_configured(project: Any) -> None:
     defaults = Options()
     project(
-        "[tool.dl2c]\ndt = 0.1\ntolerance = 1e-6\nprogress_failure = 'literal'\nobserve_constants = false\n"
+        "[tool.dl2c]\ndefault_bound = [-10, 0.1]\n"
+        "dt = 0.1\ntolerance = 1e-6\nprogress_failure = 'literal'\nobserve_constants = false\n"
         "obs_dtype = 'float64'\nobservation_bounds = 'unbounded'\naction_format = 'box'\n"
         "action_map = 'squash'\non_blocked = 'truncate'\nblocked_penalty = -2.5\nmax_episode_steps = 3\n"
         "stall_limit = 4\nnative = true\nduration = 'sample'\nsafety_check = 'step'\nintegrator = 'cvodes'\n"
@@ -91,6 +92,7 @@ def test_every_option_can_be_configured(project: Any) -> None:
     )
     found = configured(defaults)
     assert [n for n in NAMES if getattr(found, n) == getattr(defaults, n)] == []
+    assert found.default_bound == (-10, Fraction(1, 10))
     assert (found.dt, found.tolerance) == (Fraction(1, 10), Fraction(1, 10**6))
     assert found.constants == (("k", Fraction(3, 10)),)
     assert found.given == frozenset()

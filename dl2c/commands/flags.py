@@ -17,6 +17,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
 HELP = {
     "entry": "Entry of a KeYmaera X archive that holds several, by name or number.",
     "loop": "Which of several top-level loops is the episode's, counted from 1.",
+    "default_bound": "LO:HI, limits of names that neither a bound nor the precondition limits.",
     "dt": "Longest time of a continuous evolution, in seconds.",
     "duration": "Flows last as long as they may, a random part of that, or one the agent chooses.",
     "safety_check": "Watch safety predicates along the motion, or after each step.",

@@ -12,6 +12,11 @@ def overwritten(block: Block, variable: str, flows: tuple[Flow, ...]) -> bool:
     return writes and not reads
 
 
+def read_first(block: Block, variable: str, flows: tuple[Flow, ...]) -> bool:
+    """Whether some path reads the variable before it writes it."""
+    return _scan(block, Symbol(variable, "variable"), flows)[0]
+
+
 def _scan(block: Block, symbol: Symbol, flows: tuple[Flow, ...]) -> tuple[bool, bool]:
     """Whether some path reads the symbol first, and whether every path writes it."""
     for statement in block:

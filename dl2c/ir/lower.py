@@ -38,7 +38,7 @@ UNANNOTATED_PENALTY = Fraction(-1)
 
 def lower(problem: Problem, options: Options) -> ir.Model:
     """The step model of a problem."""
-    scope = _scope(problem)
+    scope = scope_of(problem)
     shape = problem.shape
     found: list[Diagnostic] = []
     code = scan(problem.entry.span.source).text
@@ -116,13 +116,14 @@ def _postcondition(problem: Problem, scope: Scope) -> ir.Formula | None:
 
 
 def _after_loop(problem: Problem) -> Iterator[Diagnostic]:
-    """Without annotations the conditions after the program become predicates of the state after a step."""
+    """Conditions after the program that become predicates of the state after a step."""
     shape = problem.shape
-    used = shape.postcondition or shape.progress
-    if used is None or problem.annotated:
-        return
+    used = [p.formula for p in problem.predicates if p.declaration.name not in problem.symbols.declarations]
+    if not problem.annotated:
+        used = [f for f in (shape.postcondition or shape.progress,) if f is not None]
+    read = frozenset(name for formula in used for name in _changed_afterwards(problem, formula))
     for program in shape.suffix:
-        if changed := written_variables((program,)) & _changed_afterwards(problem, used):
+        if changed := written_variables((program,)) & read:
             yield error(
                 "program-after-loop",
                 "a program after the loop is not run",
@@ -166,7 +167,8 @@ def _runs(problem: Problem, place: Span) -> bool:
     return any(start <= place.start < end for start, end in ranges)
 
 
-def _scope(problem: Problem) -> Scope:
+def scope_of(problem: Problem) -> Scope:
+    """What the names of a problem stand for."""
     scope: dict[str, ir.Term] = {d.name: ir.Symbol(d.name, "variable") for d, _ in problem.variables}
     return scope | {d.name: ir.Symbol(d.name, "constant") for d, _ in problem.constants}
 
@@ -187,7 +189,8 @@ def _constants(
     for declaration, annotation in problem.constants:
         constant = _constant(declaration, annotation, given.get(declaration.name))
         open_ended = constant.bound.low is None or constant.bound.high is None
-        if constant.value is None and open_ended and declaration.name not in used:
+        limited = declaration.name in used or options.default_bound is not None
+        if constant.value is None and open_ended and not limited:
             found.append(_no_value(declaration))
         constants.append(constant)
     return tuple(constants)
@@ -235,7 +238,8 @@ def _no_value(declaration: tree.Declaration) -> Diagnostic:
         f"nothing says which values `{name}` takes",
         declaration.span,
         "neither bounded nor fixed",
-        f"annotate it with `@const: bound=[lo:hi]`, or fix it with `--set {name}=1.5`",
+        f"annotate it with `@const: bound=[lo:hi]`, fix it with `--set {name}=1.5`, or give "
+        "`--default-bound`",
     )
 
 

@@ -114,6 +114,8 @@ def _options(options: Options) -> dict[str, Any]:
                 continue
             case Fraction():
                 values[option.name] = print_number(value)
+            case (Fraction() as low, Fraction() as high):
+                values[option.name] = f"{print_number(low)}:{print_number(high)}"
             case tuple():
                 values[option.name] = {name: print_number(number) for name, number in options.constants}
             case _:

@@ -158,6 +158,7 @@ def decode_program(annotations: Sequence[Annotation]) -> tuple[ProgramAnnotation
 
 def decode_problem(annotations: Sequence[Annotation]) -> EpisodeAnnotation | None:
     """The one `@episode` above Problem, or None."""
+    annotations = [a for a in annotations if a.name == "episode"]
     if not annotations:
         return None
     problems = [errors.repeated_annotation(again.span, again.name) for again in annotations[1:]]
@@ -172,6 +173,20 @@ def decode_problem(annotations: Sequence[Annotation]) -> EpisodeAnnotation | Non
         else:
             options.append((*option, span))
     return _checked(EpisodeAnnotation(tuple(options), annotations[0].span), problems)
+
+
+def decode_conclusion(annotations: Sequence[Annotation]) -> tuple[PredicateAnnotation, ...]:
+    """`@safety` and `@progress` above Problem: of what its box and its diamond promise."""
+    problems: list[Diagnostic] = []
+    decoded: dict[str, PredicateAnnotation] = {}
+    for annotation in annotations:
+        if annotation.name in decoded:
+            problems.append(errors.repeated_annotation(annotation.span, annotation.name))
+        elif annotation.name != "episode":
+            found = _declared(annotation, problems)
+            assert isinstance(found, PredicateAnnotation)
+            decoded[annotation.name] = found
+    return _checked(tuple(decoded.values()), problems)
 
 
 def _checked(value: _T, problems: Sequence[Diagnostic]) -> _T:

@@ -6,7 +6,7 @@ declaration does not hide the errors of the next.
 """
 
 import re
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,7 +16,7 @@ from dl2c.parse import build, comments, declarations, errors, old_dialect, place
 from dl2c.parse.build import Reading
 from dl2c.parse.characters import check_characters
 from dl2c.parse.placement import Block, Statement
-from dl2c.parse.scan import Code, scan
+from dl2c.parse.scan import Code, Comment, scan
 from dl2c.parse.sections import (
     Section,
     bare_entry,
@@ -245,3 +245,27 @@ def _problem(sections: Sequence[Section], name: str, work: Work) -> Formula | No
     except CompileError as found:
         work.problems.extend(found.diagnostics)
         return None
+
+
+def refused_comments(source: Source) -> tuple[Comment, ...]:
+    """All `//` comments where KeYmaera X reads a formula or program, of a file that can be read."""
+    code = scan(source)
+    ranges: list[tuple[int, int]] = []
+    for section in find_sections(code, []):
+        begin, end = section.begin, trimmed_end(code, section.begin, section.end)
+        match section.kind:
+            case "Problem":
+                ranges.append((begin, end))
+            case "Definitions" | "ProgramVariables":
+                starts = _statement_starts(code, section)
+                pairs = pairwise([*starts, section.end])
+                ranges += ((start, trimmed_end(code, start, following)) for start, following in pairs)
+            case _:
+                pass
+    found: list[Comment] = []
+    for comment in code.comments:
+        at = comment.span.start
+        start, end = ranges[k - 1] if (k := bisect_right(ranges, (at, len(code.text)))) else (at, at)
+        if comment.line and at < end and not _SEAM.match(code.text, start, at):
+            found.append(comment)
+    return tuple(found)

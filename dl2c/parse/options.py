@@ -23,13 +23,15 @@ class Option:
     """Values are one of `words`, or a number of the given kind with the given least value."""
 
     words: tuple[str, ...] = ()
-    kind: Literal["word", "integer", "decimal", "boolean"] = "word"
+    kind: Literal["word", "integer", "decimal", "boolean", "range", "codes"] = "word"
     least: int | None = None
     open: bool = False
 
 
 OPTIONS = {
+    "allow": Option(kind="codes"),
     "max_steps": Option(kind="integer", least=1),
+    "default_bound": Option(kind="range"),
     "dt": Option(kind="decimal", least=0, open=True),
     "duration": Option(("max", "sample", "agent")),
     "on_blocked": Option(("fallback", "truncate", "terminate")),
@@ -54,6 +56,7 @@ OPTIONS = {
 }
 ALIASES = {"max_episode_steps": "max_steps"}
 
+_RANGE = re.compile(r"\[?\s*-?[0-9.]+\s*:\s*-?[0-9.]+\s*\]?")
 _DECIMAL = re.compile(r"-?[0-9]+(\.[0-9]+)?([eE]-?[0-9]{1,3})?")
 
 
@@ -74,6 +77,10 @@ def read_option(name: str, text: str, at: Span, span: Span) -> tuple[str, Value]
             if plain not in option.words:
                 return errors.unknown_value(span, plain, option.words)
             return name, plain == "true" if option.kind == "boolean" else plain
+        case "codes":
+            return name, plain
+        case "range":
+            return (name, plain) if _RANGE.fullmatch(plain) else errors.malformed_bound(span)
         case "integer":
             value = int(plain) if re.fullmatch(r"-?[0-9]{1,18}", plain) else None
         case "decimal":

@@ -15,6 +15,7 @@ from dl2c.parse.sections import Section
 from dl2c.parse.tree import Annotation, Declaration
 
 INSIDE_PROGRAMS = ("choice", "fallback")
+ABOVE_PROBLEM = ("episode", "safety", "progress")
 _PLACES = {
     "var": "above a declaration in ProgramVariables",
     "const": "above a `Real` declaration in Definitions",
@@ -23,6 +24,7 @@ _PLACES = {
     "fallback": "inside a program, before an alternative of a choice",
 }
 _ABOVE_PREDICATE = "above a `Bool` definition"
+_ABOVE_CONCLUSION = f"{_ABOVE_PREDICATE}, or above Problem"
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +93,7 @@ def inside_programs(
 def above_problem(
     sections: Sequence[Section], over: int, annotations: Sequence[Annotation], problems: list[Diagnostic]
 ) -> tuple[Annotation, ...]:
-    """The annotations between the sections of an entry: `@episode`, before its Problem."""
+    """The annotations between the sections of an entry, before its Problem."""
     start = sections[0].start
     last = max((s.start for s in sections if s.kind == "Problem"), default=start)
     found: list[Annotation] = []
@@ -100,7 +102,7 @@ def above_problem(
         within = any(s.begin <= at < s.end for s in sections)
         if not start <= at < over or within:
             continue
-        if annotation.name == "episode" and at < last:
+        if annotation.name in ABOVE_PROBLEM and at < last:
             found.append(annotation)
         else:
             problems.append(misplaced(annotation))
@@ -108,7 +110,8 @@ def above_problem(
 
 
 def misplaced(annotation: Annotation) -> Diagnostic:
-    place = _PLACES.get(annotation.name, _ABOVE_PREDICATE)
+    above = _ABOVE_CONCLUSION if annotation.name in ABOVE_PROBLEM else _ABOVE_PREDICATE
+    place = _PLACES.get(annotation.name, above)
     return errors.misplaced_annotation(annotation.span, annotation.name, place)
 
 

@@ -8,6 +8,7 @@ is the first branch after an input that the agent does not give: its value is dr
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import TypeVar, assert_never, get_args
 
 from dl2c.diagnostics import CompileError, Diagnostic
@@ -82,8 +83,8 @@ class _Draft:
     target: int
 
 
-def enumerate_paths(model: Model) -> Paths:
-    """All guarded paths of one step.
+def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | None = None) -> Paths:
+    """All guarded paths of one step; `default_bound` limits inputs that nothing else limits.
 
     Raises `CompileError` if there are more than `MAX_PATHS`, if a test of an input is outside
     the class that can be resolved, or if an input has no finite range.
@@ -98,7 +99,7 @@ def enumerate_paths(model: Model) -> Paths:
     for draft in drafts:
         for key in draft.inputs:
             tests.setdefault(key, []).append(draft.tests)
-    inputs = input_limits(model, _by_role({a.key: a for a in _inputs(programs)}), tests)
+    inputs = input_limits(model, _by_role({a.key: a for a in _inputs(programs)}), tests, default_bound)
     flows = tuple(dict.fromkeys(_flows(model.body)))
     if model.duration == "agent":
         durations = tuple(duration_input(k) for k in flows)

@@ -67,5 +67,6 @@ def unbounded_input(variable: str, span: Span) -> Diagnostic:
         f"`{variable} := *` has no finite range",
         span,
         "neither a bound nor the tests after it limit the value",
-        f"annotate {variable} with `@var: bound=[lo:hi]`, or test it: `?-b <= {variable} & {variable} <= A;`",
+        f"annotate {variable} with `@var: bound=[lo:hi]`, test it: `?-b <= {variable} & {variable} <= A;`, "
+        "or give `--default-bound`",
     )

@@ -10,6 +10,7 @@ from fractions import Fraction
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
+from dl2c.interval.bounded import closed
 from dl2c.interval.contract import contract
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import AssignAny, Bound, Formula, Model, Symbol
@@ -18,12 +19,16 @@ from dl2c.paths.path import Input
 
 
 def input_limits(
-    model: Model, assignments: tuple[AssignAny, ...], tests: dict[str, list[Formula]]
+    model: Model,
+    assignments: tuple[AssignAny, ...],
+    tests: dict[str, list[Formula]],
+    default: tuple[Fraction, Fraction] | None,
 ) -> tuple[Input, ...]:
     """One input per nondeterministic assignment.
 
     `tests` holds for each key the tests of every path that meets it, over the state and the
-    input's symbol. Raises `CompileError` naming each input that has no finite limits.
+    input's symbol. `default` limits the sides that stay open.
+    Raises `CompileError` naming each input that has no finite limits.
     """
     bounds = {v.name: v.bound for v in model.variables}
     found: list[Diagnostic] = []
@@ -31,6 +36,8 @@ def input_limits(
     for assignment in assignments:
         declared = bounds[assignment.variable]
         low, high = _implied(model, assignment.key, declared, tests.get(assignment.key, []))
+        if default is not None:
+            low, high = closed(low, high, default)
         if low is None or high is None:
             found.append(errors.unbounded_input(assignment.variable, assignment.span))
         else:

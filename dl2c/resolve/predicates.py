@@ -58,9 +58,15 @@ class _Binding:
 
 
 def bind_predicates(
-    declared: Sequence[tuple[tree.Declaration, PredicateAnnotation]], shape: Shape, symbols: Symbols
+    declared: Sequence[tuple[tree.Declaration, PredicateAnnotation]],
+    concluded: Sequence[PredicateAnnotation],
+    shape: Shape,
+    symbols: Symbols,
 ) -> tuple[AnnotatedPredicate, ...]:
-    """Raises `CompileError` with every error in any of them."""
+    """`concluded` annotate what the problem's box and diamond promise.
+
+    Raises `CompileError` with every error in any of them.
+    """
     found: list[Diagnostic] = []
     bound: list[AnnotatedPredicate] = []
     for declaration, annotation in declared:
@@ -68,9 +74,44 @@ def bind_predicates(
             bound.append(_bound(declaration, annotation, shape, symbols))
         except CompileError as problem:
             found += problem.diagnostics
+    for annotation in concluded:
+        try:
+            bound.append(_concluded(annotation, shape, symbols))
+        except CompileError as problem:
+            found += problem.diagnostics
     if found:
         raise CompileError(found)
     return tuple(bound)
+
+
+def _concluded(annotation: PredicateAnnotation, shape: Shape, symbols: Symbols) -> AnnotatedPredicate:
+    """The postcondition as a @safety predicate, or what the diamond reaches as a @progress predicate."""
+    safety = annotation.category == "safety"
+    formula = shape.postcondition if safety else shape.progress
+    if formula is None:
+        modality = "`[program]`" if safety else "`<program>`"
+        raise CompileError(_nothing_concluded(annotation, modality))
+    name = "postcondition" if safety else "progress"
+    while name in symbols.declarations:
+        name += "_"
+    declaration = tree.Declaration("Bool", name, None, formula, span=formula.span)
+    binding = _Binding(declaration, {}, shape, symbols)
+    found: list[Diagnostic] = []
+    parts = (annotation.reward, annotation.penalty, annotation.shape)
+    reward, penalty, potential = (_value(part, binding, found) for part in parts)
+    if found:
+        raise CompileError(found)
+    return AnnotatedPredicate(declaration, annotation, formula, reward, penalty, potential, ())
+
+
+def _nothing_concluded(annotation: PredicateAnnotation, modality: str) -> Diagnostic:
+    return error(
+        "misplaced-annotation",
+        f"the problem has nothing that this `@{annotation.category}` could annotate",
+        annotation.span,
+        f"there is no {modality}",
+        "annotate a `Bool` definition",
+    )
 
 
 def _bound(

@@ -16,6 +16,7 @@ from dl2c.parse.annotations import (
     PredicateAnnotation,
     ProgramAnnotation,
     VariableAnnotation,
+    decode_conclusion,
     decode_declaration,
     decode_problem,
     decode_program,
@@ -59,6 +60,7 @@ def resolve(entry: tree.Entry, loop: int | None = None) -> Problem:
     found += check_entry(entry, symbols)
     variables, constants, predicates = _annotations(entry, symbols, found)
     episode = _decoded(found, lambda: decode_problem(entry.problem_annotations))
+    concluded = _decoded(found, lambda: decode_conclusion(entry.problem_annotations)) or ()
     program = _decoded(found, lambda: decode_program(entry.program_annotations)) or ()
     if found:
         raise CompileError(found)
@@ -72,7 +74,7 @@ def resolve(entry: tree.Entry, loop: int | None = None) -> Problem:
         shape=shape,
         variables=variables,
         constants=constants,
-        predicates=bind_predicates(predicates, shape, symbols),
+        predicates=bind_predicates(predicates, concluded, shape, symbols),
         program_annotations=program,
         episode=episode,
     )

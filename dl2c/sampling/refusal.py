@@ -25,7 +25,8 @@ def unbounded(items: Sequence[Variable | Constant]) -> Diagnostic:
         f"the initial value{'s' * several} of {names} {'have' if several else 'has'} no finite limits",
         items[0].span,
         label="neither a bound nor the precondition limits it",
-        help=f"annotate {'each' if several else 'it'} with `{'` or `'.join(annotations)}: bound=[lo:hi]`",
+        help=f"annotate {'each' if several else 'it'} with `{'` or `'.join(annotations)}: bound=[lo:hi]`, "
+        "or give `--default-bound`",
         notes=places,
     )
 

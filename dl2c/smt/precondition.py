@@ -75,7 +75,7 @@ def decide(model: Model, timeout_s: float = 10.0) -> Decision:
     if answer == z3.unknown:
         return Unknown(f"Z3 gave up: {solver.reason_unknown()}", span_of(model.precondition))
     values = solver.model()
-    return Satisfiable({n: _value(values.eval(z3.Real(n, context), True)) for n in model.sampled})
+    return Satisfiable({n: value_of(values.eval(z3.Real(n, context), True)) for n in model.sampled})
 
 
 def parts(model: Model) -> tuple[Part, ...]:
@@ -152,7 +152,8 @@ def _minimal(
     return tuple(part for part, _ in core)
 
 
-def _value(value: Expression) -> Fraction | str:
+def value_of(value: Expression) -> Fraction | str:
+    """A number of a Z3 model, exact; of an irrational one a decimal approximation."""
     if z3.is_rational_value(value):
         return Fraction(value.numerator_as_long(), value.denominator_as_long())
     return str(value.as_decimal(20)).rstrip("?")

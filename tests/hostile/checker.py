@@ -1,6 +1,7 @@
 """Reads models for a test that cannot afford to hang: a path and what to do a line, a JSON object back.
 
-What to do is `check`, or `build`, which also steps the environment once. Memory is limited.
+What to do is `check`, which looks for lints too, or `build`, which also steps the environment once.
+Memory is limited.
 """
 
 import json
@@ -10,6 +11,7 @@ import sys
 import dl2c
 from dl2c.diagnostics import CompileError, render
 from dl2c.env.opening import source_of
+from dl2c.lint.check import examine
 from dl2c.pipeline import check_model, resolve_options
 from dl2c.source import NOWHERE
 
@@ -20,6 +22,7 @@ def result_of(task: str, path: str) -> dict[str, object]:
     try:
         if task == "check":
             warnings = check_model(source_of(path), resolve_options({}))
+            examine(source_of(path), resolve_options({}), portable=True)
             return {"codes": ["builds", *(d.code for d in warnings)], "located": True}
         else:
             env = dl2c.make(path)

@@ -1,0 +1,58 @@
+"""What `dl2c check` and `dl2c annotate` do with a model that a user names."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from dl2c.commands.failures import CommandError
+from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.env.opening import EXAMPLE, source_of
+from dl2c.lint.codes import LINTS
+
+
+def diagnostics_of(model: str, options: Mapping[str, Any], portable: bool) -> tuple[Diagnostic, ...]:
+    """All diagnostics of a model and of its project's defaults."""
+    from dl2c.lint.check import examine
+    from dl2c.pipeline import resolve_options
+
+    try:
+        return examine(source_of(model), resolve_options(options), portable=portable)
+    except CompileError as refused:
+        return refused.diagnostics
+
+
+def fixed(model: str) -> int:
+    """How many corrections were made in the file of a model; none in one that cannot be parsed."""
+    from dl2c.lint.fix import fix_file
+
+    if model.startswith(EXAMPLE):
+        raise CommandError("--fix corrects files of yours, not examples")
+    try:
+        return fix_file(Path(model))
+    except CompileError:
+        return 0
+
+
+def annotated(model: str, options: Mapping[str, Any]) -> bytes:
+    """The file of a model with suggested annotations."""
+    from dl2c.lint.edits import edited
+    from dl2c.lint.suggest import suggestions
+    from dl2c.pipeline import resolve_options
+
+    source = source_of(model)
+    path = Path(source.name) if not model.startswith(EXAMPLE) else None
+    content = path.read_bytes() if path else source.text.encode()
+    return edited(content, suggestions(source, resolve_options(options)))
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file as a whole or not at all."""
+    from dl2c.lint.edits import replace_file
+
+    replace_file(path, content)
+
+
+def table_of_codes() -> str:
+    """The table of the README."""
+    rows = [f"| `{lint.code}` | {lint.meaning} | {'yes' if lint.fixable else ''} |" for lint in LINTS]
+    return "\n".join(("| code | warns that | `--fix` |", "| --- | --- | --- |", *rows))

@@ -1,0 +1,176 @@
+"""Doubts about what annotations ask for: rewards, ends of episodes, observations, durations."""
+
+from collections.abc import Iterator
+
+from dl2c.diagnostics import Diagnostic, warning
+from dl2c.emit.judge_c import observed
+from dl2c.interval.arithmetic import WHOLE, Interval, enclosure, evaluate
+from dl2c.interval.bounded import initial_box
+from dl2c.ir.liveness import read_first
+from dl2c.ir.logic import symbols
+from dl2c.ir.model import ZERO, Bound, Compare, Formula, Model, Number, Predicate, Symbol, Term
+from dl2c.lint.world import bounds_of, changing, rigid_facts
+from dl2c.options import DEFAULT_DT, Options
+from dl2c.resolve.predicates import AnnotatedPredicate
+from dl2c.resolve.problem import Problem
+from dl2c.smt.query import Oracle
+from dl2c.source import Span
+
+
+def ends_of_episodes(problem: Problem) -> Iterator[Diagnostic]:
+    """`truncate-on-failure`."""
+    for predicate in problem.predicates:
+        trigger = predicate.annotation.on_failure
+        if trigger is not None and trigger.action == "truncate":
+            yield warning(
+                "truncate-on-failure",
+                f"the failure of `{predicate.declaration.name}` truncates",
+                trigger.span,
+                "a learner adds the value of what would come next, as if the episode went on",
+                "write `on_failure=terminate:failure`",
+            )
+
+
+def penalties(model: Model, problem: Problem) -> Iterator[Diagnostic]:
+    """`positive-penalty`."""
+    for predicate, annotated in _pairs(model, problem):
+        if isinstance(predicate.penalty, Number) and predicate.penalty.value > 0:
+            yield warning(
+                "positive-penalty",
+                f"the penalty of `{predicate.name}` is positive",
+                _span(annotated.annotation.penalty, annotated),
+                "it is added to the reward wherever the predicate fails",
+                "give it a minus sign",
+            )
+
+
+def shapes(model: Model, problem: Problem, oracle: Oracle) -> Iterator[Diagnostic]:
+    """`non-potential-shaping`: where success ends an episode, a positive shape delays it."""
+    ends = [
+        p.name
+        for p in model.predicates
+        if p.on_success and p.on_success.action != "continue" and p.on_success.status == "success"
+    ]
+    if not ends:
+        return
+    safe = [p.formula for p in model.predicates if p.category == "safety"]
+    known = (*rigid_facts(model), *bounds_of(model), *safe)
+    for predicate, annotated in _pairs(model, problem):
+        if predicate.shape is not None and _may_be_positive(predicate.shape, model, known, oracle):
+            yield warning(
+                "non-potential-shaping",
+                f"the shape of `{predicate.name}` can be positive",
+                _span(annotated.annotation.shape, annotated),
+                f"every step without `{ends[0]}` earns more, so success is put off",
+                "subtract what it can at most be, e.g. `shape={-abs(x - goal)}`",
+                ("shaping leaves alone what is best if it is a difference of potentials before and after",),
+            )
+
+
+def _may_be_positive(shape: Term, model: Model, known: tuple[Formula, ...], oracle: Oracle) -> bool:
+    """Whether some state inside all bounds that is safe is known to have a positive shape."""
+    box = dict.fromkeys(symbols(shape), WHOLE)
+    for item in (*model.variables, *model.constants):
+        symbol = Symbol(item.name, "variable" if item in model.variables else "constant")
+        if symbol in box:
+            box[symbol] = _interval(item.bound)
+    if evaluate(shape, box).high <= 0:
+        return False
+    question = (*known, Compare(">", shape, ZERO))
+    return oracle.exists(question).verdict == "yes"
+
+
+def safety_checks(model: Model, options: Options) -> Iterator[Diagnostic]:
+    """`safety-after-steps`."""
+    safe = [p for p in model.predicates if p.category == "safety"]
+    if options.safety_check == "auto" and not model.continuous and model.flows and safe:
+        yield warning(
+            "safety-after-steps",
+            f"`{safe[0].name}` is checked after steps only",
+            safe[0].span,
+            "not every path of a step ends with a flow, so it is not watched along flows",
+            "say `@episode: safety_check=continuous` or `safety_check=step`",
+        )
+
+
+def limits(model: Model, options: Options, problem: Problem) -> Iterator[Diagnostic]:
+    """`unbounded` and `no-annotations`."""
+    if options.observation_bounds == "unbounded":
+        return
+    if not problem.annotated:
+        span = problem.entry.problem.span
+        yield warning(
+            "no-annotations",
+            "the model says nothing about learning",
+            Span(span.source, span.start, span.start + 1),
+            "every variable is observed without limits, the postcondition is the only reward",
+            "`dl2c annotate` writes a copy with suggested annotations",
+        )
+        return
+    spans = {item.name: item.span for item in (*model.variables, *model.constants)}
+    for name, _, bound in observed(model, options):
+        if bound.low is None or bound.high is None:
+            yield warning(
+                "unbounded",
+                f"`{name}` is observed without limits",
+                spans[name],
+                "observations cannot be scaled",
+                "give it `bound=[lo:hi]`, or `observe=false`",
+            )
+
+
+def unobserved(model: Model, problem: Problem) -> Iterator[Diagnostic]:
+    """`unobserved-variable`: without an annotation, yet a step depends on its value."""
+    if not problem.annotated:
+        return
+    silent = {d.name for d, annotation in problem.variables if annotation is None}
+    moving, box = changing(model), initial_box(model) or {}
+    for variable in model.variables:
+        symbol = Symbol(variable.name, "variable")
+        start = box.get(symbol, WHOLE)
+        fixed = variable.name not in moving and _is_point(start)
+        if variable.name in silent and not fixed and _matters(symbol, model):
+            yield warning(
+                "unobserved-variable",
+                f"a step depends on `{variable.name}`, which is not observed",
+                variable.span,
+                "states that differ in it look the same",
+                "annotate it with `@var: bound=[lo:hi]`, or say so with `@var: observe=false`",
+            )
+
+
+def _matters(symbol: Symbol, model: Model) -> bool:
+    return read_first((*model.lead, *model.body), symbol.name, model.flows)
+
+
+def durations(model: Model, options: Options) -> Iterator[Diagnostic]:
+    """`default-dt`."""
+    for flow in model.flows:
+        if options.dt is None and not flow.horizons:
+            yield warning(
+                "default-dt",
+                "nothing limits how long this flow lasts",
+                flow.span,
+                f"it lasts {float(DEFAULT_DT):g} s, the default, or until its domain ends it",
+                "add a clock, `t' = 1 & t <= ep`, or say `@episode: dt=...`",
+            )
+
+
+def _is_point(interval: Interval) -> bool:
+    return interval.high - interval.low <= 1e-9 * (1 + abs(interval.low))
+
+
+def _interval(bound: Bound) -> Interval:
+    low = WHOLE.low if bound.low is None else enclosure(bound.low).low
+    return Interval(low, WHOLE.high if bound.high is None else enclosure(bound.high).high)
+
+
+def _pairs(model: Model, problem: Problem) -> Iterator[tuple[Predicate, AnnotatedPredicate]]:
+    """The annotated predicates of the model beside what was written; none without annotations."""
+    if problem.annotated:
+        yield from zip(model.predicates, problem.predicates, strict=True)
+
+
+def _span(part: object, predicate: AnnotatedPredicate) -> Span:
+    span = getattr(part, "span", None)
+    return span if isinstance(span, Span) else predicate.annotation.span

@@ -1,0 +1,82 @@
+"""Everything that can be said of a model without compiling C: errors, warnings, lints.
+
+A lint is a warning with a code of `codes.py`; `@episode: allow=code|code` silences it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from dl2c.diagnostics import CompileError, Diagnostic, in_source_order, warning
+from dl2c.lint import annotations, runs
+from dl2c.lint.codes import CODES
+from dl2c.lint.conditions import constant_tests
+from dl2c.lint.portable import portability, quotients
+from dl2c.lint.units import unit_mismatches
+from dl2c.options import Options
+from dl2c.parse.errors import REJECTS, suggestion
+from dl2c.pipeline import Checked, checked
+from dl2c.resolve.problem import Problem
+from dl2c.smt.query import Oracle
+from dl2c.source import Source
+
+
+def examine(source: Source, options: Options, *, portable: bool = False) -> tuple[Diagnostic, ...]:
+    """All diagnostics of a model. With `portable` what KeYmaera X 5 does not read is an error."""
+    found: list[Diagnostic] = []
+    try:
+        if portable:
+            found += (replace(d, severity="error") for d in portability(source))
+        model = checked(source, options)
+    except CompileError as refused:
+        return in_source_order((*found, *refused.diagnostics))
+    places = {d.span for d in found}
+    found += (d for d in model.warnings if not (d.code == REJECTS and d.span in places))
+    found += lints(source, model)
+    return in_source_order(allowed(found, model.problem))
+
+
+def lints(source: Source, model: Checked) -> Iterator[Diagnostic]:
+    """The lints of a model that can be built."""
+    problem, step, options = model.problem, model.environment.model, model.options
+    paths, oracle = model.environment.paths, Oracle()
+    yield from quotients(source)
+    yield from annotations.ends_of_episodes(problem)
+    yield from annotations.penalties(step, problem)
+    yield from annotations.safety_checks(step, options)
+    yield from annotations.limits(step, options, problem)
+    yield from annotations.unobserved(step, problem)
+    yield from annotations.durations(step, options)
+    yield from runs.standstill(step, paths, options)
+    yield from unit_mismatches(problem)
+    yield from runs.postcondition(step, problem, paths, oracle)
+    yield from annotations.shapes(step, problem, oracle)
+    dead = tuple(runs.dead_alternatives(step, paths, oracle))
+    yield from dead
+    yield from (d for d in constant_tests(step, oracle) if not any(_within(d, other) for other in dead))
+    yield from runs.deadlock(step, problem, paths, oracle)
+    yield from _unknown(problem)
+
+
+def allowed(found: list[Diagnostic], problem: Problem) -> Iterator[Diagnostic]:
+    """Those that are errors, or that the model does not allow."""
+    silent = {code for code, _ in _allow(problem)}
+    return (d for d in found if d.severity == "error" or d.code not in silent)
+
+
+def _allow(problem: Problem) -> Iterator[tuple[str, Diagnostic]]:
+    """The codes of `allow`, each with what to say if there is no such code."""
+    for name, value, span in problem.episode.options if problem.episode else ():
+        if name == "allow":
+            for code in str(value).split("|"):
+                title = f"there is no lint `{code.strip()}`"
+                advice = suggestion(code.strip(), CODES)
+                yield code.strip(), warning("unknown-lint", title, span, "", advice)
+
+
+def _unknown(problem: Problem) -> Iterator[Diagnostic]:
+    return (message for code, message in _allow(problem) if code not in CODES)
+
+
+def _within(inner: Diagnostic, outer: Diagnostic) -> bool:
+    a, b = inner.span, outer.span
+    return a.source is b.source and b.start <= a.start and a.end <= b.end

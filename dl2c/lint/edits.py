@@ -1,0 +1,57 @@
+"""Changes to the text of a file that leave the rest of its bytes as they are.
+
+Places are those of `Source.text`, which has neither a byte order mark nor carriage returns; the
+file may have both. New lines end as the file's first line does.
+"""
+
+import os
+import stat
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """`text` in place of the characters `start` to `end`."""
+
+    start: int
+    end: int
+    text: str
+
+
+def edited(content: bytes, edits: Iterable[Edit]) -> bytes:
+    """The content of a file with edits, in any order; of edits that overlap the first is made."""
+    raw = content.decode("utf-8", "surrogateescape")
+    places = _places(raw)
+    ending = "\r\n" if "\r\n" in raw[: raw.find("\n") + 1] else "\n"
+    pieces: list[str] = []
+    at = done = 0
+    for edit in sorted(edits, key=lambda e: (e.start, e.end)):
+        if edit.start >= done:
+            pieces += [raw[at : places[edit.start]], edit.text.replace("\n", ending)]
+            at, done = places[edit.end], edit.end
+    return "".join((*pieces, raw[at:])).encode("utf-8", "surrogateescape")
+
+
+def _places(raw: str) -> list[int]:
+    """For every character of `Source.text`, and its end, where it is in the file."""
+    start = 1 if raw.startswith("\ufeff") else 0
+    kept = [i for i in range(start, len(raw)) if not (raw[i] == "\n" and i > start and raw[i - 1] == "\r")]
+    return [*kept, len(raw)]
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file as a whole or not at all; its permissions stay."""
+    path = path.resolve()
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+        if path.exists():
+            os.chmod(name, stat.S_IMODE(path.stat().st_mode))
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,71 @@
+"""What `dl2c check --fix` writes: corrections that do not change what a model means."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from dl2c.diagnostics import Diagnostic
+from dl2c.lint.edits import Edit, edited, replace_file
+from dl2c.lint.portable import portability, quotients
+from dl2c.parse import errors
+from dl2c.parse.archive import refused_comments
+from dl2c.parse.scan import Comment
+from dl2c.source import Source
+
+ROUNDS = 10
+"""Corrections inside others are made one after the other."""
+
+
+def fix_file(path: Path) -> int:
+    """Correct a model in place; how many corrections were made.
+
+    Raises `OSError`, and `CompileError` for a model that cannot be parsed.
+    """
+    made = 0
+    for _ in range(ROUNDS):
+        content = path.read_bytes()
+        changes = tuple(edits_of(Source.read(path)))
+        new = edited(content, changes)
+        if new == content:
+            break
+        replace_file(path, new)
+        made += len(changes)
+    return made
+
+
+def edits_of(source: Source) -> Iterator[Edit]:
+    """The corrections of a source."""
+    for found in portability(source):
+        yield from _edits(found)
+    yield from _comments(source, refused_comments(source))
+    for found in quotients(source):
+        yield Edit(found.span.start, found.span.end, f"(-({found.span.text[1:].strip()}))")
+
+
+def _edits(found: Diagnostic) -> Iterator[Edit]:
+    span = found.span
+    if found == errors.doubled_connective(span):
+        yield Edit(span.start, span.end, span.text[0])
+    elif found == errors.open_statement(span):
+        yield Edit(span.end, span.end, ";")
+    elif found == errors.misspelt_package(span):
+        start = span.start + span.text.index("keyx")
+        yield Edit(start, start + 4, "kyx")
+    elif found.title == errors.entry_not_ended(span, "").title:
+        yield Edit(span.end, span.end, "\n\nEnd.")
+
+
+def _comments(source: Source, comments: tuple[Comment, ...]) -> Iterator[Edit]:
+    """Each group of `//` comments in neighbouring lines as one `/* */`: an annotation may go on."""
+    groups: list[list[Comment]] = []
+    for comment in comments:
+        last = groups[-1][-1].span.end if groups else -1
+        between = source.text[last : comment.span.start]
+        if last >= 0 and not between.strip() and between.count("\n") == 1:
+            groups[-1].append(comment)
+        else:
+            groups.append([comment])
+    for group in groups:
+        for k, comment in enumerate(group):
+            text = comment.span.text.lstrip("/").rstrip().replace("*/", "* /")
+            closing = " */" if k == len(group) - 1 else ""
+            yield Edit(comment.span.start, comment.span.end, ("  " if k else "/*") + text + closing)

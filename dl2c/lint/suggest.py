@@ -1,0 +1,172 @@
+"""Annotations for a model that has none, or not enough to be built.
+
+Comes in: a source and options. Go out: comments to insert, each in lines of its own, or, where a
+declaration stands behind other text in its line, with a line end inside. Whoever removes them has
+the model as it was. Bounds come from the precondition, and from a default where it limits nothing:
+of what a step changes they are at least as wide as that default, since they limit observations too.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context
+from fractions import Fraction
+
+from dl2c.interval.arithmetic import WHOLE, Interval, hull_of
+from dl2c.interval.bounded import Range, bounded, initial_box
+from dl2c.ir.liveness import read_first
+from dl2c.ir.lower import lower
+from dl2c.ir.model import Constant, Model, Symbol, Variable
+from dl2c.lint.edits import Edit
+from dl2c.lint.world import changing
+from dl2c.options import Options
+from dl2c.parse import tree
+from dl2c.parse.scan import scan
+from dl2c.parse.sections import find_sections
+from dl2c.paths.enumerate import enumerate_paths
+from dl2c.pipeline import resolved
+from dl2c.resolve.problem import Problem
+from dl2c.resolve.shape import written_variables
+from dl2c.resolve.symbols import mentioned
+from dl2c.source import Source
+
+DEFAULT: Range = (Fraction(-10), Fraction(10))
+SAFETY = "@safety: penalty=-1, on_failure=terminate:failure"
+PROGRESS = "@progress: reward=1, on_success=terminate:success"
+
+DIGITS = 3
+"""Significant digits of a suggested limit that is no shorter decimal."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Wish:
+    """An annotation with this name and bound for a declaration."""
+
+    declaration: tree.Declaration
+    name: str
+    limits: Interval
+    hidden: bool = False
+
+
+def suggestions(source: Source, options: Options) -> tuple[Edit, ...]:
+    """What to insert into the text. Raises `CompileError` for a model that no annotation could help."""
+    problem, options = resolved(source, options)
+    default = options.default_bound or DEFAULT
+    model = lower(problem, replace(options, default_bound=default))
+    drawn = bounded(model, default)
+    model = replace(model, constants=drawn.constants)
+    code = scan(source).text
+    wishes = [*_variables(problem, model, drawn, default), *_constants(problem, options, model, drawn)]
+    edits = [*_bounds(code, wishes), *_conclusions(problem, code, source)]
+    return tuple(sorted(edits, key=lambda e: e.start))
+
+
+def _variables(problem: Problem, model: Model, drawn: Model, default: Range) -> Iterator[_Wish]:
+    """Without annotations all on which a step depends, and its inputs; else those without limits."""
+    box, unlimited = initial_box(drawn) or {}, _unlimited(model, drawn)
+    moving = changing(model)
+    inputs: dict[str, list[Interval]] = {}
+    for given in enumerate_paths(model, default).inputs:
+        inputs.setdefault(given.variable, []).append(Interval(float(given.low), float(given.high)))
+    usual = Interval(float(default[0]), float(default[1]))
+    for (declaration, annotation), variable in zip(problem.variables, model.variables, strict=True):
+        name = declaration.name
+        own = [box.get(Symbol(name, "variable"), WHOLE)] if variable.initial == "sampled" else []
+        if not own and read_first((*model.lead, *model.body), name, model.flows):
+            own = [usual]
+        limits = (*own, *inputs.get(name, ()))
+        wanted = name in unlimited or name in inputs if problem.annotated else limits
+        if annotation is None and wanted:
+            wide = hull_of((*limits, usual) if name in moving else limits)
+            yield _Wish(declaration, "var", wide, problem.annotated)
+
+
+def _constants(problem: Problem, options: Options, model: Model, drawn: Model) -> Iterator[_Wish]:
+    box, unlimited = initial_box(drawn) or {}, _unlimited(model, drawn)
+    unlimited |= {d.name for d, _ in problem.constants}
+    fixed = dict(options.constants)
+    for declaration, annotation in problem.constants:
+        name = declaration.name
+        if annotation is None and name in unlimited and name not in fixed:
+            yield _Wish(declaration, "const", box.get(Symbol(name, "constant"), WHOLE))
+
+
+def _unlimited(model: Model, drawn: Model) -> set[str]:
+    """Names that only the default limits."""
+    before: Mapping[str, Variable | Constant] = {i.name: i for i in (*model.variables, *model.constants)}
+    return {i.name for i in (*drawn.variables, *drawn.constants) if i.bound != before[i.name].bound}
+
+
+def _bounds(code: str, wishes: Iterable[_Wish]) -> Iterator[Edit]:
+    """One annotation for all names that share a declaration."""
+    places: dict[int, list[_Wish]] = {}
+    for wish in wishes:
+        places.setdefault(_keyword(code, wish.declaration.span.start, "Real|R"), []).append(wish)
+    for place, shared in places.items():
+        wide = hull_of([w.limits for w in shared])
+        bound = f"bound=[{_decimal(wide.low, ROUND_FLOOR)}:{_decimal(wide.high, ROUND_CEILING)}]"
+        hidden = ", observe=false" if shared[0].hidden else ""
+        yield _inserted(code, place, f"@{shared[0].name}: {bound}{hidden}")
+
+
+def _conclusions(problem: Problem, code: str, source: Source) -> Iterator[Edit]:
+    """What the box and the diamond promise, unless the model has predicates of its own."""
+    if problem.predicates:
+        return
+    shape = problem.shape
+    changed = written_variables(shape.suffix)
+    for formula, written, text in (
+        (shape.postcondition, shape.written_postcondition, SAFETY),
+        (shape.progress, shape.written_progress, PROGRESS),
+    ):
+        if formula is not None and not changed & set(mentioned(formula)):
+            yield _inserted(code, _definition(problem, written, code) or _problem(problem, source), text)
+
+
+def _definition(problem: Problem, written: tree.Formula | None, code: str) -> int | None:
+    """Where the entry defines the predicate that a formula is, if it is one and no other call differs."""
+    if not isinstance(written, tree.PredOf):
+        return None
+    declaration = problem.symbols.declarations[written.name]
+    own = declaration.span.source is problem.entry.span.source
+    inside = problem.entry.span.start <= declaration.span.start < problem.entry.span.end
+    if not (own and inside) or declaration.annotations:
+        return None
+    conclusions = (problem.shape.written_postcondition, problem.shape.written_progress)
+    calls = {f.args for f in conclusions if isinstance(f, tree.PredOf) and f.name == written.name}
+    return _keyword(code, declaration.span.start, "Bool|B") if len(calls) == 1 else None
+
+
+def _problem(problem: Problem, source: Source) -> int:
+    """Where the word `Problem` of the entry stands."""
+    at = problem.entry.problem.span.start
+    return next(
+        s.start for s in find_sections(scan(source), []) if s.kind == "Problem" and s.begin <= at < s.end
+    )
+
+
+def _keyword(code: str, before: int, words: str) -> int:
+    """Where the last of these words begins before a place."""
+    found = re.finditer(rf"(?<![A-Za-z0-9_])({words})(?![A-Za-z0-9_])", code[:before])
+    return max(m.start() for m in found)
+
+
+def _inserted(code: str, at: int, annotation: str) -> Edit:
+    """A comment in a line of its own; behind other code, one that begins a line inside itself."""
+    line = code.rfind("\n", 0, at) + 1
+    indent = code[line:at]
+    if indent.strip():
+        return Edit(at, at, f"/*\n{annotation} */")
+    return Edit(line, line, f"{indent}/* {annotation} */\n")
+
+
+def _decimal(value: float, rounding: str) -> str:
+    """A short decimal that the value was rounded from, else a few digits rounded outward."""
+    if math.isinf(value):
+        return "inf" if value > 0 else "-inf"
+    near = Context(prec=9, rounding=ROUND_HALF_EVEN).create_decimal_from_float(value)
+    if abs(float(near) - value) > 1e-15 * abs(value):
+        near = Context(prec=DIGITS, rounding=rounding).create_decimal_from_float(value)
+    text = f"{near.normalize() + 0:f}"
+    return "0" if float(text) == 0 else text

@@ -1,0 +1,95 @@
+"""What is known of every state that a model can be in, apart from what its loop does.
+
+Comes in: a model. Go out: formulas over what never changes in an episode, from its precondition and
+its bounds, and the variables that do change.
+"""
+
+from collections.abc import Iterable, Iterator
+
+from dl2c.ir.logic import conjuncts, symbols
+from dl2c.ir.model import (
+    Assign,
+    AssignAny,
+    Block,
+    Bound,
+    Choice,
+    Compare,
+    Evolve,
+    Flow,
+    Formula,
+    If,
+    Model,
+    Number,
+    Repeat,
+    Statement,
+    Symbol,
+    While,
+)
+
+
+def statements(block: Block) -> Iterator[Statement]:
+    """All statements of a program, also those inside others."""
+    for statement in block:
+        yield statement
+        match statement:
+            case Choice(_, alternatives):
+                for alternative in alternatives:
+                    yield from statements(alternative.body)
+            case If(_, _, then, orelse):
+                yield from statements((*then, *orelse))
+            case While(body=body) | Repeat(body=body):
+                yield from statements(body)
+            case _:
+                pass
+
+
+def written(block: Block, flows: tuple[Flow, ...]) -> frozenset[str]:
+    """Variables that a program may change."""
+    found: set[str] = set()
+    for statement in statements(block):
+        match statement:
+            case Assign(name) | AssignAny(name):
+                found.add(name)
+            case Evolve(k):
+                found.update(name for name, _ in flows[k].equations)
+            case _:
+                pass
+    return frozenset(found)
+
+
+def changing(model: Model) -> frozenset[str]:
+    """Variables that any part of the program may change."""
+    return written((*model.prefix, *model.lead, *model.body), model.flows)
+
+
+def rigid_facts(model: Model) -> tuple[Formula, ...]:
+    """What holds of constants, and of variables that nothing changes, in every episode."""
+    moving = changing(model)
+    assumed = [
+        part
+        for part in conjuncts(model.precondition)
+        if not any(s.kind == "variable" and s.name in moving for s in symbols(part))
+    ]
+    return (*assumed, *bounds_of(model, exclude=moving))
+
+
+def bounds_of(model: Model, exclude: Iterable[str] = ()) -> tuple[Formula, ...]:
+    """The declared bounds, of variables that are not excluded and of constants, and fixed values."""
+    found: list[Formula] = []
+    for variable in model.variables:
+        if variable.name not in exclude:
+            found += _within(Symbol(variable.name, "variable"), variable.bound)
+    for constant in model.constants:
+        symbol = Symbol(constant.name, "constant")
+        if constant.value is not None:
+            found.append(Compare("=", symbol, Number(constant.value)))
+        else:
+            found += _within(symbol, constant.bound)
+    return tuple(found)
+
+
+def _within(symbol: Symbol, bound: Bound) -> Iterator[Formula]:
+    if bound.low is not None:
+        yield Compare(">=", symbol, Number(bound.low))
+    if bound.high is not None:
+        yield Compare("<=", symbol, Number(bound.high))
