@@ -99,11 +99,18 @@ class Checked:
 
 def checked(source: Source, options: Options) -> Checked:
     """A model up to the point where C would be written. Raises `CompileError` for its errors."""
+    archive, warnings = parse_archive(source)
+    found = checked_entry(entry_of(archive, options), options)
+    return replace(found, warnings=in_source_order((*warnings, *found.warnings)))
+
+
+def checked_entry(entry: Entry, options: Options) -> Checked:
+    """The same for one entry of an archive, without what is wrong with the archive around it."""
     with stages() as say:
-        say("reading the model")
-        problem, options, warnings = _front(source, options)
-        environment, later = _environment(problem, options, say)
-    return Checked(problem, environment, in_source_order((*warnings, *later)))
+        say("resolving names")
+        problem, options = _completed_problem(entry, options)
+        environment, warnings = _environment(problem, options, say)
+    return Checked(problem, environment, in_source_order(warnings))
 
 
 def check_model(source: Source, options: Options) -> tuple[Diagnostic, ...]:
@@ -146,10 +153,15 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:
     """Parse and resolve; `@episode` completes the options."""
     archive, warnings = parse_archive(source)
-    problem = resolve(entry_of(archive, options), options.loop)
+    return *_completed_problem(entry_of(archive, options), options), warnings
+
+
+def _completed_problem(entry: Entry, options: Options) -> tuple[Problem, Options]:
+    """A resolved entry, and the options completed by its `@episode`."""
+    problem = resolve(entry, options.loop)
     if problem.episode is not None:
         options = _completed(options, problem.episode)
-    return problem, replace(options, given=frozenset()), warnings
+    return problem, replace(options, given=frozenset())
 
 
 def _completed(options: Options, episode: EpisodeAnnotation) -> Options:
