@@ -8,11 +8,11 @@ BIN := .venv/bin
 READY := .venv/.ready
 WORKERS ?= 2
 
-.PHONY: help demo test test-slow lint bench clean
+.PHONY: help demo test test-slow lint bench corpus clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | test | test-slow | lint | bench | clean"
+	@echo "make demo | test | test-slow | lint | bench | corpus | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -32,6 +32,10 @@ lint: $(READY)
 bench: $(READY)
 	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000
 	$(BIN)/dl2c bench examples/dubins.kyx --integrator cvodes --rtol 1e-6 --atol 1e-6 --require batch1024=30
+
+# What becomes of every public model, where these are at hand (../shared/corpus).
+corpus: $(READY)
+	$(BIN)/python tests/corpus_table.py
 
 clean:
 	rm -rf .venv dist .pytest_cache .ruff_cache .hypothesis

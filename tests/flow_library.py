@@ -11,6 +11,7 @@ from typing import Any
 from random_odes import Start
 
 from dl2c.emit.model_c import model_sources
+from dl2c.emit.names import file_stem
 from dl2c.emit.plan import Environment
 from dl2c.ir.kernel import FlowPlan, Integrator, plan_flow
 from dl2c.ir.model import Model
@@ -82,18 +83,24 @@ def compiled(
         replace(Options(), integrator=integrator, **options),
         "test",
     )
+    return Compiled(environment, library_of(environment, folder, flags))
+
+
+def library_of(environment: Environment, folder: Path, flags: tuple[str, ...] = ()) -> Library:
+    """The environment's code as a plain library, loaded."""
+    name = file_stem(environment.model.name)
     folder.mkdir(parents=True, exist_ok=True)
     for file, text in model_sources(environment).items():
         (folder / file).write_text(text, encoding="utf-8")
-    target = folder / f"lib{model.name}.so"
+    target = folder / f"lib{name}.so"
     cgen = cgen_dir()
     command = ["cc", "-std=c11", "-O1", "-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"]
     command += ["-fPIC", "-shared", "-DDL2C_SHARED", "-DDL2C_NO_TARGET_CLONES", *flags]
-    command += [f"-I{cgen / 'include'}", f"-I{cgen / 'runtime'}", str(folder / f"{model.name}.c")]
+    command += [f"-I{cgen / 'include'}", f"-I{cgen / 'runtime'}", str(folder / f"{name}.c")]
     done = subprocess.run(
         [*command, "-o", str(target), "-lm", "-ldl", "-pthread"], capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, f"{model.name}: {done.stderr[:2000]}"
+    assert done.returncode == 0, f"{name}: {done.stderr[:2000]}"
     ffi = declarations()
     lib: Any = ffi.dlopen(str(target))
     if any(p.kernel == "cvodes" for p in environment.flows):
@@ -101,4 +108,4 @@ def compiled(
     raw = ffi.new("dl2c_sizes *")
     lib.dl2c_model_sizes(raw)
     sizes = Sizes(**{f.name: int(getattr(raw, f.name)) for f in fields(Sizes)})
-    return Compiled(environment, Library(manifest_of(environment, "", {}), sizes, ffi, lib))
+    return Library(manifest_of(environment, "", {}), sizes, ffi, lib)

@@ -1,0 +1,120 @@
+"""A table of the public models: `make corpus`, which writes build/corpus.tsv.
+
+One row for every entry of every file of the shared corpus: what became of it, in how many
+seconds. An entry is `built` once its C is written; none is compiled here. Else its outcome is
+the codes of the diagnostics that refuse it. Names without a bound get -10:10.
+"""
+
+import json
+import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+from dl2c.diagnostics import CompileError
+from dl2c.emit.model_c import model_sources
+from dl2c.options import Options
+from dl2c.parse.parser import parse_archive
+from dl2c.parse.tree import Entry
+from dl2c.pipeline import checked_entry
+from dl2c.source import Source
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+CORPUS = REPOSITORY.parent / "shared" / "corpus"
+EXPECTED = REPOSITORY / "tests" / "golden" / "corpus.json"
+SUFFIXES = (".kyx", ".key", ".kya")
+
+OPTIONS = Options(default_bound=(Fraction(-10), Fraction(10)))
+BUILT = "built"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What became of an entry; of a whole file, `number` 0, where it cannot be read."""
+
+    file: str
+    number: int
+    name: str
+    outcome: str
+    seconds: float
+
+    def __str__(self) -> str:
+        return f"{self.file}\t{self.number}\t{self.name}\t{self.outcome}\t{self.seconds:.2f}"
+
+
+def files(corpus: Path = CORPUS) -> list[Path]:
+    """All model files of the corpus, in the order of their names."""
+    return sorted(path for path in corpus.rglob("*") if path.suffix in SUFFIXES)
+
+
+def table(corpus: Path = CORPUS) -> Iterator[Row]:
+    """All rows, in order, by as many processes as there are processors."""
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for rows in pool.map(rows_of, files(corpus)):
+            yield from rows
+
+
+def rows_of(path: Path) -> list[Row]:
+    """The rows of one file."""
+    name = str(path.relative_to(CORPUS))
+    begun = time.perf_counter()
+    try:
+        archive, _ = parse_archive(Source.read(path))
+    except CompileError as problem:
+        return [Row(name, 0, "", codes(problem), time.perf_counter() - begun)]
+    return [_row(name, number, entry) for number, entry in enumerate(archive.entries, 1)]
+
+
+def _row(file: str, number: int, entry: Entry) -> Row:
+    begun = time.perf_counter()
+    try:
+        model_sources(checked_entry(entry, OPTIONS).environment)
+        outcome = BUILT
+    except CompileError as problem:
+        outcome = codes(problem)
+    return Row(file, number, entry.name, outcome, time.perf_counter() - begun)
+
+
+def codes(problem: CompileError) -> str:
+    """Why an entry is refused."""
+    return "+".join(sorted({d.code for d in problem.diagnostics}))
+
+
+def outcomes(rows: Iterable[Row]) -> dict[str, int]:
+    """How many entries came to each outcome, the most frequent first."""
+    counts = Counter(row.outcome for row in rows)
+    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
+
+def expected() -> dict[str, int]:
+    """The outcomes that the tests ask for."""
+    return json.loads(EXPECTED.read_text(encoding="utf-8"))
+
+
+def main(target: Path) -> int:
+    """Write and print the table; 1 where the outcomes are not the expected ones."""
+    begun = time.perf_counter()
+    rows: list[Row] = []
+    with target.open("w", encoding="utf-8") as out:
+        for row in table():
+            rows.append(row)
+            print(row, file=out, flush=True)
+    counts = outcomes(rows)
+    for outcome, count in counts.items():
+        print(f"{count:5}  {outcome}")
+    print(f"{len(rows):5}  entries in {time.perf_counter() - begun:.0f} s; all of them: {target}")
+    if counts == expected():
+        return 0
+    print(f"not what {EXPECTED.relative_to(REPOSITORY)} says", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    if not CORPUS.exists():
+        sys.exit(f"no public models at {CORPUS}")
+    sys.exit(main(REPOSITORY / "build" / "corpus.tsv"))
