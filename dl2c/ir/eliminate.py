@@ -34,10 +34,10 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
-from dl2c.ir.normal import Normal, normal_form
+from dl2c.ir.normal import Monomial, Normal, normal_form
 from dl2c.ir.signs import SIGNS, Signs, TooLarge, sign_in
 from dl2c.ir.virtual import DegreeTooHigh, exists, powers
-from dl2c.source import Span
+from dl2c.source import NOWHERE, Span
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +70,11 @@ def _pushed(quantifier: Quantifier, body: Formula) -> Formula:
     x = quantifier.bound
     if x not in symbols(body):
         return body
-    distributes, combine = (And, conjunction) if quantifier.everything else (Or, disjunction)
     match body:
-        case And(children) | Or(children) if isinstance(body, distributes):
-            return combine(_pushed(quantifier, c) for c in children)
         case And(children) | Or(children):
             rejoin = conjunction if isinstance(body, And) else disjunction
+            if isinstance(body, And) == quantifier.everything:
+                return rejoin(_pushed(quantifier, c) for c in children)
             free = [c for c in children if x not in symbols(c)]
             if free:
                 inner = rejoin(c for c in children if x in symbols(c))
@@ -89,9 +88,9 @@ def _eliminated(quantifier: Quantifier, body: Formula) -> Formula:
     preparation = _Preparation(quantifier.bound)
     prepared = preparation.formula(body)
     if quantifier.everything:
-        result = negation(exists(quantifier.bound, negation(prepared)))
+        result = negation(exists(quantifier.bound, negation(prepared), preparation.defined))
     else:
-        result = exists(quantifier.bound, prepared)
+        result = exists(quantifier.bound, prepared, preparation.defined)
     back: dict[Symbol, Term] = {symbol: term for term, symbol in preparation.names.items()}
     return mapped(result, lambda term: substituted(term, back))
 
@@ -101,11 +100,13 @@ class _Preparation:
     """Rewrites a formula into one over polynomials, at most quadratic in x, that is true where the formula
     is and false elsewhere, whatever undefined terms are taken to be.
 
-    `names` are symbols that stand for terms without x that are no polynomials.
+    `names` are symbols that stand for terms without x that are no polynomials, `defined` says where these
+    have values.
     """
 
     x: Symbol
     names: dict[Term, Symbol] = field(default_factory=dict[Term, Symbol])
+    defined: dict[Symbol, Formula] = field(default_factory=dict[Symbol, Formula])
 
     def formula(self, formula: Formula) -> Formula:
         """Raises `DegreeTooHigh`, `TooLarge`, `TooManyCases`."""
@@ -130,14 +131,14 @@ class _Preparation:
         return self.x in symbols(term)
 
     def _plain(self, term: Term) -> Term:
-        """The term with names for what is no polynomial and has no x."""
+        """The term with names for what is no polynomial and has no x. Raises `TooLarge`."""
         match term:
             case Number() | Symbol():
                 return term
             case Div(left, Number(value)) if value:
                 return Div(self._plain(left), Number(value))
             case Div() | Call() if not self._moves(term):
-                return self.names.setdefault(term, Symbol(f"term {len(self.names)}", "variable"))
+                return self._named(term)
             case Div(left, right) if not self._moves(right):
                 return Mul(self._plain(left), self._plain(Div(ONE, right)))
             case Neg(child):
@@ -149,6 +150,12 @@ class _Preparation:
             case Call(function, args):
                 return Call(function, tuple(self._plain(a) for a in args))
 
+    def _named(self, term: Term) -> Symbol:
+        if term not in self.names:
+            symbol = self.names[term] = Symbol(f"term {len(self.names)}", "variable")
+            self.defined[symbol] = conjunction(self._defined(term, NOWHERE))
+        return self.names[term]
+
     def _defined(self, term: Term, span: Span) -> Iterator[Formula]:
         """When the parts of a term have values that are without x."""
         for operand in operands(term):
@@ -159,7 +166,7 @@ class _Preparation:
             case Call("sqrt", (argument,)) if not self._moves(term):
                 yield self._signs(Compare(">=", self._plain(argument), ZERO, span=span))
             case Call("exp" | "tan" | "arcsin" | "pow") if not self._moves(term):
-                yield Compare("=", self._plain(term), self._plain(term), span=span)
+                yield Compare("=", term, term, span=span)
             case _:
                 pass
 
@@ -193,12 +200,14 @@ class _Preparation:
         lowest = min(powers(form, x), default=0)
         if lowest and self._degree(form) > 2:
             yield {((x.kind, x.name, 2 - lowest % 2),): Fraction(1)}
-            own = (x.kind, x.name)
-            form = {
-                tuple((k, n, e - lowest if (k, n) == own else e) for k, n, e in m if (k, n) != own or e > lowest): c
-                for m, c in form.items()
-            }
+            form = {_divided(m, x, lowest): c for m, c in form.items()}
         yield form
+
+
+def _divided(monomial: Monomial, x: Symbol, power: int) -> Monomial:
+    """The quotient by a power of x."""
+    own, rest = (x.kind, x.name), (x.kind, x.name, power)
+    return tuple((k, n, e - power if (k, n) == own else e) for k, n, e in monomial if (k, n, e) != rest)
 
 
 def _factors(term: Term) -> Iterator[Normal]:
@@ -265,7 +274,9 @@ def _transcendental(term: Term, x: Symbol) -> Call | None:
 
 def _degree(quantifier: Quantifier, span: Span, degree: int) -> Diagnostic:
     name = quantifier.name
-    return _not_eliminated(quantifier, span, f"`{name}` has degree {degree} here, and at most 2 can be eliminated")
+    return _not_eliminated(
+        quantifier, span, f"`{name}` has degree {degree} here, and at most 2 can be eliminated"
+    )
 
 
 def _too_large(quantifier: Quantifier) -> Diagnostic:

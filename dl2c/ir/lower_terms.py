@@ -122,7 +122,7 @@ class _Lowering:
     tolerance: Fraction
 
     def formula(self, formula: tree.Formula, scope: Scope, negated: bool = False) -> ir.Formula:
-        """The formula, or what it is to be `negated`: of atoms, of which an undefined one is false in both."""
+        """The formula or, `negated`, its negation; an undefined atom is false in both."""
         both, either = (disjunction, conjunction) if negated else (conjunction, disjunction)
         match formula:
             case tree.Truth(value):

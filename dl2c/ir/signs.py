@@ -11,10 +11,9 @@ from functools import reduce
 from math import gcd, lcm
 from typing import TypeAlias, assert_never
 
-from dl2c.ir.logic import conjunction, conjuncts, folded, negation
+from dl2c.ir.logic import atoms, conjunction, conjuncts, folded, negation, operands
 from dl2c.ir.model import (
     FALSE,
-    ONE,
     TRUE,
     ZERO,
     Add,
@@ -44,7 +43,7 @@ SIGNS: dict[Comparison, Signs] = {
     ">=": frozenset({0, 1}),
     ">": frozenset({1}),
 }
-COMPARISONS = {signs: op for op, signs in SIGNS.items()}
+COMPARISONS: dict[Signs, Comparison] = {signs: op for op, signs in SIGNS.items()}
 
 MAX_EXACT = 2**53
 MAX_ABSORBED = 60
@@ -131,6 +130,17 @@ def _power(symbol: Symbol, exponent: int) -> Term:
     return symbol if exponent == 1 else Pow(symbol, exponent)
 
 
+def size(formula: Formula) -> int:
+    """How many numbers and symbols are written in it."""
+    waiting = [side for atom in atoms(formula) for side in (atom.left, atom.right)]
+    count = 0
+    while waiting:
+        parts = operands(waiting.pop())
+        waiting += parts
+        count += not parts
+    return count
+
+
 # Formulas of them ---------------------------------------------------------------
 
 Known: TypeAlias = Mapping[tuple[Term, Term], Signs]
@@ -159,23 +169,27 @@ def simplified(formula: Formula, known: Known | None = None) -> Formula:
 
 def _simplified_and(formula: Formula, known: Known) -> Formula:
     """Until the parts have no more atoms to tell the others."""
-    told = -1
-    while isinstance(formula, And) and told != (told := sum(isinstance(c, Compare) for c in formula.children)):
-        atoms = _merged([c for c in formula.children if isinstance(c, Compare)], known)
-        if atoms is None:
+    before = -1
+    while isinstance(formula, And):
+        count = sum(isinstance(c, Compare) for c in formula.children)
+        if count == before:
+            break
+        before = count
+        told = _merged([c for c in formula.children if isinstance(c, Compare)], known)
+        if told is None:
             return FALSE
         inner = {**known}
-        for atom in atoms:
+        for atom in told:
             inner[atom.left, atom.right] = inner.get((atom.left, atom.right), ANY) & SIGNS[atom.op]
         others = [simplified(c, inner) for c in formula.children if not isinstance(c, Compare)]
-        formula = conjunction([*atoms, *_absorbed(others)])
+        formula = conjunction([*told, *_absorbed(others)])
     return formula
 
 
-def _merged(atoms: Iterable[Compare], known: Known) -> list[Compare] | None:
+def _merged(parts: Iterable[Compare], known: Known) -> list[Compare] | None:
     """One atom for each pair of sides, none for what is known; None where they contradict each other."""
     found: dict[tuple[Term, Term], tuple[Signs, Span]] = {}
-    for atom in atoms:
+    for atom in parts:
         key = atom.left, atom.right
         signs, span = found.get(key, (ANY, atom.span))
         found[key] = signs & SIGNS[atom.op], span

@@ -7,20 +7,20 @@ atom's polynomial, or just above one. These test points are put for x by their d
 no square root is left. By the mirror image, the ends of atoms serve as well as the beginnings.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isqrt
 from typing import TypeAlias, assert_never
 
 from dl2c.ir.logic import atoms, conjunction, conjuncts, disjunction, symbols
-from dl2c.ir.model import FALSE, TRUE, And, Compare, Formula, Or, Sub, Symbol, Truth
+from dl2c.ir.model import FALSE, TRUE, And, Compare, Comparison, Formula, Or, Sub, Symbol, Truth
 from dl2c.ir.normal import Monomial, Normal, added, multiplied, normal_form, scaled
-from dl2c.ir.signs import ANY, SIGNS, Signs, TooLarge, opposite, possible_signs, sign_in, simplified
+from dl2c.ir.signs import ANY, SIGNS, Signs, TooLarge, opposite, possible_signs, sign_in, simplified, size
 from dl2c.source import Span
 
-MAX_ATOMS = 600
-"""Of a result; four times as many may be built on the way."""
+MAX_SIZE = 2000
+"""Numbers and symbols in a result; four times as many may be built on the way."""
 
 ZERO_SIGN = SIGNS["="]
 NONZERO = SIGNS["!="]
@@ -62,11 +62,12 @@ class Quadratic:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """That the sign of a polynomial in x is one of `signs`."""
+    """That the sign of a polynomial in x, which means something where it is `defined`, is one of `signs`."""
 
     of: Quadratic
     signs: Signs
     span: Span
+    defined: Formula = TRUE
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,30 +151,35 @@ def _root_of(form: Normal) -> Normal | None:
 # Elimination --------------------------------------------------------------------
 
 
-def exists(x: Symbol, formula: Formula) -> Formula:
+Defined: TypeAlias = Mapping[Symbol, Formula]
+"""Of symbols that stand for terms, where these have values."""
+
+
+def exists(x: Symbol, formula: Formula, defined: Defined) -> Formula:
     """A formula without x that holds where some real x makes `formula` hold.
 
-    Every symbol has a value. Raises `DegreeTooHigh`, `TooLarge`.
+    Where a symbol is not `defined`, `formula` must say so before it reads the symbol, as the result does:
+    in `d & p` or `!d | p`. Raises `DegreeTooHigh`, `TooLarge`.
     """
     formula = simplified(formula)
     match formula:
         case Or(children):
-            return simplified(disjunction(exists(x, c) for c in children))
+            return simplified(disjunction(exists(x, c, defined) for c in children))
         case And(children):
             free = [c for c in children if x not in symbols(c)]
             bound = conjunction(c for c in children if x in symbols(c))
             if free:
-                return simplified(conjunction([*free, exists(x, bound)]))
+                return simplified(conjunction([*free, exists(x, bound, defined)]))
         case Compare() | Truth():
             if x not in symbols(formula):
                 return formula
         case _:
             assert_never(formula)
-    return _limited(simplified(_eliminated(x, formula)))
+    return _limited(simplified(_eliminated(x, formula, defined)))
 
 
-def _eliminated(x: Symbol, formula: Formula) -> Formula:
-    conditions = {a: condition_of(a, x) for a in atoms(formula) if x in symbols(a)}
+def _eliminated(x: Symbol, formula: Formula, defined: Defined) -> Formula:
+    conditions = {a: _condition_of(a, x, defined) for a in atoms(formula) if x in symbols(a)}
     equations = [conditions[a] for a in conjuncts(formula) if isinstance(a, Compare) and a.op == "="]
     if equations:
         equation = min(equations, key=_directness)
@@ -183,7 +189,7 @@ def _eliminated(x: Symbol, formula: Formula) -> Formula:
             c for c in conjuncts(formula) if not isinstance(c, Compare) or conditions[c] != equation
         )
         everywhere = conjunction(vanishes)
-        others = FALSE if everywhere == FALSE else conjunction([everywhere, exists(x, rest)])
+        others = FALSE if everywhere == FALSE else conjunction([everywhere, exists(x, rest, defined)])
         return disjunction([others, _at_points(formula, conditions, points)])
     mirrored = {a: replace(c, of=c.of.mirrored) for a, c in conditions.items()}
     sides = [(c, _starting_points(c)) for c in (conditions, mirrored)]
@@ -191,20 +197,21 @@ def _eliminated(x: Symbol, formula: Formula) -> Formula:
     return _at_points(formula, chosen, points)
 
 
-def _limited(formula: Formula, limit: int = MAX_ATOMS) -> Formula:
-    if sum(1 for _ in atoms(formula)) > limit:
+def _limited(formula: Formula, limit: int = MAX_SIZE) -> Formula:
+    if size(formula) > limit:
         raise TooLarge
     return formula
 
 
-def condition_of(atom: Compare, x: Symbol) -> Condition:
+def _condition_of(atom: Compare, x: Symbol, defined: Defined) -> Condition:
     """Raises `DegreeTooHigh`, `TooLarge`."""
     found = powers(_present(normal_form(Sub(atom.left, atom.right))), x)
     degree = max(found, default=0)
     if degree > 2:
         raise DegreeTooHigh(atom, degree)
     of = Quadratic(found.get(0, {}), found.get(1, {}), found.get(2, {}))
-    return Condition(of, SIGNS[atom.op], atom.span)
+    read = sorted(symbols(atom) & defined.keys(), key=lambda s: s.name)
+    return Condition(of, SIGNS[atom.op], atom.span, conjunction(defined[s] for s in read))
 
 
 def _coefficients(of: Quadratic) -> tuple[Normal, Normal, Normal]:
@@ -231,12 +238,12 @@ def _cost(points: Sequence[Point]) -> int:
 
 def _at_points(formula: Formula, conditions: dict[Compare, Condition], points: Sequence[Point]) -> Formula:
     found: list[Formula] = []
-    size = 0
+    built = 0
     for point in points:
         there = conjunction([point.guard, _substituted(formula, conditions, point)])
-        found.append(simplified(_limited(there, 4 * MAX_ATOMS)))
-        size += sum(1 for _ in atoms(found[-1]))
-        if size > 4 * MAX_ATOMS:
+        found.append(simplified(_limited(there, 4 * MAX_SIZE)))
+        built += size(found[-1])
+        if built > 4 * MAX_SIZE:
             raise TooLarge
     return disjunction(found)
 
@@ -265,17 +272,18 @@ def _points(condition: Condition) -> Iterator[Root]:
     both = signs in (ZERO_SIGN, NONZERO)
     leads = NONZERO if both else frozenset({falls})
     above = 0 not in signs
-    linear = conjunction([sign_in(of.c2, ZERO_SIGN, span), sign_in(of.c1, leads, span)])
+    line = [sign_in(of.c2, ZERO_SIGN, span), sign_in(of.c1, leads, span)]
+    linear = conjunction([condition.defined, *line])
     if linear != FALSE:
         yield Root(of, 0, _lead(of.c1, leads), above, linear)
-    square = sign_in(of.c2, NONZERO, span)
+    square = conjunction([condition.defined, sign_in(of.c2, NONZERO, span)])
     if square == FALSE:
         return
     root = _root_of(of.discriminant) if of.c0 else of.c1
     if root is not None:
         for side in (root, minus({}, root)) if root else (root,):
-            line = Quadratic(minus(of.c1, side), times(number(2), of.c2), {})
-            yield Root(line, 0, _lead(of.c2, NONZERO), above, square)
+            factor = Quadratic(minus(of.c1, side), times(number(2), of.c2), {})
+            yield Root(factor, 0, _lead(of.c2, NONZERO), above, square)
         return
     real = conjunction([square, sign_in(of.discriminant, SIGNS[">="], span)])
     for branch in (-1, 1) if both else (falls,):
@@ -392,19 +400,20 @@ def _surd(a: Normal, b: Normal, e: Normal, condition: Condition) -> Formula:
         flipped = replace(condition, signs=opposite(signs))
         return _surd(minus({}, a), minus({}, b), e, flipped)
 
-    def sign(form: Normal, op: str) -> Formula:
-        return sign_in(form, SIGNS[op], span)  # pyright: ignore[reportArgumentType]
+    def sign(form: Normal, op: Comparison) -> Formula:
+        return sign_in(form, SIGNS[op], span)
 
-    match signs:
-        case _ if signs == SIGNS["<"]:
-            first = conjunction([sign(a, "<"), sign(e, ">")])
-            return disjunction([first, conjunction([sign(b, "<="), disjunction([sign(a, "<"), sign(e, "<")])])])
-        case _ if signs == SIGNS["<="]:
-            first = conjunction([sign(a, "<="), sign(e, ">=")])
-            return disjunction([first, conjunction([sign(b, "<="), sign(e, "<=")])])
-        case _ if signs == ZERO_SIGN:
-            against = [conjunction([sign(a, "<="), sign(b, ">=")]), conjunction([sign(a, ">="), sign(b, "<=")])]
-            return conjunction([sign(e, "="), disjunction(against)])
-        case _:
-            along = [conjunction([sign(a, "<"), sign(b, "<")]), conjunction([sign(a, ">"), sign(b, ">")])]
-            return disjunction([sign(e, "!="), *along])
+    if signs == SIGNS["<"]:
+        below = disjunction([sign(a, "<"), sign(e, "<")])
+        return disjunction([_both(sign(a, "<"), sign(e, ">")), _both(sign(b, "<="), below)])
+    if signs == SIGNS["<="]:
+        return disjunction([_both(sign(a, "<="), sign(e, ">=")), _both(sign(b, "<="), sign(e, "<="))])
+    if signs == ZERO_SIGN:
+        against = [_both(sign(a, "<="), sign(b, ">=")), _both(sign(a, ">="), sign(b, "<="))]
+        return _both(sign(e, "="), disjunction(against))
+    along = [_both(sign(a, "<"), sign(b, "<")), _both(sign(a, ">"), sign(b, ">"))]
+    return disjunction([sign(e, "!="), *along])
+
+
+def _both(left: Formula, right: Formula) -> Formula:
+    return conjunction((left, right))

@@ -70,7 +70,9 @@ def _refused(node: Node) -> Diagnostic | None:
             advice = "replace it by a condition on the state; only the problem itself may run a program"
             return errors.not_executable("modality-in-state", "a modality inside a condition", span, advice)
         case tree.Forall(name, child, span=span) | tree.Exists(name, child, span=span) if _has_program(child):
-            advice = f"declare `{name}` as a constant or a variable; only the problem itself may run a program"
+            advice = (
+                f"declare `{name}` as a constant or a variable; only the problem itself may run a program"
+            )
             return errors.not_executable("quantifier", "a quantifier around a program", span, advice)
         case tree.FuncOf("old", (_, *_), span=span):
             advice = "keep the earlier value in a variable of the program"
