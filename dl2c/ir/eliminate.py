@@ -35,8 +35,9 @@ from dl2c.ir.model import (
     Term,
 )
 from dl2c.ir.normal import Monomial, Normal, normal_form
+from dl2c.ir.quadratic import powers
 from dl2c.ir.signs import SIGNS, Signs, TooLarge, sign_in
-from dl2c.ir.virtual import DegreeTooHigh, exists, powers
+from dl2c.ir.virtual import DegreeTooHigh, exists
 from dl2c.source import NOWHERE, Span
 
 

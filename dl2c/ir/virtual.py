@@ -9,13 +9,12 @@ no square root is left. By the mirror image, the ends of atoms serve as well as 
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
-from math import isqrt
 from typing import TypeAlias, assert_never
 
 from dl2c.ir.logic import atoms, conjunction, conjuncts, disjunction, symbols
 from dl2c.ir.model import FALSE, TRUE, And, Compare, Comparison, Formula, Or, Sub, Symbol, Truth
-from dl2c.ir.normal import Monomial, Normal, added, multiplied, normal_form, scaled
+from dl2c.ir.normal import Normal, normal_form
+from dl2c.ir.quadratic import Quadratic, minus, number, plus, powers, present, root_of, times
 from dl2c.ir.signs import ANY, SIGNS, Signs, TooLarge, opposite, possible_signs, sign_in, simplified, size
 from dl2c.source import Span
 
@@ -33,31 +32,6 @@ class DegreeTooHigh(Exception):
         super().__init__(degree)
         self.atom = atom
         self.degree = degree
-
-
-@dataclass(frozen=True, slots=True)
-class Quadratic:
-    """c0 + c1*x + c2*x^2 over the other symbols."""
-
-    c0: Normal
-    c1: Normal
-    c2: Normal
-
-    @property
-    def is_constant(self) -> bool:
-        return not self.c1 and not self.c2
-
-    @property
-    def discriminant(self) -> Normal:
-        return minus(times(self.c1, self.c1), times(number(4), self.c0, self.c2))
-
-    @property
-    def derivative(self) -> "Quadratic":
-        return Quadratic(self.c1, times(number(2), self.c2), {})
-
-    @property
-    def mirrored(self) -> "Quadratic":
-        return replace(self, c1=times(number(-1), self.c1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,58 +68,6 @@ class MinusInfinity:
 
 
 Point: TypeAlias = Root | MinusInfinity
-
-
-# Polynomials --------------------------------------------------------------------
-
-
-def number(value: int | Fraction) -> Normal:
-    return {(): Fraction(value)} if value else {}
-
-
-def times(*factors: Normal) -> Normal:
-    """Raises `TooLarge`."""
-    result: Normal | None = number(1)
-    for factor in factors:
-        result = multiplied(result, factor)
-    return _present(result)
-
-
-def plus(a: Normal, b: Normal) -> Normal:
-    return _present(added(a, b))
-
-
-def minus(a: Normal, b: Normal) -> Normal:
-    return _present(added(a, scaled(b, Fraction(-1))))
-
-
-def _present(form: Normal | None) -> Normal:
-    if form is None:
-        raise TooLarge
-    return form
-
-
-def powers(form: Normal, x: Symbol) -> dict[int, Normal]:
-    """Coefficients by exponents of x."""
-    found: dict[int, Normal] = {}
-    for monomial, factor in form.items():
-        exponent = next((e for k, n, e in monomial if (k, n) == (x.kind, x.name)), 0)
-        rest: Monomial = tuple(m for m in monomial if m[:2] != (x.kind, x.name))
-        found.setdefault(exponent, {})[rest] = factor
-    return found
-
-
-def _root_of(form: Normal) -> Normal | None:
-    """A polynomial of at most one monomial whose square this is."""
-    if not form:
-        return form
-    if len(form) != 1:
-        return None
-    monomial, factor = next(iter(form.items()))
-    above, below = isqrt(max(factor.numerator, 0)), isqrt(factor.denominator)
-    if Fraction(above**2, below**2) != factor or any(e % 2 for _, _, e in monomial):
-        return None
-    return {tuple((k, n, e // 2) for k, n, e in monomial): Fraction(above, below)}
 
 
 # Elimination --------------------------------------------------------------------
@@ -205,7 +127,7 @@ def _limited(formula: Formula, limit: int = MAX_SIZE) -> Formula:
 
 def _condition_of(atom: Compare, x: Symbol, defined: Defined) -> Condition:
     """Raises `DegreeTooHigh`, `TooLarge`."""
-    found = powers(_present(normal_form(Sub(atom.left, atom.right))), x)
+    found = powers(present(normal_form(Sub(atom.left, atom.right))), x)
     degree = max(found, default=0)
     if degree > 2:
         raise DegreeTooHigh(atom, degree)
@@ -279,7 +201,7 @@ def _points(condition: Condition) -> Iterator[Root]:
     square = conjunction([condition.defined, sign_in(of.c2, NONZERO, span)])
     if square == FALSE:
         return
-    root = _root_of(of.discriminant) if of.c0 else of.c1
+    root = root_of(of.discriminant) if of.c0 else of.c1
     if root is not None:
         for side in (root, minus({}, root)) if root else (root,):
             factor = Quadratic(minus(of.c1, side), times(number(2), of.c2), {})
