@@ -37,31 +37,35 @@ from dl2c.ir.model import (
 from dl2c.ir.normal import Monomial, Normal, normal_form
 from dl2c.ir.quadratic import powers
 from dl2c.ir.signs import SIGNS, Signs, TooLarge, sign_in
-from dl2c.ir.virtual import DegreeTooHigh, exists
+from dl2c.ir.virtual import exists
 from dl2c.source import NOWHERE, Span
+
+
+class DegreeTooHigh(Exception):
+    """The bound symbol occurs with this power."""
+
+    def __init__(self, degree: int) -> None:
+        super().__init__(degree)
+        self.degree = degree
 
 
 @dataclass(frozen=True, slots=True)
 class Quantifier:
-    """`name` is what the user calls the symbol `bound`."""
+    """`name` is what the user calls the symbol `bound`; `nested` where the text has quantifiers inside."""
 
     everything: bool
     name: str
     bound: Symbol
+    nested: bool
     span: Span
 
 
 def eliminated(quantifier: Quantifier, body: Formula) -> Formula:
     """The quantified formula without quantifier. Raises `CompileError` with every atom that prevents it."""
-    free = quantifier.bound not in symbols(body)
-    if free:
-        return body
     if found := [d for a in atoms(body) if (d := _refused(a, quantifier)) is not None]:
         raise CompileError(found)
     try:
         return _pushed(quantifier, body)
-    except DegreeTooHigh as high:
-        raise CompileError(_degree(quantifier, high.atom.span, high.degree)) from None
     except (TooLarge, TooManyCases):
         raise CompileError(_too_large(quantifier)) from None
 
@@ -187,7 +191,7 @@ class _Preparation:
                     return sign_in(form, SIGNS[op], span)
                 factors = [f for factor in _factors(difference) for f in self._without_powers(factor)]
                 if (worst := max(map(self._degree, factors))) > 2:
-                    raise DegreeTooHigh(formula, worst)
+                    raise DegreeTooHigh(worst)
                 return _product_sign(factors, SIGNS[op], span)
             case _:
                 return formula
@@ -253,7 +257,7 @@ def _refused(atom: Compare, quantifier: Quantifier) -> Diagnostic | None:
     x = quantifier.bound
     call = _transcendental(atom.left, x) or _transcendental(atom.right, x)
     if call is not None:
-        label = f"`{quantifier.name}` stands inside a `{call.function}`"
+        label = f"`{quantifier.name}` stands inside `{call.function}` here"
         return _not_eliminated(quantifier, atom.span, label)
     try:
         _Preparation(x).formula(atom)
@@ -275,9 +279,8 @@ def _transcendental(term: Term, x: Symbol) -> Call | None:
 
 def _degree(quantifier: Quantifier, span: Span, degree: int) -> Diagnostic:
     name = quantifier.name
-    return _not_eliminated(
-        quantifier, span, f"`{name}` has degree {degree} here, and at most 2 can be eliminated"
-    )
+    after = " once the quantifiers inside are eliminated" if quantifier.nested else " here"
+    return _not_eliminated(quantifier, span, f"`{name}` has degree {degree}{after}; at most 2 can go")
 
 
 def _too_large(quantifier: Quantifier) -> Diagnostic:

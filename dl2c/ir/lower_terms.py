@@ -146,7 +146,8 @@ class _Lowering:
                 bound = ir.Symbol(f"bound {name}", "variable")
                 body = self.formula(child, {**scope, name: bound}, negated)
                 everything = isinstance(formula, tree.Forall) != negated
-                return eliminated(Quantifier(everything, name, bound, formula.span), body)
+                nested = any(isinstance(n, (tree.Forall, tree.Exists)) for n in nodes(child))
+                return eliminated(Quantifier(everything, name, bound, nested, formula.span), body)
             case (
                 tree.PredOf()
                 | tree.UnitPredicational()

@@ -25,15 +25,6 @@ ZERO_SIGN = SIGNS["="]
 NONZERO = SIGNS["!="]
 
 
-class DegreeTooHigh(Exception):
-    """The bound symbol occurs in this atom with this power."""
-
-    def __init__(self, atom: Compare, degree: int) -> None:
-        super().__init__(degree)
-        self.atom = atom
-        self.degree = degree
-
-
 @dataclass(frozen=True, slots=True)
 class Condition:
     """That the sign of a polynomial in x, which means something where it is `defined`, is one of `signs`."""
@@ -81,7 +72,7 @@ def exists(x: Symbol, formula: Formula, defined: Defined) -> Formula:
     """A formula without x that holds where some real x makes `formula` hold.
 
     Where a symbol is not `defined`, `formula` must say so before it reads the symbol, as the result does:
-    in `d & p` or `!d | p`. Raises `DegreeTooHigh`, `TooLarge`.
+    in `d & p` or `!d | p`. Raises `TooLarge`.
     """
     formula = simplified(formula)
     match formula:
@@ -126,11 +117,9 @@ def _limited(formula: Formula, limit: int = MAX_SIZE) -> Formula:
 
 
 def _condition_of(atom: Compare, x: Symbol, defined: Defined) -> Condition:
-    """Raises `DegreeTooHigh`, `TooLarge`."""
+    """Raises `TooLarge`."""
     found = powers(present(normal_form(Sub(atom.left, atom.right))), x)
-    degree = max(found, default=0)
-    if degree > 2:
-        raise DegreeTooHigh(atom, degree)
+    assert max(found, default=0) <= 2
     of = Quadratic(found.get(0, {}), found.get(1, {}), found.get(2, {}))
     read = sorted(symbols(atom) & defined.keys(), key=lambda s: s.name)
     return Condition(of, SIGNS[atom.op], atom.span, conjunction(defined[s] for s in read))
