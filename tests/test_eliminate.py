@@ -275,3 +275,13 @@ def test_initial_states_satisfy_a_quantified_precondition(
             x, v = (env.state[name] for name in "xv")
             assert 0 <= v <= 4 and all(x + v * t / 64 - (t / 64) ** 2 <= 5 + 1e-9 for t in range(65))
             env.step(env.action_space.sample())
+
+
+def test_very_many_quantifiers_are_refused() -> None:
+    with pytest.raises(CompileError) as refused:
+        lowered(
+            "p4() -> [{x := v;}*] x > 0",
+            "Bool p0 <-> \\exists y y > x;"
+            + "".join(f"Bool p{k + 1} <-> p{k}() & p{k}() & p{k}() & p{k}();" for k in range(4)),
+        )
+    assert codes(refused.value) == ["quantifier"]

@@ -41,6 +41,10 @@ from dl2c.ir.virtual import exists
 from dl2c.source import NOWHERE, Span
 
 
+MAX_MONOMIALS = 200
+"""Of the polynomial of one atom."""
+
+
 class DegreeTooHigh(Exception):
     """The bound symbol occurs with this power."""
 
@@ -185,7 +189,7 @@ class _Preparation:
             case Compare(op, left, right, span=span):
                 difference = left if right == ZERO else Sub(left, right)
                 form = normal_form(difference)
-                if form is None:
+                if form is None or len(form) > MAX_MONOMIALS:
                     raise TooLarge
                 if self._degree(form) <= 2:
                     return sign_in(form, SIGNS[op], span)

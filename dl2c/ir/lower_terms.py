@@ -1,7 +1,8 @@
 """Terms and formulas of the syntax tree as IR: exact numbers, negation normal form.
 
-Assumes an expanded, executable tree. Subterms made of numbers alone are folded exactly.
-Raises `CompileError` for numbers beyond the doubles and for distances that do not exist.
+Assumes an expanded, executable tree. Subterms made of numbers alone are folded exactly, quantifiers
+eliminated. Raises `CompileError` for numbers beyond the doubles, for quantifiers that cannot be
+eliminated and for distances that do not exist.
 """
 
 import sys

@@ -19,7 +19,7 @@ from dl2c.ir.signs import ANY, SIGNS, Signs, TooLarge, opposite, possible_signs,
 from dl2c.source import Span
 
 MAX_SIZE = 2000
-"""Numbers and symbols in a result; four times as many may be built on the way."""
+"""Numbers and symbols in a result; twice as many may be built on the way."""
 
 ZERO_SIGN = SIGNS["="]
 NONZERO = SIGNS["!="]
@@ -110,8 +110,8 @@ def _eliminated(x: Symbol, formula: Formula, defined: Defined) -> Formula:
     return _at_points(formula, chosen, points)
 
 
-def _limited(formula: Formula, limit: int = MAX_SIZE) -> Formula:
-    if size(formula) > limit:
+def _limited(formula: Formula) -> Formula:
+    if size(formula) > MAX_SIZE:
         raise TooLarge
     return formula
 
@@ -148,14 +148,16 @@ def _cost(points: Sequence[Point]) -> int:
 
 
 def _at_points(formula: Formula, conditions: dict[Compare, Condition], points: Sequence[Point]) -> Formula:
+    if len(points) * size(formula) > 2 * MAX_SIZE:
+        raise TooLarge
     found: list[Formula] = []
     built = 0
     for point in points:
         there = conjunction([point.guard, _substituted(formula, conditions, point)])
-        found.append(simplified(_limited(there, 4 * MAX_SIZE)))
-        built += size(found[-1])
-        if built > 4 * MAX_SIZE:
+        built += size(there)
+        if built > 2 * MAX_SIZE:
             raise TooLarge
+        found.append(simplified(there))
     return disjunction(found)
 
 

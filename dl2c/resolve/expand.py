@@ -23,7 +23,8 @@ NONE: Names = frozenset()
 
 MAX_DEPTH = 200
 MAX_SIZE = 100_000
-"""Limits of an expanded problem: levels of nesting, and symbols."""
+MAX_QUANTIFIERS = 100
+"""Limits of an expanded problem: levels of nesting, symbols, and quantifiers, each of which takes time."""
 
 
 @dataclass(slots=True)
@@ -242,16 +243,16 @@ def expanded_formula(formula: tree.Formula, symbols: Symbols, run: bool = True) 
         raise CompileError(errors.too_deep(formula.span, MAX_DEPTH)) from None
     if expander.found:
         raise CompileError(expander.found)
-    _check_size(result)
+    _check_size(result, run)
     return result
 
 
-def _check_size(formula: tree.Formula) -> None:
+def _check_size(formula: tree.Formula, run: bool) -> None:
     """Arguments are shared, so that a result may be far larger than the work of building it.
 
     Counted as later stages see it: they write both sides of `<->` twice.
     """
-    size = 0
+    size = quantifiers = 0
     stack: list[tuple[Node, int, int]] = [(formula, 1, 1)]
     while stack:
         node, depth, copies = stack.pop()
@@ -260,6 +261,9 @@ def _check_size(formula: tree.Formula) -> None:
             raise CompileError(errors.too_deep(formula.span, MAX_DEPTH))
         if size > MAX_SIZE:
             raise CompileError(errors.too_large(formula.span, MAX_SIZE))
+        quantifiers += copies if isinstance(node, (tree.Forall, tree.Exists)) else 0
+        if run and quantifiers > MAX_QUANTIFIERS:
+            raise CompileError(errors.too_many_quantifiers(node.span, MAX_QUANTIFIERS))
         copies *= 2 if isinstance(node, tree.Equiv) else 1
         stack += [(child, depth + 1, copies) for child in children(node)]
 
