@@ -94,7 +94,7 @@ def _pushed(quantifier: Quantifier, body: Formula) -> Formula:
 
 
 def _eliminated(quantifier: Quantifier, body: Formula) -> Formula:
-    preparation = _Preparation(quantifier.bound)
+    preparation = _Preparation(quantifier.bound, quantifier.span)
     prepared = preparation.formula(body)
     if quantifier.everything:
         result = negation(exists(quantifier.bound, negation(prepared), preparation.defined))
@@ -109,11 +109,13 @@ class _Preparation:
     """Rewrites a formula into one over polynomials, at most quadratic in x, that is true where the formula
     is and false elsewhere, whatever undefined terms are taken to be.
 
+    Conditions on x get the `span` of the quantified formula, of which what comes of them is a part.
     `names` are symbols that stand for terms without x that are no polynomials, `defined` says where these
     have values.
     """
 
     x: Symbol
+    span: Span
     names: dict[Term, Symbol] = field(default_factory=dict[Term, Symbol])
     defined: dict[Symbol, Formula] = field(default_factory=dict[Symbol, Formula])
 
@@ -130,10 +132,11 @@ class _Preparation:
                 return formula
 
     def _atom(self, atom: Compare) -> Formula:
-        defined = conjunction(d for side in (atom.left, atom.right) for d in self._defined(side, atom.span))
+        span = self.span if self.x in symbols(atom) else atom.span
+        defined = conjunction(d for side in (atom.left, atom.right) for d in self._defined(side, span))
         if defined == FALSE:
             return FALSE
-        plain = Compare(atom.op, self._plain(atom.left), self._plain(atom.right), span=atom.span)
+        plain = Compare(atom.op, self._plain(atom.left), self._plain(atom.right), span=span)
         return conjunction([defined, self._signs(smooth(plain, self._moves))])
 
     def _moves(self, term: Term) -> bool:
@@ -264,7 +267,7 @@ def _refused(atom: Compare, quantifier: Quantifier) -> Diagnostic | None:
         label = f"`{quantifier.name}` stands inside `{call.function}` here"
         return _not_eliminated(quantifier, atom.span, label)
     try:
-        _Preparation(x).formula(atom)
+        _Preparation(x, quantifier.span).formula(atom)
     except DegreeTooHigh as high:
         return _degree(quantifier, atom.span, high.degree)
     except (TooLarge, TooManyCases):
