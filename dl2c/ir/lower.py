@@ -30,7 +30,7 @@ from dl2c.resolve.errors import suggestion
 from dl2c.resolve.predicates import AnnotatedPredicate, ValueTerm
 from dl2c.resolve.problem import Problem
 from dl2c.resolve.shape import written_variables
-from dl2c.resolve.symbols import mentioned, nodes
+from dl2c.resolve.symbols import free_variables, mentioned
 from dl2c.source import Span
 
 UNANNOTATED_PENALTY = Fraction(-1)
@@ -106,8 +106,7 @@ def _never_true(span: Span) -> Diagnostic:
 
 def _changed_afterwards(problem: Problem, formula: tree.Formula) -> frozenset[str]:
     """What the formula reads and the program after the loop, which is not run, would change."""
-    read = {n.name for n in nodes(formula) if isinstance(n, tree.Variable)}
-    return written_variables(problem.shape.suffix) & read
+    return written_variables(problem.shape.suffix) & free_variables(formula)
 
 
 def _postcondition(problem: Problem, scope: Scope) -> ir.Formula | None:

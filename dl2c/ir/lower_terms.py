@@ -1,27 +1,31 @@
 """Terms and formulas of the syntax tree as IR: exact numbers, negation normal form.
 
-Assumes an expanded, executable tree. Subterms made of numbers alone are folded exactly.
-Raises `CompileError` for numbers beyond the doubles and for distances that do not exist.
+Assumes an expanded, executable tree. Subterms made of numbers alone are folded exactly, quantifiers
+eliminated. Raises `CompileError` for numbers beyond the doubles, for quantifiers that cannot be
+eliminated and for distances that do not exist.
 """
 
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import assert_never, cast
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir import model as ir
+from dl2c.ir.eliminate import Quantifier, eliminated
 from dl2c.ir.logic import (
+    NEGATED,
     always_defined,
     conjunction,
     delta,
     disjunction,
     folded,
     mapped,
-    negation,
     relaxed,
 )
 from dl2c.parse import tree
+from dl2c.resolve.symbols import nodes
 from dl2c.source import Span
 
 PI = Fraction(884279719003555, 281474976710656)
@@ -93,60 +97,78 @@ def _power(base: ir.Term, exponent: ir.Term) -> ir.Term:
 
 
 def lower_formula(formula: tree.Formula, scope: Scope) -> ir.Formula:
-    """The negation normal form of a formula; atoms between numbers are decided."""
-    return _decided(_normal(formula, scope))
+    """The negation normal form of a formula, quantifiers eliminated; atoms between numbers are decided.
+
+    Raises `CompileError` for quantifiers that cannot be eliminated.
+    """
+    return _decided(_Lowering(ir.ZERO.value).formula(formula, scope))
 
 
 def lower_predicate(
     formula: tree.Formula, scope: Scope, tolerance: Fraction
 ) -> tuple[ir.Formula, ir.Formula]:
     """An annotated predicate, as it is and with every atom of the source relaxed (semantics 5)."""
-    normal = _normal(formula, scope)
-    return _decided(normal), _decided(relaxed(normal, tolerance))
+    relaxed_formula = _Lowering(tolerance).formula(formula, scope)
+    return lower_formula(formula, scope), _decided(relaxed_formula)
 
 
 def _decided(formula: ir.Formula) -> ir.Formula:
     return mapped(formula, lambda term: term)
 
 
-def _normal(formula: tree.Formula, scope: Scope) -> ir.Formula:
-    """The negation normal form with every atom of the source."""
-    match formula:
-        case tree.Truth(value):
-            return ir.Truth(value)
-        case tree.Compare(op, left, right):
-            return ir.Compare(op, lower_term(left, scope), lower_term(right, scope), span=formula.span)
-        case tree.Not(child):
-            return negation(_normal(child, scope))
-        case tree.And(left, right):
-            return conjunction((_normal(left, scope), _normal(right, scope)))
-        case tree.Or(left, right):
-            return disjunction((_normal(left, scope), _normal(right, scope)))
-        case tree.Imply(left, right):
-            return disjunction((negation(_normal(left, scope)), _normal(right, scope)))
-        case tree.Equiv(left, right):
-            a, b = _normal(left, scope), _normal(right, scope)
-            return conjunction((disjunction((negation(a), b)), disjunction((negation(b), a))))
-        case (
-            tree.PredOf()
-            | tree.UnitPredicational()
-            | tree.PredicationalOf()
-            | tree.Forall()
-            | tree.Exists()
-            | tree.Box()
-            | tree.Diamond()
-            | tree.DifferentialFormula()
-        ):
-            raise AssertionError("expansion and check_executable leave none of these")
-        case _:
-            assert_never(formula)
+@dataclass(frozen=True, slots=True)
+class _Lowering:
+    """Formulas in negation normal form, with every atom of the source relaxed by `tolerance`."""
+
+    tolerance: Fraction
+
+    def formula(self, formula: tree.Formula, scope: Scope, negated: bool = False) -> ir.Formula:
+        """The formula or, `negated`, its negation; an undefined atom is false in both."""
+        both, either = (disjunction, conjunction) if negated else (conjunction, disjunction)
+        match formula:
+            case tree.Truth(value):
+                return ir.Truth(value != negated)
+            case tree.Compare(op, left, right):
+                sides = lower_term(left, scope), lower_term(right, scope)
+                atom = ir.Compare(NEGATED[op] if negated else op, *sides, span=formula.span)
+                return relaxed(atom, self.tolerance)
+            case tree.Not(child):
+                return self.formula(child, scope, not negated)
+            case tree.And(left, right):
+                return both((self.formula(left, scope, negated), self.formula(right, scope, negated)))
+            case tree.Or(left, right):
+                return either((self.formula(left, scope, negated), self.formula(right, scope, negated)))
+            case tree.Imply(left, right):
+                return either((self.formula(left, scope, not negated), self.formula(right, scope, negated)))
+            case tree.Equiv(left, right):
+                one = self.formula(tree.Imply(left, right), scope, negated)
+                return both((one, self.formula(tree.Imply(right, left), scope, negated)))
+            case tree.Forall(name, child) | tree.Exists(name, child):
+                bound = ir.Symbol(f"bound {name}", "variable")
+                body = self.formula(child, {**scope, name: bound}, negated)
+                everything = isinstance(formula, tree.Forall) != negated
+                nested = any(isinstance(n, (tree.Forall, tree.Exists)) for n in nodes(child))
+                return eliminated(Quantifier(everything, name, bound, nested, formula.span), body)
+            case (
+                tree.PredOf()
+                | tree.UnitPredicational()
+                | tree.PredicationalOf()
+                | tree.Box()
+                | tree.Diamond()
+                | tree.DifferentialFormula()
+            ):
+                raise AssertionError("expansion and check_executable leave none of these")
+            case _:
+                assert_never(formula)
 
 
 def lower_delta(formula: tree.Formula, scope: Scope) -> ir.Term:
     """The distance to satisfaction of a formula (paper eq. 4-5)."""
-    term = delta(_normal(formula, scope))
+    if quantifier := next((n for n in nodes(formula) if isinstance(n, (tree.Forall, tree.Exists))), None):
+        raise CompileError(_no_distance(quantifier.span, "a quantifier compares no terms"))
+    term = delta(_Lowering(ir.ZERO.value).formula(formula, scope))
     if term is None:
-        raise CompileError(_no_distance(formula.span))
+        raise CompileError(_no_distance(formula.span, "it is always true or always false"))
     return term
 
 
@@ -160,11 +182,11 @@ def _beyond_doubles(span: Span) -> Diagnostic:
     )
 
 
-def _no_distance(span: Span) -> Diagnostic:
+def _no_distance(span: Span, why: str) -> Diagnostic:
     return error(
         "no-distance",
         "this formula has no distance to satisfaction",
         span,
-        "it is always true or always false",
+        why,
         "a predicate used as a value must compare terms",
     )

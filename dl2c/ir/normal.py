@@ -27,19 +27,19 @@ def normal_form(term: Term) -> Normal | None:
         case Symbol(name, kind):
             return {((kind, name, 1),): Fraction(1)}
         case Neg(child):
-            return _scaled(normal_form(child), Fraction(-1))
+            return scaled(normal_form(child), Fraction(-1))
         case Add(left, right):
-            return _sum(normal_form(left), normal_form(right))
+            return added(normal_form(left), normal_form(right))
         case Sub(left, right):
-            return _sum(normal_form(left), _scaled(normal_form(right), Fraction(-1)))
+            return added(normal_form(left), scaled(normal_form(right), Fraction(-1)))
         case Mul(left, right):
-            return _product(normal_form(left), normal_form(right))
+            return multiplied(normal_form(left), normal_form(right))
         case Div(left, Number(value)) if value:
-            return _scaled(normal_form(left), 1 / value)
+            return scaled(normal_form(left), 1 / value)
         case Pow(base, exponent):
             result: Normal | None = {(): Fraction(1)}
             for _ in range(exponent):
-                result = _product(result, normal_form(base))
+                result = multiplied(result, normal_form(base))
             return result
         case _:
             return None
@@ -52,7 +52,7 @@ def is_invariant(term: Term, rates: Mapping[str, Term]) -> bool:
         return False
     total: Normal | None = {}
     for name, rate in rates.items():
-        total = _sum(total, _product(_derivative(form, name), normal_form(rate)))
+        total = added(total, multiplied(_derivative(form, name), normal_form(rate)))
     return total == {}
 
 
@@ -68,11 +68,13 @@ def _derivative(form: Normal, name: str) -> Normal:
     return out
 
 
-def _scaled(form: Normal | None, factor: Fraction) -> Normal | None:
+def scaled(form: Normal | None, factor: Fraction) -> Normal | None:
+    """Its product with a number other than 0."""
     return None if form is None else {m: c * factor for m, c in form.items()}
 
 
-def _sum(a: Normal | None, b: Normal | None) -> Normal | None:
+def added(a: Normal | None, b: Normal | None) -> Normal | None:
+    """Their sum."""
     if a is None or b is None:
         return None
     out = dict(a)
@@ -81,7 +83,8 @@ def _sum(a: Normal | None, b: Normal | None) -> Normal | None:
     return {m: c for m, c in out.items() if c}
 
 
-def _product(a: Normal | None, b: Normal | None) -> Normal | None:
+def multiplied(a: Normal | None, b: Normal | None) -> Normal | None:
+    """Their product; None where it may have too many monomials."""
     if a is None or b is None or len(a) * len(b) > MAX_TERMS:
         return None
     out: Normal = {}

@@ -28,7 +28,7 @@ from dl2c.paths.enumerate import enumerate_paths
 from dl2c.pipeline import resolved
 from dl2c.resolve.problem import Problem
 from dl2c.resolve.shape import written_variables
-from dl2c.resolve.symbols import mentioned
+from dl2c.resolve.symbols import free_variables
 from dl2c.source import Source
 
 DEFAULT: Range = (Fraction(-10), Fraction(10))
@@ -120,7 +120,7 @@ def _conclusions(problem: Problem, code: str, source: Source) -> Iterator[Edit]:
         (shape.postcondition, shape.written_postcondition, SAFETY),
         (shape.progress, shape.written_progress, PROGRESS),
     ):
-        if formula is not None and not changed & set(mentioned(formula)):
+        if formula is not None and not changed & free_variables(formula):
             yield _inserted(code, _definition(problem, written, code) or _problem(problem, source), text)
 
 

@@ -92,6 +92,8 @@ class _Units:
                     if isinstance(equation, tree.AtomicODE):
                         self.rate(equation, scope)
                 self.node(domain, scope)
+            case tree.Forall(name, child) | tree.Exists(name, child):
+                self.node(child, {**scope, name: None})
             case _:
                 for child in children(node):
                     self.node(child, scope)

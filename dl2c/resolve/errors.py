@@ -143,6 +143,15 @@ def too_large(span: Span, limit: int) -> Diagnostic:
     )
 
 
+def too_many_quantifiers(span: Span, limit: int) -> Diagnostic:
+    return error(
+        "quantifier",
+        f"with its definitions expanded, the problem has more than {limit} quantifiers",
+        span,
+        help="replace quantified conditions by equivalent ones without quantifiers",
+    )
+
+
 def not_a_problem(span: Span) -> Diagnostic:
     return error(
         "no-program",

@@ -15,7 +15,7 @@ from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import tree
 from dl2c.resolve import errors
 from dl2c.resolve.implicit import Solution, solve
-from dl2c.resolve.symbols import Node, Symbols, children, nodes, own_names
+from dl2c.resolve.symbols import Node, Symbols, children, free_variables, mentioned, own_names
 from dl2c.source import Span
 
 Names = frozenset[str]
@@ -23,7 +23,8 @@ NONE: Names = frozenset()
 
 MAX_DEPTH = 200
 MAX_SIZE = 100_000
-"""Limits of an expanded problem: levels of nesting, and symbols."""
+MAX_QUANTIFIERS = 100
+"""Limits of an expanded problem: levels of nesting, symbols, and quantifiers, each of which takes time."""
 
 
 @dataclass(slots=True)
@@ -118,13 +119,27 @@ class Expander:
                     right=self.formula(formula.right, values, bound),
                 )
             case tree.Forall(name, child) | tree.Exists(name, child):
-                inner = {k: v for k, v in values.items() if k != name}
-                return replace(formula, child=self.formula(child, inner, bound | {name}))
+                own = self._bound_name(name, child, values)
+                inner = {**values, name: tree.Variable(own)}
+                return replace(formula, variable=own, child=self.formula(child, inner, bound | {own}))
             case tree.Box(program, child) | tree.Diamond(program, child):
                 expanded, written = self.program(program, values, bound)
                 return replace(formula, program=expanded, child=self.formula(child, values, bound | written))
             case _:
                 assert_never(formula)
+
+    def _bound_name(self, name: str, child: tree.Formula, values: dict[str, tree.Term]) -> str:
+        """What a quantifier may call its variable: no name that arguments mention, and to run none of
+        a constant or definition, which definitions in its scope may mention.
+        """
+        taken = {n for parameter, v in values.items() if parameter != name for n in free_variables(v)}
+        if self.run and self.symbols.roles.get(name, "variable") != "variable":
+            taken.add(name)
+        if name in taken:
+            taken |= {*self.symbols.declarations, *mentioned(child)}
+        while name in taken:
+            name += "_"
+        return name
 
     def program(
         self, program: tree.Program, values: dict[str, tree.Term], bound: Names
@@ -211,7 +226,7 @@ class Expander:
 
     def _free(self, declaration: tree.Declaration) -> Names:
         """Program variables that a body mentions itself, other than as parameters."""
-        names = {n.name for n in nodes(declaration.body) if isinstance(n, tree.Variable)}
+        names = NONE if declaration.body is None else free_variables(declaration.body)
         return frozenset(n for n in names - own_names(declaration) if self.symbols.roles.get(n) == "variable")
 
 
@@ -228,16 +243,16 @@ def expanded_formula(formula: tree.Formula, symbols: Symbols, run: bool = True) 
         raise CompileError(errors.too_deep(formula.span, MAX_DEPTH)) from None
     if expander.found:
         raise CompileError(expander.found)
-    _check_size(result)
+    _check_size(result, run)
     return result
 
 
-def _check_size(formula: tree.Formula) -> None:
+def _check_size(formula: tree.Formula, run: bool) -> None:
     """Arguments are shared, so that a result may be far larger than the work of building it.
 
     Counted as later stages see it: they write both sides of `<->` twice.
     """
-    size = 0
+    size = quantifiers = 0
     stack: list[tuple[Node, int, int]] = [(formula, 1, 1)]
     while stack:
         node, depth, copies = stack.pop()
@@ -246,6 +261,9 @@ def _check_size(formula: tree.Formula) -> None:
             raise CompileError(errors.too_deep(formula.span, MAX_DEPTH))
         if size > MAX_SIZE:
             raise CompileError(errors.too_large(formula.span, MAX_SIZE))
+        quantifiers += copies if isinstance(node, (tree.Forall, tree.Exists)) else 0
+        if run and quantifiers > MAX_QUANTIFIERS:
+            raise CompileError(errors.too_many_quantifiers(node.span, MAX_QUANTIFIERS))
         copies *= 2 if isinstance(node, tree.Equiv) else 1
         stack += [(child, depth + 1, copies) for child in children(node)]
 

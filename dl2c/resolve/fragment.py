@@ -1,8 +1,8 @@
 """Refuse what cannot be executed, naming the construct and its place.
 
 Comes in: an expanded problem. Goes out: nothing, or `CompileError` with one error for
-every construct found: games, uniform-substitution symbols, modalities and quantifiers
-inside state formulas, differential symbols, `old(...)`.
+every construct found: games, uniform-substitution symbols, modalities inside state formulas and
+quantifiers around them, differential symbols, `old(...)`.
 """
 
 from collections.abc import Iterable, Iterator
@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import tree
 from dl2c.resolve import errors
-from dl2c.resolve.symbols import Node, children
+from dl2c.resolve.symbols import Node, children, nodes
 
 
 def check_executable(problem: tree.Formula) -> None:
@@ -47,6 +47,10 @@ def _has_modality(node: Node) -> bool:
     )
 
 
+def _has_program(formula: tree.Formula) -> bool:
+    return any(isinstance(n, (tree.Box, tree.Diamond)) for n in nodes(formula))
+
+
 def _state(node: Node) -> Iterator[Diagnostic]:
     """Everything below must be executable."""
     refused = _refused(node)
@@ -65,9 +69,11 @@ def _refused(node: Node) -> Diagnostic | None:
         case tree.Box(span=span) | tree.Diamond(span=span):
             advice = "replace it by a condition on the state; only the problem itself may run a program"
             return errors.not_executable("modality-in-state", "a modality inside a condition", span, advice)
-        case tree.Forall(name, span=span) | tree.Exists(name, span=span):
-            advice = f"replace it by the equivalent condition without {name}"
-            return errors.not_executable("quantifier", "a quantifier", span, advice)
+        case tree.Forall(name, child, span=span) | tree.Exists(name, child, span=span) if _has_program(child):
+            advice = (
+                f"declare `{name}` as a constant or a variable; only the problem itself may run a program"
+            )
+            return errors.not_executable("quantifier", "a quantifier around a program", span, advice)
         case tree.FuncOf("old", (_, *_), span=span):
             advice = "keep the earlier value in a variable of the program"
             return errors.not_executable("old-value", "`old(...)` outside @invariant", span, advice)

@@ -20,7 +20,7 @@ from dl2c.resolve.expand import NONE, Expander
 from dl2c.resolve.fragment import not_executable
 from dl2c.resolve.obligations import Obligations
 from dl2c.resolve.shape import Shape
-from dl2c.resolve.symbols import Node, Symbols, children
+from dl2c.resolve.symbols import Node, Symbols, children, free_variables
 
 Arguments = tuple[tree.Term, ...]
 Values = dict[str, tree.Term]
@@ -195,7 +195,8 @@ def _check_invariants(formulas: tuple[tree.Formula, ...], symbols: Symbols) -> N
 
 
 def _calls(node: Node, name: str, values: Values, symbols: Symbols) -> Iterator[Arguments]:
-    """Argument lists of the calls of a definition, also inside other definitions."""
+    """Argument lists of the calls of a definition, also inside other definitions, but about one state: none
+    with a variable that a quantifier binds."""
     if isinstance(node, (tree.PredOf, tree.FuncOf)):
         definition = symbols.declarations.get(node.name)
         if definition is not None and definition.body is not None:
@@ -205,8 +206,12 @@ def _calls(node: Node, name: str, values: Values, symbols: Symbols) -> Iterator[
                 yield actual
                 return
             yield from _calls(definition.body, name, _values(definition, actual), symbols)
+    bound = {node.variable} if isinstance(node, (tree.Forall, tree.Exists)) else set[str]()
+    values = {parameter: v for parameter, v in values.items() if parameter not in bound}
     for child in children(node):
-        yield from _calls(child, name, values, symbols)
+        for arguments in _calls(child, name, values, symbols):
+            if bound.isdisjoint(n for a in arguments for n in free_variables(a)):
+                yield arguments
 
 
 def _ambiguous(declaration: tree.Declaration, calls: Sequence[Arguments]) -> Diagnostic:

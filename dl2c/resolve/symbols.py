@@ -192,6 +192,17 @@ def mentioned(expression: tree.Expression | None) -> Iterator[str]:
                 pass
 
 
+def free_variables(node: "Node") -> frozenset[str]:
+    """The names in terms, other than those that quantifiers around them bind."""
+    match node:
+        case tree.Variable(name):
+            return frozenset({name})
+        case tree.Forall(name, child) | tree.Exists(name, child):
+            return free_variables(child) - {name}
+        case _:
+            return frozenset[str]().union(*map(free_variables, children(node)))
+
+
 Node: TypeAlias = tree.Expression | tree.AtomicODE | tree.DifferentialProgramConst
 
 
