@@ -107,7 +107,7 @@ PROGRAMS = (
         "`else if` needs braces",
         "write `else { if (...) {...} else {...} }`",
     ),
-    _classic(r"\belse\s+", r"[\w?({]", "`else` needs braces", "write `else { ... }`", _AFTER_NAME),
+    _classic(r"\belse\s+", r"[\w?(]", "`else` needs braces", "write `else { ... }`", _AFTER_NAME),
     _classic(rf"\bif\s*\(.*\)\s*{_HERE}", r"[\w?]", "`if` needs braces", "write `if (c) { ... }`", "LBRACE"),
     _classic(
         r"\bif\s+", r"\S", "the condition of `if` needs parentheses", "write `if (c) {...}`", _AFTER_NAME
@@ -193,7 +193,7 @@ PROGRAMS = (
     ),
     _classic(r"", r"\|\|?|∨|\+(?!\+)", "a choice is written `++`", "write `{ a; ++ b; }`", _STATEMENT),
     _classic(r"", r"&", "a domain follows differential equations", "write `{x' = e & Q}`", _STATEMENT),
-    _classic(r"", r"else\b", "`else` without `if`", "write `if (c) {...} else {...}`", _STATEMENT),
+    _classic(r"\belse\s*", r"\{", "`else` without `if`", "write `if (c) {...} else {...}`", _AFTER_NAME),
 )
 
 EQUATIONS = (

@@ -262,11 +262,15 @@ def _open_brackets(failure: Failure) -> list[int]:
     return opened
 
 
+def closes_nothing(failure: Failure) -> bool:
+    """Whether a closing bracket stands where none is open."""
+    return failure.rest[:1] in (")", "]", "}") and not _open_brackets(failure)
+
+
 def _unopened(failure: Failure) -> Diagnostic | None:
-    """A closing bracket where none is open."""
-    closer = failure.rest[:1]
-    if closer not in (")", "]", "}") or _open_brackets(failure):
+    if not closes_nothing(failure):
         return None
+    closer = failure.rest[0]
     span = failure.code.span(failure.place, failure.place + 1)
     return error("syntax", f"`{closer}` closes nothing", span, "", "leave it out, or open it before")
 

@@ -66,7 +66,7 @@ def _mistakes(failure: mistakes.Failure) -> list[Diagnostic]:
             break
         except UnexpectedInput as problem:
             failure = _failure(problem, code, start, end, failure.symbol)
-        if failure.length == 0 or failure.place < news:
+        if failure.length == 0 or failure.place < news or mistakes.closes_nothing(failure):
             break
         found.append(mistakes.explain(failure))
     return found
