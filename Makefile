@@ -7,12 +7,13 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 WORKERS ?= 2
+FUZZ_SECONDS ?= 300
 
-.PHONY: help demo test test-slow lint bench clean
+.PHONY: help demo test test-slow lint bench fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | test | test-slow | lint | bench | clean"
+	@echo "make demo | test | test-slow | lint | bench | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -32,6 +33,12 @@ lint: $(READY)
 bench: $(READY)
 	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000
 	$(BIN)/dl2c bench examples/dubins.kyx --integrator cvodes --rtol 1e-6 --atol 1e-6 --require batch1024=30
+
+# Five minutes, or FUZZ_SECONDS; atheris is not there for every Python and system.
+fuzz: $(READY)
+	@$(BIN)/python -c 'import atheris' 2>/dev/null || $(BIN)/python -m pip install -q -e '.[fuzz]' || \
+	  { echo "make fuzz: atheris cannot be installed for $$($(BIN)/python -V); set PYTHON=" >&2; exit 1; }
+	$(BIN)/python tests/fuzz/models.py $(FUZZ_SECONDS)
 
 clean:
 	rm -rf .venv dist .pytest_cache .ruff_cache .hypothesis

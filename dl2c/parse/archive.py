@@ -36,7 +36,7 @@ _STATEMENT = re.compile(
     r"(?<![A-Za-z0-9_])(?:(?:Real|Bool|HP|HG|implicit|import)(?![A-Za-z0-9_])"
     rf"|(?P<old>{old_dialect.OLD_SORT}))"
 )
-_STRAY = re.compile(r"\s*(?P<word>\w+|\S)[^;]*;?")
+_STRAY = re.compile(r"(?P<word>\w+|\S)[^;]*;?")
 MAX_DECLARATIONS = 1000
 """Names that one section may declare."""
 
