@@ -7,12 +7,13 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 WORKERS ?= 2
+FUZZ_SECONDS ?= 300
 
-.PHONY: help demo test test-slow lint bench corpus clean
+.PHONY: help demo test test-slow lint bench corpus fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | test | test-slow | lint | bench | corpus | clean"
+	@echo "make demo | test | test-slow | lint | bench | corpus | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -36,6 +37,12 @@ bench: $(READY)
 # What becomes of every public model, where these are at hand (../shared/corpus).
 corpus: $(READY)
 	$(BIN)/python tests/corpus_table.py
+
+# Five minutes, or FUZZ_SECONDS; atheris is not there for every Python and system.
+fuzz: $(READY)
+	@$(BIN)/python -c 'import atheris' 2>/dev/null || $(BIN)/python -m pip install -q -e '.[fuzz]' || \
+	  { echo "make fuzz: atheris cannot be installed for $$($(BIN)/python -V); set PYTHON=" >&2; exit 1; }
+	$(BIN)/python tests/fuzz/models.py $(FUZZ_SECONDS)
 
 clean:
 	rm -rf .venv dist .pytest_cache .ruff_cache .hypothesis

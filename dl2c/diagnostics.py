@@ -4,11 +4,13 @@ A `Diagnostic` holds facts; `render` alone turns it into text. Errors travel as 
 `CompileError` that carries every independent diagnostic found so far.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, TypeVar
 
 from dl2c.source import NOWHERE, Span
+
+_T = TypeVar("_T")
 
 Severity: TypeAlias = Literal["error", "warning"]
 
@@ -53,6 +55,20 @@ class CompileError(Exception):
 
     def __str__(self) -> str:
         return "\n\n".join(render(d) for d in self.diagnostics)
+
+
+def together(tasks: Iterable[Callable[[], _T]]) -> list[_T]:
+    """What independent tasks return. The mistakes of all of them are raised as one `CompileError`."""
+    results: list[_T] = []
+    problems: list[Diagnostic] = []
+    for task in tasks:
+        try:
+            results.append(task())
+        except CompileError as found:
+            problems.extend(found.diagnostics)
+    if problems:
+        raise CompileError(problems)
+    return results
 
 
 def in_source_order(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:

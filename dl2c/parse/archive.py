@@ -9,13 +9,14 @@ import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 
 from dl2c.diagnostics import CompileError, Diagnostic, in_source_order
 from dl2c.parse import build, comments, declarations, errors, old_dialect, placement
 from dl2c.parse.build import Reading
 from dl2c.parse.characters import check_characters
 from dl2c.parse.placement import Block, Statement
+from dl2c.parse.recovery import MAX_MISTAKES
 from dl2c.parse.scan import Code, Comment, scan
 from dl2c.parse.sections import (
     Section,
@@ -23,7 +24,6 @@ from dl2c.parse.sections import (
     entry_name,
     find_sections,
     first_in_line,
-    first_word,
     is_bare,
     previous_characters,
     trimmed_end,
@@ -36,6 +36,7 @@ _STATEMENT = re.compile(
     r"(?<![A-Za-z0-9_])(?:(?:Real|Bool|HP|HG|implicit|import)(?![A-Za-z0-9_])"
     rf"|(?P<old>{old_dialect.OLD_SORT}))"
 )
+_STRAY = re.compile(r"(?P<word>\w+|\S)[^;]*;?")
 MAX_DECLARATIONS = 1000
 """Names that one section may declare."""
 
@@ -120,9 +121,8 @@ def _block(section: Section, work: Work) -> Block:
     code = work.code
     starts = _statement_starts(code, section)
     first = starts[0] if starts else section.end
-    if code.text[section.begin : first].strip():
-        expected = "a declaration (`Real`, `Bool`, `HP`) or `End.`"
-        work.problems.append(errors.misplaced_text(first_word(code, section.begin, first), expected))
+    stray = islice(_STRAY.finditer(code.text, section.begin, first), MAX_MISTAKES)
+    work.problems.extend(errors.not_a_declaration(code.span(*found.span("word"))) for found in stray)
     statements: list[Statement] = []
     declared = 0
     for start, following in pairwise([*starts, section.end]):

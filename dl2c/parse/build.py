@@ -14,7 +14,7 @@ from typing import TypeAlias, cast
 
 from lark import Token, Tree
 
-from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.diagnostics import CompileError, Diagnostic, together
 from dl2c.parse import errors
 from dl2c.parse import tree as ast
 from dl2c.parse.syntax import Node
@@ -221,9 +221,9 @@ def formula(node: Node, read: Reading) -> ast.Formula:
         case "quantified", [Token() as quantifier, Tree() as names, Tree() as child]:
             return _quantified(quantifier, names, formula(child, read), span)
         case "box", [Tree() as body, Tree() as child]:
-            return ast.Box(program(body, read), formula(child, read), span=span)
+            return ast.Box(*_modality(body, child, read), span=span)
         case "diamond", [_, Tree() as body, _, Tree() as child]:
-            return ast.Diamond(program(body, read), formula(child, read), span=span)
+            return ast.Diamond(*_modality(body, child, read), span=span)
         case _:
             raise CompileError(errors.wrong_sort(span, "formula", "term"))
 
@@ -242,13 +242,16 @@ def _connect(op: str, operands: Sequence[Child], read: Reading) -> ast.Formula:
     for token in operands:
         if isinstance(token, Token) and token in ("&&", "||"):
             read.warnings.append(errors.doubled_connective(read.span(token)))
-    *firsts, last = nodes(operands)
+    *firsts, right = together(lambda o=o: formula(o, read) for o in nodes(operands))
     connective = {"and": ast.And, "or": ast.Or, "imply": ast.Imply}[op]
-    right = formula(last, read)
-    for operand in reversed(firsts):
-        left = formula(operand, read)
+    for left in reversed(firsts):
         right = connective(left, right, span=left.span.to(right.span))
     return right
+
+
+def _modality(body: Node, child: Node, read: Reading) -> tuple[ast.Program, ast.Formula]:
+    inner, after = together((lambda: program(body, read), lambda: formula(child, read)))
+    return cast("ast.Program", inner), cast("ast.Formula", after)
 
 
 def _quantified(quantifier: Token, names: Node, child: ast.Formula, span: Span) -> ast.Formula:
@@ -308,7 +311,7 @@ def program(node: Node, read: Reading) -> ast.Program:
 
 
 def _sequence(statements: Sequence[Node], read: Reading) -> ast.Program:
-    *firsts, last = [program(statement, read) for statement in statements]
+    *firsts, last = together(lambda s=s: program(s, read) for s in statements)
     right = last
     for left in reversed(firsts):
         right = ast.Compose(left, right, span=left.span.to(right.span))
@@ -317,12 +320,8 @@ def _sequence(statements: Sequence[Node], read: Reading) -> ast.Program:
 
 def _choice(alternatives: Sequence[Child], read: Reading) -> ast.Program:
     """`a ++ b` and `a -- b`, right associative at one level; `a -- b` is `{{a}^@ ++ {b}^@}^@`."""
-    *firsts, last = alternatives
-    assert isinstance(last, Tree)
-    right = program(last, read)
-    for alternative, op in reversed(list(zip(firsts[::2], firsts[1::2], strict=True))):
-        assert isinstance(alternative, Tree)
-        left = program(alternative, read)
+    *firsts, right = together(lambda a=a: program(a, read) for a in nodes(alternatives))
+    for left, op in reversed(list(zip(firsts, alternatives[1::2], strict=True))):
         span = left.span.to(right.span)
         if op in ("++", "∪"):
             right = ast.Choice(left, right, span=span)

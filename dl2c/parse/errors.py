@@ -108,7 +108,13 @@ def missing(span: Span, what: str, help: str = "") -> Diagnostic:
 
 
 def wrong_sort(span: Span, wanted: str, found: str) -> Diagnostic:
-    return error("wrong-sort", f"expected a {wanted}, found a {found}", span, f"this is a {found}")
+    help = {
+        "term": "a term is a number, a formula is true or false",
+        "formula": "compare it, for example with `= 0`",
+    }
+    return error(
+        "wrong-sort", f"expected a {wanted}, found a {found}", span, f"this is a {found}", help[wanted]
+    )
 
 
 def stray_tuple(span: Span) -> Diagnostic:
@@ -219,8 +225,18 @@ def second_problem(span: Span) -> Diagnostic:
     return error("syntax", "a second Problem in one entry", span, "", "start a new entry for it")
 
 
-def no_name(span: Span, kind: str) -> Diagnostic:
-    return error("syntax", "an entry needs a name", span, "", f'write for example `{kind} "Name"`')
+def no_name(span: Span, kind: str, unquoted: str) -> Diagnostic:
+    title = "the name of an entry needs quotes" if unquoted else "an entry needs a name"
+    name = "".join(c for c in unquoted if c.isalnum()) or "Name"
+    return error("syntax", title, span, "", f'write for example `{kind} "{name}"`')
+
+
+def misspelt_end(span: Span) -> Diagnostic:
+    return error("syntax", f"`{span.text}` is not `End.`", span, "expected `End.`", "write `End.`")
+
+
+def misspelt_section(span: Span, word: str) -> Diagnostic:
+    return error("syntax", f"unexpected `{span.text}`", span, f"expected `{word}`", f"did you mean `{word}`?")
 
 
 def section_not_ended(span: Span, section: str, following: str) -> Diagnostic:
@@ -238,6 +254,25 @@ def misplaced_text(span: Span, expected: str) -> Diagnostic:
     return error("syntax", f"unexpected `{shown}`", span, f"expected {expected}")
 
 
+_STRAY = {
+    **dict.fromkeys(("real", "int", "integer", "float", "double", "number", "var", "let"), "write `Real`"),
+    **dict.fromkeys(("bool", "boolean"), "write `Bool`"),
+    **dict.fromkeys(("hp", "program"), "write `HP`"),
+    "const": "what stands in Definitions is constant: write `Real c = 1;`",
+    **dict.fromkeys(("def", "function", "fun"), "write for example `Real f(Real x) = x + 1;`"),
+    ":": "no `:` follows the section word",
+    ";": "one `;` ends a declaration",
+    **dict.fromkeys((")", "]", "}"), "it closes nothing: leave it out"),
+    **dict.fromkeys(("#", "%"), "comments are written `/* ... */`"),
+}
+
+
+def not_a_declaration(span: Span) -> Diagnostic:
+    word, expected = span.text, "a declaration (`Real`, `Bool`, `HP`) or `End.`"
+    otherwise = f"begin with its sort, for example `Real {word};`" if word.isalnum() else "leave it out"
+    return unexpected(span, f"`{word}`", expected, _STRAY.get(word.lower(), otherwise))
+
+
 def defined_variable(span: Span) -> Diagnostic:
     return error(
         "defined-variable",
@@ -249,7 +284,7 @@ def defined_variable(span: Span) -> Diagnostic:
 
 
 def not_a_real(span: Span) -> Diagnostic:
-    return error("wrong-sort", "program variables are of sort Real", span)
+    return error("wrong-sort", "program variables are of sort Real", span, "", "move it to Definitions")
 
 
 def undefined_program(span: Span, name: str) -> Diagnostic:

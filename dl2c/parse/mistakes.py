@@ -1,7 +1,7 @@
 """Syntax errors in words of dL, with advice for the classic mistakes.
 
 In: a `Failure`, where the parser stopped and what it would have accepted. Out: one diagnostic.
-`CLASSICS` is the table of mistakes that are recognised by the text around the place.
+The mistakes that are recognised by the text around the place are in classics.py.
 """
 
 import re
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from dl2c.diagnostics import Diagnostic, error
 from dl2c.parse import errors
+from dl2c.parse.classics import CLASSICS
 from dl2c.parse.scan import Code
 
 MAX_BEFORE = 200
@@ -41,62 +42,6 @@ class Failure:
         return self.code.text[self.place : self.end]
 
 
-@dataclass(frozen=True, slots=True)
-class Classic:
-    """A mistake recognised by the text right before and right after the place.
-
-    With `operator` it is one only where an operator could have followed.
-    """
-
-    before: re.Pattern[str]
-    rest: re.Pattern[str]
-    title: str
-    help: str
-    operator: bool = False
-
-
-def _classic(before: str, rest: str, title: str, help: str, operator: bool = False) -> Classic:
-    return Classic(re.compile(rf"(?:{before})\Z"), re.compile(rest), title, help, operator)
-
-
-CLASSICS = (
-    _classic(r"=", r"=", "`==` is not an operator of dL", "write `=` to compare, `:=` to assign"),
-    _classic(r"", r"==", "`==` is not an operator of dL", "write `=` to compare, `:=` to assign"),
-    _classic(r"=\s*", r">", "`=>` is not an operator of dL", "write `->` for implication, `>=` to compare"),
-    _classic(r"=\s*", r"<", "`=<` is not an operator of dL", "write `<=`"),
-    _classic(r"<\s*", r">", "`<>` is not an operator of dL", "write `!=`"),
-    _classic(r"<", r"<", "interpreted functions `f<<...>>` cannot be run", "import it from kyx.math"),
-    _classic(r"\*", r"\*", "`**` is not an operator of dL", "write `^` for powers"),
-    _classic(r"'\s*", r"[<>≤≥]", "only differential equations can be run", "write `x' = e`"),
-    _classic(
-        r"", r"<-", "`<-` needs blanks around it", "write `x < -5` to compare, `p <- q` for implication"
-    ),
-    _classic(r"", r"(?:and|AND)\b", "`and` is not an operator of dL", "write `&`"),
-    _classic(r"", r"(?:or|OR)\b", "`or` is not an operator of dL", "write `|`"),
-    _classic(r"\b(?:not|NOT)\s+", r"", "`not` is not an operator of dL", "write `!`"),
-    _classic(r"", r"\\/", "`\\/` is not an operator of dL", "write `|`"),
-    _classic(r"/", r"\\", "`/\\` is not an operator of dL", "write `&`"),
-    _classic(
-        r"\b(?:forall|exists)\s+", r"", "quantifiers start with a backslash", "write `\\forall x (...)`"
-    ),
-    _classic(r"\belse\s+", r"if\b", "`else if` needs braces", "write `else { if (...) {...} else {...} }`"),
-    _classic(r"", r"then\b", "dL has no `then`", "write `if (c) {...} else {...}`"),
-    _classic(r"\bwhile\s*", r"\(", "dL has no `while`", "write `{?c; ...}*; ?!c;`"),
-    _classic(r"\d", r"[eE][+-]?\d", "numbers have no exponent", "write for example `1000` for `1e3`"),
-    _classic(r"\d", r"\.\d", "a number has one point", ""),
-    _classic(r"\d", r"\.", "digits must follow the point of a number", "write for example `5.0`"),
-    _classic(r"", r"\.\d", "digits must precede the point of a number", "write for example `0.5`"),
-    _classic(r"", r"\.|•|⎵", "`.` and `•` are syntax of axioms, not of models", ""),
-    _classic(r"[0-9]", r"[A-Za-z(]", "a product needs its `*`", "write for example `2*x`", operator=True),
-    _classic(r"\)\s*", r"[0-9A-Za-z(]", "an operator is missing", "write for example `(a)*b`", operator=True),
-    _classic(r"", r"\\(?:forall|exists)", "a blank must follow a quantifier", "write `\\forall x (...)`"),
-    _classic(r"", r"\\", "unknown symbol `\\`", "quantifiers are written `\\forall` and `\\exists`"),
-    _classic(r"", r"[−–—]", "this is not the minus sign `-`", "write `-`"),
-    _classic(r"", r"[·⋅∗]", "this is not the product sign `*`", "write `*`"),
-    _classic(r"", r"¬", "`¬` is not an operator of dL", "write `!`"),
-    _classic(r"", r"[%#$~`]", "this character is not part of dL", ""),
-)
-
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _RESERVED = frozenset(
     {
@@ -109,7 +54,19 @@ _COMPARISONS = re.compile(r"<=|>=|!=|=|<|>|≤|≥|≠")
 _OPERAND = frozenset({"NAME", "NUMBER", "LPAR"})
 _OPERATORS = frozenset({"PLUS", "MINUS", "STAR", "SLASH", "CIRCUMFLEX", "EQ", "NE", "LE", "GE", "LT", "GT"})
 _CONNECTIVES = frozenset({"AND", "OR", "_IMPLY", "_REVERSE", "IFF"})
-_NOTHING = frozenset({"$END"})
+_HEAD = re.compile(r"\s*(?P<sort>Real|Bool|HP|HG|[RBPTF])\s+\w+\s*(?:\([^()]*\))?\s*(?P<sign>::=|<->|=)?")
+_SIGN = re.compile(r":=|==|=|:|->|\{")
+_SIGNS = {
+    **dict.fromkeys(("Real", "R", "T"), "="),
+    **dict.fromkeys(("Bool", "B", "F"), "<->"),
+    **dict.fromkeys(("HP", "HG", "P"), "::="),
+}
+_CALLED = re.compile(r"\{\s*(?P<name>[A-Za-z]\w*)\s*\}\Z")
+_BEGUN = re.compile(r"\{\s*[A-Za-z]\w*\s*\Z")
+_EQUATION = re.compile(r"\s*[A-Za-z]\w*\s*'\s*=")
+_ALTERNATIVE = re.compile(r"\+\s*(?:[A-Za-z]\w*\s*'?\s*(?::=|;)|[{?])")
+_PARAMETERS = frozenset({"RPAR", "COMMA"})
+NOTHING = frozenset({"$END"})
 _STATEMENT = frozenset({"QMARK", "IF", "LBRACE"})
 _WORDS = {
     "RPAR": "`)`",
@@ -136,15 +93,47 @@ _WORDS = {
 def explain(failure: Failure) -> Diagnostic:
     """The most helpful thing to say about a syntax error."""
     return (
-        (_plain(failure) if failure.accepted == _NOTHING else None)
-        or _bad_name(failure)
+        _stray(failure)
+        or _definition(failure)
         or _assignment(failure)
-        or _chained(failure)
+        or _equations(failure)
+        or _missing_before_choice(failure)
         or _classic_mistake(failure)
+        or _bad_name(failure)
+        or _unopened(failure)
+        or _chained(failure)
         or _unclosed(failure)
         or _missing_semicolon(failure)
+        or _missing_operator(failure)
         or _plain(failure)
     )
+
+
+def _stray(failure: Failure) -> Diagnostic | None:
+    """What follows a declaration and is none."""
+    if failure.symbol != "declaration" or failure.accepted != NOTHING:
+        return None
+    word = re.match(r"\w+", failure.rest)
+    length = len(word.group()) if word else failure.length
+    return errors.not_a_declaration(failure.code.span(failure.place, failure.place + length))
+
+
+def _definition(failure: Failure) -> Diagnostic | None:
+    """`Bool p := ...`, `HP a = {`, `Real c == 1`: a sort with the sign of another."""
+    if failure.symbol != "declaration":
+        return None
+    head = _HEAD.match(failure.before)
+    found = _SIGN.match(failure.rest) if head and "_DEFINED" in failure.accepted else None
+    if head is None or (found is None and not head.group("sign")):
+        return None
+    sort, wanted = head.group("sort"), _SIGNS[head.group("sort")]
+    if found is not None:
+        span = failure.code.span(failure.place, failure.place + len(found.group()))
+        return errors.not_defined_with(span, sort, found.group(), wanted)
+    if head.group("sign") == wanted or failure.before[head.end() :].strip():
+        return None
+    span = failure.code.span(*(failure.start + at for at in head.span("sign")))
+    return errors.not_defined_with(span, sort, head.group("sign"), wanted)
 
 
 def _bad_name(failure: Failure) -> Diagnostic | None:
@@ -193,47 +182,105 @@ def _chained(failure: Failure) -> Diagnostic | None:
 
 def _assignment(failure: Failure) -> Diagnostic | None:
     """`x = 1;` as a statement, `x := 1` in a formula, `x' = 1` without braces of its own."""
-    if (
-        failure.rest.startswith("=")
-        and failure.before.rstrip().endswith("'")
-        and "_ASSIGN" in failure.accepted
-    ):
-        span = failure.code.span(failure.place, failure.place + 1)
-        return error("syntax", "a differential equation needs its own braces", span, "", "write `{x' = e}`")
-    if failure.rest.startswith("*") and failure.before.endswith("}") and "STAR" not in failure.accepted:
-        span = failure.code.span(failure.place, failure.place + 1)
-        return error("syntax", "only a block can be repeated", span, "", "write `{{x' = e}}*`")
-    if failure.rest.startswith("=") and "_ASSIGN" in failure.accepted:
-        span = failure.code.span(failure.place, failure.place + 1)
-        return error("syntax", "an assignment is written `:=`", span, "expected `:=`", "write `x := e;`")
-    if failure.rest.startswith(":=") and "EQ" in failure.accepted:
-        span = failure.code.span(failure.place, failure.place + 2)
+    code, place, before, rest = failure.code, failure.place, failure.before, failure.rest
+    if rest.startswith("=") and before.rstrip().endswith("'") and "_ASSIGN" in failure.accepted:
+        return _own_braces(failure, place)
+    if rest.startswith("*") and before.endswith("}") and "STAR" not in failure.accepted:
+        if call := _CALLED.search(before):
+            end = failure.start + call.end("name")
+            help = f"write `{{{call.group('name')};}}*`"
+            return errors.missing(code.span(end, end + 1), ";", help)
+        return error(
+            "syntax", "only a block can be repeated", code.span(place, place + 1), "", "write `{{x' = e}}*`"
+        )
+    if rest.startswith("=") and "_ASSIGN" in failure.accepted:
+        flows = _BEGUN.search(before) and "}" in rest and ";" not in rest[: rest.index("}")]
+        help = "write `x := e;`, or `x' = e` for a differential equation" if flows else "write `x := e;`"
+        span = code.span(place, place + 1)
+        return error("syntax", "an assignment is written `:=`", span, "expected `:=`", help)
+    if rest.startswith(":=") and "EQ" in failure.accepted:
+        span = code.span(place, place + 2)
         return error("syntax", "`:=` assigns, it does not compare", span, "", "write `=` to compare")
     return None
+
+
+def _own_braces(failure: Failure, place: int) -> Diagnostic:
+    span = failure.code.span(place, place + 1)
+    return error("syntax", "a differential equation needs its own braces", span, "", "write `{x' = e}`")
+
+
+def _equations(failure: Failure) -> Diagnostic | None:
+    """A `;` after a differential equation."""
+    opened = _open_brackets(failure)
+    if not opened or not failure.rest.startswith(";"):
+        return None
+    flow = _EQUATION.match(failure.before, opened[-1] + 1)
+    if flow is None:
+        return None
+    span = failure.code.span(failure.place, failure.place + 1)
+    following = failure.rest[1:].lstrip()
+    if _EQUATION.match(following):
+        title = "differential equations are separated by `,`"
+        return error("syntax", title, span, "expected `,`", "write `{x' = v, t' = 1}`")
+    if following.startswith("}"):
+        title = "no `;` ends a differential equation"
+        return error("syntax", title, span, "", "leave it out: write `{x' = e & Q}`")
+    return _own_braces(failure, failure.start + flow.end() - 1)
+
+
+def _missing_before_choice(failure: Failure) -> Diagnostic | None:
+    """`x := 1 ++ v := 2;`, where the second `+` is the place."""
+    if not (failure.before.endswith("+") and _ALTERNATIVE.match(failure.rest)):
+        return None
+    ended = failure.start + len(failure.before[:-1].rstrip())
+    return errors.missing(failure.code.span(ended, ended + 1), ";", "end the statement before `++`")
 
 
 def _classic_mistake(failure: Failure) -> Diagnostic | None:
     before = failure.before[-MAX_BEFORE:]
     for classic in CLASSICS:
-        left, right = classic.before.search(before), classic.rest.match(failure.rest)
-        if left is None or right is None or (classic.operator and "STAR" not in failure.accepted):
+        if classic.accepts and classic.accepts not in failure.accepted:
             continue
-        start = failure.place - len(left.group())
-        end = failure.place + max(len(right.group()), int(not left.group()))
+        left, right = classic.before.search(before), classic.rest.match(failure.rest)
+        if left is None or right is None:
+            continue
+        shown = left.start("shown") if "shown" in left.re.groupindex else left.start()
+        start = failure.place - len(before) + shown
+        end = max(start + 1, failure.place + len(right.group()))
         return error("syntax", classic.title, failure.code.span(start, end), "", classic.help)
     return None
 
 
-def _unclosed(failure: Failure) -> Diagnostic | None:
-    """A bracket that is still open where the text, the statement or an outer bracket ends."""
+def _open_brackets(failure: Failure) -> list[int]:
+    """Where the brackets begin that are still open, as offsets into `before`."""
     opened: list[int] = []
     for bracket in re.finditer(r"[(\[{)\]}]", failure.before):
         if bracket.group() in "([{":
             opened.append(bracket.start())
         elif opened:
             opened.pop()
-    found = failure.rest[:1]
-    if not opened or found not in ("", ";", ")", "]", "}"):
+    return opened
+
+
+def closes_nothing(failure: Failure) -> bool:
+    """Whether a closing bracket stands where none is open."""
+    return failure.rest[:1] in (")", "]", "}") and not _open_brackets(failure)
+
+
+def _unopened(failure: Failure) -> Diagnostic | None:
+    if not closes_nothing(failure):
+        return None
+    closer = failure.rest[0]
+    span = failure.code.span(failure.place, failure.place + 1)
+    return error("syntax", f"`{closer}` closes nothing", span, "", "leave it out, or open it before")
+
+
+def _unclosed(failure: Failure) -> Diagnostic | None:
+    """A bracket that is still open where the text, the statement or an outer bracket ends."""
+    opened, found = _open_brackets(failure), failure.rest[:1]
+    starred = found == "*" and failure.before.rstrip().endswith("}")
+    in_header = failure.accepted == _PARAMETERS and failure.symbol == "declaration"
+    if not opened or not (found in ("", ";", ")", "]", "}") or in_header or starred):
         return None
     opener = failure.before[opened[-1]]
     closer, terminal = {"(": (")", "RPAR"), "[": ("]", "RSQB"), "{": ("}", "RBRACE")}[opener]
@@ -257,6 +304,19 @@ def _missing_semicolon(failure: Failure) -> Diagnostic | None:
     return errors.missing(failure.code.span(ended, ended + 1), ";")
 
 
+def _missing_operator(failure: Failure) -> Diagnostic | None:
+    """`x = v w`."""
+    word = re.match(r"\w+", failure.rest)
+    if word is None or "STAR" not in failure.accepted or not re.search(r"[\w)]\s*\Z", failure.before):
+        return None
+    if failure.before.rstrip()[-1:] in ("", "}"):
+        return None
+    span = failure.code.span(failure.place, failure.place + len(word.group()))
+    return error(
+        "syntax", "an operator is missing", span, f"before `{word.group()}`", "write for example `a*b`"
+    )
+
+
 def _plain(failure: Failure) -> Diagnostic:
     """What was found and what could have stood there."""
     if failure.length == 0:
@@ -269,16 +329,22 @@ def _plain(failure: Failure) -> Diagnostic:
     return errors.unexpected(span, f"`{found}`", _expected(failure))
 
 
+def _operand(failure: Failure) -> str:
+    """What the text before asks for."""
+    before = failure.before.rstrip()
+    if re.search(r"(?:->|<-|[?&|!\]])\Z", before):
+        return "a formula"
+    return "a term" if re.search(r"[-+*/^=<>≤≥≠]\Z", before) else "a formula or term"
+
+
 def _expected(failure: Failure) -> str:
     """What could have followed, as a phrase; empty where too much could."""
     left = set(failure.accepted)
     words: list[str] = []
-    if failure.accepted == _NOTHING:
-        if failure.symbol == "declaration":
-            return "a declaration (`Real`, `Bool`, `HP`) or `End.`"
+    if failure.accepted == NOTHING:
         return "nothing more"
     if left >= _OPERAND:
-        words.append("a formula or term" if "TRUE" in left else "a term")
+        words.append(_operand(failure) if "TRUE" in left else "a term")
         left &= {"RPAR"} if "PLUS" in left else {"RPAR", "STAR"}
     if left >= _STATEMENT:
         words.append("a statement")

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import assert_never, cast
 
+from dl2c.parse.archive import read_archive
+from dl2c.parse.notes import with_notes
 from dl2c.parse.tree import (
     And,
     Annotation,
@@ -55,6 +57,7 @@ from dl2c.parse.tree import (
     UnitPredicational,
     Variable,
 )
+from dl2c.source import Source
 
 SUM, PRODUCT, POWER, ATOM = range(4)
 """How strongly a term binds."""
@@ -286,7 +289,7 @@ def _invariants(invariants: Sequence[Formula]) -> str:
 
 
 def print_archive(archive: Archive) -> str:
-    """The whole archive as a file. Annotations inside programs are not printed: no place is known."""
+    """The whole archive as a file, its annotations included."""
     return "\n".join(map(print_entry, archive.entries))
 
 
@@ -305,7 +308,10 @@ def print_entry(entry: Entry) -> str:
         lines += ["End.", ""]
     lines += [_annotation(annotation) for annotation in entry.problem_annotations]
     lines += ["Problem", INDENT + print_formula(entry.problem), "End.", "", "End.", ""]
-    return "\n".join(lines)
+    text = "\n".join(lines)
+    if not entry.program_annotations:
+        return text
+    return with_notes(text, entry, read_archive(Source("", text))[0].entries[0], _annotation)
 
 
 def _together(declarations: Sequence[Declaration]) -> list[list[Declaration]]:

@@ -6,6 +6,7 @@ and end them. What stands between sections is checked here: metadata only.
 
 import re
 from dataclasses import dataclass
+from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import PurePath
 from typing import Literal, TypeAlias
@@ -29,14 +30,18 @@ _BLOCKS: dict[str, Kind] = {
 STRING = r'"(?:[^"\\]|\\.)*"'
 _MARK = re.compile(
     rf"{STRING}|(?<![A-Za-z0-9_\\])(?:(?P<block>{'|'.join(_BLOCKS)})(?![A-Za-z0-9_])"
-    r"|(?P<entry>ArchiveEntry|Theorem|Lemma|Exercise)(?![A-Za-z0-9_])|(?P<end>End(?:\s+[A-Za-z]\w*)?\s*\.))",
+    r"|(?P<entry>ArchiveEntry|Theorem|Lemma|Exercise)(?![A-Za-z0-9_])"
+    rf"|(?P<end>End(?:\s+(?!(?:End|{'|'.join(_BLOCKS)})(?![A-Za-z0-9_]))[A-Za-z]\w*)?\s*\.)"
+    r"|(?P<nearly>(?:End|END)(?:[ \t]*[.;:,])?(?=[ \t]*(?:\n|\Z))|end[ \t]*\.(?=[ \t]*(?:\n|\Z))))",
     re.DOTALL,
 )
+_WORD = re.compile(r"\s*(?P<word>[A-Za-z]\w*)[ \t]*:?")
 _META = re.compile(
     rf"\s*(?:(?:Description|Title|Link|Author|See|Illustration|Citation)\s+{STRING}\s*\.\s*)*", re.DOTALL
 )
 _PACKAGE = re.compile(r"\s*(?:package\s+[A-Za-z]\w*(?:\.[A-Za-z]\w*)*)?\s*")
 _ENTRY_NAME = re.compile(rf"\s*(?:[A-Za-z]\w*\s*:)?\s*(?P<name>{STRING})(?:\s*\.)?", re.DOTALL)
+_UNQUOTED_NAME = re.compile(r"[ \t]*[^\s\"]+(?=[ \t]*\.?[ \t]*(?:\n|\Z))")
 _HEADER_END = re.compile(r"\s*[.;]")
 
 
@@ -58,17 +63,46 @@ class Section:
 
 def find_sections(code: Code, problems: list[Diagnostic]) -> list[Section]:
     """All sections in order; mistakes are appended to `problems`."""
-    marks = [m for m in _MARK.finditer(code.text) if m.lastgroup is not None]
+    marks = [m for m in _MARK.finditer(code.text) if m.lastgroup is not None and _is_mark(code, m)]
+    problems.extend(errors.misspelt_end(code.span(*m.span())) for m in marks if m.lastgroup == "nearly")
     sections: list[Section] = []
     at = 0
     for mark, following in pairwise([*marks, None]):
         assert mark is not None
-        if mark.start() >= at:
+        if mark.start() < at:
+            continue
+        if _ends(mark) and sections and (misspelt := _misspelt(code, at, mark, problems)):
+            sections.append(misspelt)
+        else:
             _check_between(code, at, mark.start(), bool(sections), problems)
             sections.append(_section(code, mark, following, problems))
-            at = sections[-1].over
+        at = sections[-1].over
     _check_between(code, at, len(code.text), bool(sections), problems)
     return sections
+
+
+def _is_mark(code: Code, mark: re.Match[str]) -> bool:
+    """What is nearly `End.` counts where it has a line of its own."""
+    return mark.lastgroup != "nearly" or first_in_line(code, mark.start())
+
+
+def _ends(mark: re.Match[str]) -> bool:
+    return mark.lastgroup in ("end", "nearly")
+
+
+def _misspelt(code: Code, start: int, end: re.Match[str], problems: list[Diagnostic]) -> Section | None:
+    """The section whose word is misspelt, `definitions` or `Definition`, and that `end` ends."""
+    word = _WORD.match(code.text, start, end.start())
+    if word is None:
+        return None
+    known = {block.lower(): block for block in _BLOCKS}
+    close = get_close_matches(word.group("word").lower(), known, n=1, cutoff=0.8)
+    if not close:
+        return None
+    block = known[close[0]]
+    span = code.span(*word.span("word"))
+    problems.append(errors.misspelt_section(span, block))
+    return Section(_BLOCKS[block], block, span.start, word.end(), end.start(), end.end())
 
 
 def _section(
@@ -76,16 +110,16 @@ def _section(
 ) -> Section:
     word, start, begin = mark.group(), mark.start(), mark.end()
     end = following.start() if following is not None else len(code.text)
-    if mark.lastgroup == "end":
+    if _ends(mark):
         return Section("End", word, start, begin, begin, begin)
     if mark.lastgroup == "entry":
-        name = _ENTRY_NAME.match(code.text, begin, end)
+        name = _ENTRY_NAME.match(code.text, begin, end) or _UNQUOTED_NAME.match(code.text, begin, end)
         over = name.end() if name is not None else begin
         return Section("entry", word, start, begin, over, over)
     kind = _BLOCKS[word]
     if dot := _HEADER_END.match(code.text, begin, end):
         begin = dot.end()
-    if following is not None and following.lastgroup == "end":
+    if following is not None and _ends(following):
         return Section(kind, word, start, begin, end, following.end())
     found = "the end of the file" if following is None else f"`{following.group()}`"
     problems.append(errors.section_not_ended(code.span(start, begin), word, found))
@@ -108,7 +142,8 @@ def entry_name(code: Code, head: Section, problems: list[Diagnostic]) -> str:
         return PurePath(code.source.name).stem
     name = _ENTRY_NAME.match(code.text, head.begin, head.end)
     if name is None:
-        problems.append(errors.no_name(code.span(head.start, head.begin), head.word))
+        unquoted = code.text[head.begin : head.end].strip()
+        problems.append(errors.no_name(code.span(head.start, head.end), head.word, unquoted))
         return ""
     return re.sub(r"\\(.)", r"\1", name.group("name")[1:-1])
 

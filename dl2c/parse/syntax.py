@@ -1,9 +1,10 @@
 """From code to the concrete syntax tree, by the grammar in grammar.lark.
 
 In: a range of `Code`. Out: a lark tree whose positions are offsets into the source, no deeper
-than `MAX_DEPTH`. The first syntax error is raised as a `CompileError` in words of dL.
+than `MAX_DEPTH`. Syntax errors are raised as a `CompileError` in words of dL.
 """
 
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from typing import TypeAlias, cast
@@ -12,8 +13,9 @@ from lark import Lark, Token, Tree
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 from lark.utils import TextSlice
 
-from dl2c.diagnostics import CompileError
+from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import errors, mistakes
+from dl2c.parse.recovery import MAX_MISTAKES, without_mistake
 from dl2c.parse.scan import Code
 
 Node: TypeAlias = Tree[Token]
@@ -47,9 +49,27 @@ def parse_tree(code: Code, start: int, end: int, symbol: str) -> Node:
     try:
         tree = _parser().parse(TextSlice(code.text, start, end), start=symbol)  # pyright: ignore[reportUnknownMemberType]
     except UnexpectedInput as problem:
-        raise CompileError(mistakes.explain(_failure(problem, code, start, end, symbol))) from None
+        raise CompileError(_mistakes(_failure(problem, code, start, end, symbol))) from None
     _check_depth(tree, code)
     return tree
+
+
+def _mistakes(failure: mistakes.Failure) -> list[Diagnostic]:
+    """The first mistake, and those that are found when reading goes on behind it."""
+    found = [mistakes.explain(failure)]
+    while len(found) < MAX_MISTAKES and (resumed := without_mistake(failure)):
+        text, news = resumed
+        code = replace(failure.code, text=text)
+        start, end = failure.start, failure.end
+        try:
+            _parser().parse(TextSlice(text, start, end), start=failure.symbol)  # pyright: ignore[reportUnknownMemberType]
+            break
+        except UnexpectedInput as problem:
+            failure = _failure(problem, code, start, end, failure.symbol)
+        if failure.length == 0 or failure.place < news or mistakes.closes_nothing(failure):
+            break
+        found.append(mistakes.explain(failure))
+    return found
 
 
 def _failure(problem: UnexpectedInput, code: Code, start: int, end: int, symbol: str) -> mistakes.Failure:

@@ -53,6 +53,8 @@ from dl2c.source import NOWHERE, Span
 MAX_PATHS = 4096
 MAX_LENGTH = 2000
 """Statements on one path."""
+MAX_STATEMENTS = 400_000
+"""Statements on all paths."""
 MAX_SIZE = 100_000
 """Symbols in the value of a variable, written over the state at the start of its path."""
 
@@ -118,12 +120,15 @@ def _explore(model: Model, start: Block, points: list[Block], drafts: list[_Draf
     """Append a point for the start of a program, and everything reached from it; the point."""
     first = done = len(points)
     points.append(start)
-    seen = len(drafts)
+    seen, statements = len(drafts), 0
     while done < len(points):
         for line in _lines_from(points[done]):
             seen += 1
             if seen > MAX_PATHS:
                 raise CompileError(errors.too_many_paths(MAX_PATHS, _first_span(start)))
+            statements += len(line.statements)
+            if statements > MAX_STATEMENTS:
+                raise CompileError(errors.too_long_paths(MAX_STATEMENTS, _first_span(start)))
             draft = _draft(model, points, done, line)
             if draft.tests != FALSE:
                 drafts.append(draft)

@@ -24,6 +24,16 @@ def too_long(count: int, span: Span) -> Diagnostic:
     )
 
 
+def too_long_paths(count: int, span: Span) -> Diagnostic:
+    return error(
+        "too-large",
+        f"the control paths of the step have more than {count:,} statements",
+        span,
+        "the step begins here",
+        "every combination of alternatives is a path: leave out choices that make no difference",
+    )
+
+
 def too_large(variable: str, limit: int, span: Span) -> Diagnostic:
     return error(
         "too-large",

@@ -114,9 +114,11 @@ def _call(
     if role is None and name in BUILTINS and wanted == "function":
         yield errors.wrong_arity(name, BUILTINS[name], len(args), node.span)
     elif role is None:
-        yield errors.undeclared(
-            wanted, name, node.span, symbols.named("function", "predicate"), "Definitions"
+        known = (
+            *symbols.named("function", "predicate"),
+            *(BUILTINS if wanted == "function" else ("true", "false")),
         )
+        yield errors.undeclared(wanted, name, node.span, known, "Definitions")
     elif role != wanted:
         yield errors.wrong_sort(name, role, "formula" if wanted == "predicate" else "function", node.span)
     elif len(args) != (arity := len(symbols.declarations[name].parameters or ())):

@@ -6,21 +6,59 @@ from difflib import get_close_matches
 from dl2c.diagnostics import Diagnostic, error
 from dl2c.source import Span
 
+ELSEWHERE = {
+    "skip": "`?true;` does nothing",
+    "abort": "`?false;` has no run",
+    "return": "dL has no `return`",
+    "break": "dL has no `break`",
+    "continue": "dL has no `continue`",
+    "pow": "write `x^y`",
+    "pi": "import it: `import kyx.math.pi;`",
+    "e": "import it: `import kyx.math.e;`",
+}
+"""Advice for names that mean something in other languages or in the library."""
 
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Advice naming the closest known name, or nothing."""
-    close = get_close_matches(name, sorted(known), n=1)
-    return f"did you mean `{close[0]}`?" if close else ""
+_AS_FORMULA = "a formula is true or false: compare it, for example with `= 0`"
+_ADVICE = {
+    ("variable", "formula"): _AS_FORMULA,
+    ("constant", "formula"): _AS_FORMULA,
+    ("function", "formula"): _AS_FORMULA,
+    ("program", "formula"): "to say what holds after it write `[program;] P`",
+    ("predicate", "function"): "a term is a number, a predicate is true or false",
+    ("predicate", "term"): "a term is a number, a predicate is true or false",
+    ("variable", "function"): "leave out the parentheses",
+    ("constant", "function"): "leave out the arguments",
+    ("predicate", "program"): "to test it write `?` before it",
+}
+
+
+def suggestion(name: str, known: Iterable[str], otherwise: str = "") -> str:
+    """Advice naming the closest known name, or else another."""
+    names = {known.lower(): known for known in sorted(known)}
+    close = get_close_matches(name.lower(), names, n=1)
+    return ELSEWHERE.get(name, f"did you mean `{names[close[0]]}`?" if close else otherwise)
 
 
 def undeclared(kind: str, name: str, span: Span, known: Iterable[str], where: str) -> Diagnostic:
     """`kind` is variable, function, predicate or program."""
     label = f"`{name}` is not declared in {where}"
-    return error(f"undeclared-{kind}", f"undeclared {kind}", span, label, suggestion(name, known))
+    declaration = {
+        "variable": f"Real {name};",
+        "function": f"Real {name}(Real x) = ...;",
+        "predicate": f"Bool {name}(Real x) <-> ...;",
+    }
+    return error(
+        f"undeclared-{kind}",
+        f"undeclared {kind}",
+        span,
+        label,
+        suggestion(name, known, f"declare it: `{declaration[kind]}`"),
+    )
 
 
 def wrong_sort(name: str, is_a: str, wanted: str, span: Span) -> Diagnostic:
-    return error("wrong-sort", f"expected a {wanted}", span, f"`{name}` is a {is_a}")
+    help = _ADVICE.get((is_a, wanted), "")
+    return error("wrong-sort", f"expected a {wanted}", span, f"`{name}` is a {is_a}", help)
 
 
 def wrong_arity(name: str, wanted: int, given: int, span: Span) -> Diagnostic:
@@ -34,6 +72,7 @@ def duplicate(name: str, span: Span, first: Span) -> Diagnostic:
         f"`{name}` is declared twice",
         span,
         "declared again here",
+        "leave one out",
         notes=(f"first declared at {first.place}",),
     )
 
@@ -86,9 +125,8 @@ def implicit_function(name: str, defined: Span, span: Span) -> Diagnostic:
 
 
 def undefined_program(name: str, span: Span, known: Iterable[str]) -> Diagnostic:
-    return error(
-        "undefined-program", "undefined program", span, f"`{name}` is not defined", suggestion(name, known)
-    )
+    help = suggestion(name, known, f"define it: `HP {name} ::= {{ ... }};`")
+    return error("undefined-program", "undefined program", span, f"`{name}` is not defined", help)
 
 
 def program_as_equation(name: str, span: Span) -> Diagnostic:

@@ -43,6 +43,7 @@ class Expander:
 
     def term(self, term: tree.Term, values: dict[str, tree.Term], bound: Names) -> tree.Term:
         """`values` replaces parameters; `bound` are variables that programs around this term change."""
+        self._count(term)
         match term:
             case tree.Variable(name):
                 if name in values:
@@ -95,6 +96,7 @@ class Expander:
         return replace(solution(args[0]), span=use.span)
 
     def formula(self, formula: tree.Formula, values: dict[str, tree.Term], bound: Names) -> tree.Formula:
+        self._count(formula)
         match formula:
             case tree.Truth() | tree.UnitPredicational() | tree.PredicationalOf():
                 return formula
@@ -145,6 +147,7 @@ class Expander:
         self, program: tree.Program, values: dict[str, tree.Term], bound: Names
     ) -> tuple[tree.Program, Names]:
         """The expanded program and the variables it may change."""
+        self._count(program)
         match program:
             case tree.Assign(name, term):
                 return replace(program, term=self.term(term, values, bound)), frozenset({name})
@@ -153,7 +156,6 @@ class Expander:
             case tree.Test(formula):
                 return replace(program, formula=self.formula(formula, values, bound)), NONE
             case tree.ProgramConst(name):
-                self._count(program.span)
                 body = _program_body(self.symbols.declarations[name])
                 return (program, NONE) if body is None else self.program(body, {}, bound)
             case tree.ODESystem():
@@ -212,13 +214,12 @@ class Expander:
         if self.run:
             self.found.append(errors.undefined_function(name, use.span))
 
-    def _count(self, use: Span) -> None:
+    def _count(self, node: tree.Expression) -> None:
         self.expanded += 1
         if self.expanded > MAX_SIZE:
-            raise CompileError(errors.too_large(use, MAX_SIZE))
+            raise CompileError(errors.too_large(node.span, MAX_SIZE))
 
     def _check_use(self, declaration: tree.Declaration, use: tree.Term | tree.Formula, bound: Names) -> None:
-        self._count(use.span)
         if clash := self._free(declaration) & bound:
             diagnostic = errors.captured(declaration.name, clash, use.span)
             if diagnostic not in self.found:

@@ -189,6 +189,22 @@ AMOUNTS = (
     Case("recursion", model(extra="Real f(Real y) = g(y); Real g(Real y) = f(y);"), "recursive-definition"),
 )
 
+SLIPS = (
+    Case("slips", model(control="a = 1; " * 14_000), "syntax"),
+    Case("slips_deep", model(control="{" * 100 + "a = 1; ?0 <= a <= 1;" * 50 + "}" * 100), "syntax"),
+    Case("slips_parentheses", model(control="(" * 3000 + "a = 1;" + ")" * 3000), "syntax"),
+    Case("slip_at_the_end", model(control="a := 1; " * 100 + "a = 1;"), "syntax"),
+    Case("stray_blanks", model(extra=" " * 200_000 + "int c;"), "syntax"),
+    Case(
+        "large_body_used_often",
+        model(
+            extra="Real big(Real y) = y" + " + y" * 150 + ";",
+            control="a := " + " + ".join(["big(x)"] * 150) + ";" + "a := big(a);" * 180,
+        ),
+        "too-large",
+    ),
+)
+
 OLD = """Functions. %s End.
 ProgramVariables. R x. End.
 Problem. x = 0 -> [{{%s} {x' = 1 & x <= 1}}*]x <= 1 End."""
@@ -236,6 +252,7 @@ IMPLICIT = (
 
 CASES = (
     *TEXTS,
+    *SLIPS,
     *OLD_DIALECT,
     *IMPLICIT,
     *NAMES,
