@@ -16,7 +16,6 @@ from dl2c.parse import tree
 from dl2c.resolve import errors
 from dl2c.resolve.implicit import Solution, solve
 from dl2c.resolve.symbols import Node, Symbols, children, free_variables, mentioned, own_names
-from dl2c.source import Span
 
 Names = frozenset[str]
 NONE: Names = frozenset()
