@@ -40,7 +40,6 @@ from dl2c.ir.signs import SIGNS, Signs, TooLarge, sign_in
 from dl2c.ir.virtual import exists
 from dl2c.source import NOWHERE, Span
 
-
 MAX_MONOMIALS = 200
 """Of the polynomial of one atom."""
 
