@@ -16,16 +16,17 @@ max_steps=10 observe=false unit="m" plot=line def="d" allow=
 """
 DICTIONARY = (*WORDS.split(), " ", "\n", "\\forall x ", " <- ", '"', '"name"', "(a,(b,c))", "?x<=c;")
 
-SLIPS = ("==", "x = 1;", "&&", "and", "then", "while (x > 0) {", "x++;", "1e3", ".5", "5.", "my_var", "**", "−")
+SLIPS = ("==", "x = 1;", "&&", "and", "then", "while (x > 0) {", "x++;", "1e3", ".5", "5.", "my_var", "**")
 """What people write who know other languages."""
 
 PIECE = re.compile(r'/\*.*?\*/|"[^"\n]*"|[A-Za-z_0-9]+|\s+|::=|:=|<=|>=|<->|->|\+\+|!=|.', re.DOTALL)
+BRACKETS = (("(", ")"), ("{", "}"), ("!(", ")"), ("-(", ")"), ("[a;](", ")"))
 MAX_CHANGES = 4
 MAX_COPIES = 40
 
 
 def mutated(text: str, rng: Random) -> str:
-    """A text with up to `MAX_CHANGES` words changed, dropped, doubled or moved, or a part grown deep or long."""
+    """A text with up to `MAX_CHANGES` words changed, dropped or moved, or a part grown deep or long."""
     pieces = PIECE.findall(text) or [""]
     for _ in range(rng.randint(1, MAX_CHANGES)):
         at = rng.randrange(len(pieces))
@@ -47,7 +48,7 @@ def mutated(text: str, rng: Random) -> str:
             case 6:
                 pieces[span] = rng.choices(pieces, k=span.stop - span.start)
             case _:
-                opening, closing = rng.choice((("(", ")"), ("{", "}"), ("!(", ")"), ("-(", ")"), ("[a;](", ")")))
+                opening, closing = rng.choice(BRACKETS)
                 depth = rng.choice((1, 3, MAX_COPIES, 300))
                 pieces[span] = [opening * depth, *pieces[span], closing * depth]
         pieces = pieces or [""]
