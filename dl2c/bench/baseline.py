@@ -18,9 +18,10 @@ from scipy.integrate import (
 )
 
 from dl2c.bench.python_source import NAMESPACE, formula_source, margin_source, term_source
+from dl2c.ir.admission import Admission
 from dl2c.ir.logic import conjuncts, symbols
 from dl2c.ir.model import Compare, Flow, Formula, Model, Predicate, Symbol, Term, Trigger
-from dl2c.paths.path import END, Admission, Path, Paths
+from dl2c.paths.path import END, Path, Paths
 
 RTOL = 1e-6
 """Relative tolerance of `solve_ivp`."""

@@ -25,8 +25,18 @@ C_WORDS = frozenset(
         *("BUFSIZ", "DBL_MAX", "EOF", "I", "INFINITY", "NAN", "NULL", "errno", "linux", "stderr", "stdin"),
         *("stdout", "unix"),
         *("NBOX", "NCHOICE", "NFACT", "NFLOW", "NFREE", "NMASK", "NOBS", "NP", "NPATH", "NPOINT", "NPRED"),
-        *("NDECISION", "NDEGREE", "NDRAW", "NENVCHOICE", "NENVINPUT", "NINPUT", "NMARGIN", "NROOT"),
-        *("NSTEPDRAW", "NU", "NWATCH", "NX", "p", "real", "u", "x", "y"),
+        *(
+            "NCRITICAL",
+            "NDECISION",
+            "NDEGREE",
+            "NDRAW",
+            "NENVCHOICE",
+            "NENVINPUT",
+            "NINPUT",
+            "NMARGIN",
+            "NROOT",
+        ),
+        *("NCRITICAL", "NSTEPDRAW", "NU", "NWATCH", "NX", "p", "real", "u", "x", "y"),
     ]
 )
 """Words that C, its library or the runtime already use."""

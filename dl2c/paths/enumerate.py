@@ -12,6 +12,7 @@ from fractions import Fraction
 from typing import TypeVar, assert_never, get_args
 
 from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.ir.admission import Admission, Problem, Unknown, Unresolved, admissions
 from dl2c.ir.logic import (
     atoms,
     conjunction,
@@ -21,33 +22,28 @@ from dl2c.ir.logic import (
     operands,
     oriented,
     substituted,
-    symbols,
 )
 from dl2c.ir.model import (
     FALSE,
-    ONE,
-    ZERO,
+    TRUE,
     Assign,
     AssignAny,
     Block,
     Choice,
-    Compare,
     Evolve,
     Formula,
     If,
     Model,
     Repeat,
     Role,
-    Sub,
     Symbol,
     Term,
     Test,
     While,
 )
-from dl2c.ir.polynomial import polynomial
 from dl2c.paths import errors
 from dl2c.paths.limits import input_limits
-from dl2c.paths.path import END, Admission, Decision, Input, Limit, Path, Paths, duration_input
+from dl2c.paths.path import END, Decision, Input, Path, Paths, duration_input
 from dl2c.source import NOWHERE, Span
 
 MAX_PATHS = 4096
@@ -341,48 +337,25 @@ def _target(points: list[Block], rest: Block) -> int:
 def _split(
     draft: _Draft, inputs: tuple[Input, ...], found: list[Diagnostic]
 ) -> tuple[Formula, tuple[Admission, ...]]:
-    """Tests that no input decides, and for every input met those that it alone decides."""
-    keys = {i.key: k for k, i in enumerate(inputs)}
-    guard: list[Formula] = []
-    by_input: dict[int, list[Compare]] = {keys[key]: [] for key in draft.inputs}
-    for part in conjuncts(draft.tests):
-        used = sorted(keys[s.name] for s in symbols(part) if s.kind == "input")
-        if not used:
-            guard.append(part)
-        elif (problem := _unresolved(inputs, part, used)) is not None:
-            found.append(problem)
-        else:
-            assert isinstance(part, Compare)
-            by_input[used[0]].append(part)
-    admissions = tuple(
-        Admission(k, conjunction(parts), tuple(_limit(inputs[k], p) for p in parts))
-        for k, parts in by_input.items()
-    )
-    return conjunction(guard), admissions
+    """Tests that no input decides, and for every input met what may be given to it."""
+    numbers = {i.key: k for k, i in enumerate(inputs)}
+    met = [inputs[numbers[key]] for key in draft.inputs]
+    try:
+        guard, made = admissions(draft.tests, [Unknown(i.symbol, i.low, i.high) for i in met])
+    except Unresolved as refused:
+        found += [_problem(p, [i.variable for i in met]) for p in refused.problems]
+        return TRUE, ()
+    return guard, tuple(replace(a, input=numbers[met[a.input].key]) for a in made)
 
 
-def _unresolved(inputs: tuple[Input, ...], part: Formula, used: list[int]) -> Diagnostic | None:
-    """Why a test of inputs cannot be resolved, if it cannot."""
-    variable = inputs[used[0]].variable
-    if not isinstance(part, Compare):
-        first, *_, last = (a.span for a in (*atoms(part), *atoms(part)))
-        return errors.disjunctive_test(variable, first.to(last) if first.source is last.source else first)
-    if len(used) > 1:
-        return errors.joint_test(tuple(inputs[k].variable for k in used), part.span)
-    if part.op in ("=", "!="):
-        return errors.single_value_test(variable, part.op, part.span)
-    margin = polynomial(_margin(part), {inputs[used[0]].symbol: (ZERO, ONE)})
-    if margin is None or len(margin) > 2:
-        return errors.nonlinear_test(variable, part.span)
-    return None
-
-
-def _margin(atom: Compare) -> Term:
-    return Sub(atom.right, atom.left) if atom.op in ("<", "<=") else Sub(atom.left, atom.right)
-
-
-def _limit(given: Input, atom: Compare) -> Limit:
-    margin = polynomial(_margin(atom), {given.symbol: (ZERO, ONE)})
-    assert margin is not None
-    offset, slope = (*margin, ZERO)[:2]
-    return Limit(offset, slope)
+def _problem(problem: Problem, variables: list[str]) -> Diagnostic:
+    first, *_, last = (a.span for a in (*atoms(problem.part), *atoms(problem.part)))
+    span = first.to(last) if first.source is last.source else first
+    names = tuple(variables[k] for k in problem.inputs)
+    match problem.kind:
+        case "degree":
+            return errors.high_degree(names[-1], span)
+        case "joint":
+            return errors.joint_test(names, span)
+        case _:
+            assert_never(problem.kind)

@@ -34,26 +34,19 @@ def too_large(variable: str, limit: int, span: Span) -> Diagnostic:
     )
 
 
-def disjunctive_test(variable: str, span: Span) -> Diagnostic:
-    advice = f"make a choice of it: `{{{variable} := *; ?...; ++ {variable} := *; ?...;}}`"
-    return _unresolved(variable, "a disjunction leaves no interval", span, advice)
-
-
 def joint_test(variables: tuple[str, ...], span: Span) -> Diagnostic:
-    names = " and ".join(variables)
-    advice = f"test {names} separately, or assign one of them a term"
-    return _unresolved(variables[-1], f"it depends on {names} together", span, advice)
+    *earlier, last = dict.fromkeys(variables)
+    names = " and ".join(earlier)
+    reason = (
+        f"which values of {names} leave one of {last} is not decided by terms linear or quadratic in them"
+    )
+    advice = f"test {names} separately as well, or assign one of them a term"
+    return _unresolved(last, reason if earlier else f"{last} is decided twice", span, advice)
 
 
-def single_value_test(variable: str, op: str, span: Span) -> Diagnostic:
-    equal = f"assign the value instead: `{variable} := e;`"
-    advice = equal if op == "=" else f"exclude the value on one side: `{variable} > e` or `{variable} < e`"
-    return _unresolved(variable, f"`{op}` leaves no interval", span, advice)
-
-
-def nonlinear_test(variable: str, span: Span) -> Diagnostic:
-    advice = f"use comparisons that are linear in {variable}, e.g. `-b <= {variable} & {variable} <= A`"
-    return _unresolved(variable, f"it is not linear in {variable}", span, advice)
+def high_degree(variable: str, span: Span) -> Diagnostic:
+    advice = f"use comparisons of polynomials of degree 2 in {variable}, e.g. `{variable}^2 <= x`"
+    return _unresolved(variable, f"it is neither linear nor quadratic in {variable}", span, advice)
 
 
 def _unresolved(variable: str, reason: str, span: Span, advice: str) -> Diagnostic:
