@@ -78,7 +78,7 @@ static bool dl2c_bracket(const dl2c_search *search, int place, int64_t here, int
                          bool wanted, int64_t *last, int64_t *there)
 {
   const int direction = limit > here ? 1 : -1;
-  *last = here;
+  *last = *there = here;
   for (uint64_t step = 1; *last != limit; step *= 2) {
     const uint64_t room = dl2c_distance(limit, *last);
     *there = dl2c_moved(*last, direction, step < room ? step : room);

@@ -91,11 +91,11 @@ class Admission:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Why `part` cannot be resolved: its degree in the last of `inputs` (by place), or that of the
-    condition that it leaves for an earlier one.
+    """Why `part` cannot be resolved: its degree in the last of `inputs` (by place), that of the condition
+    that it leaves for an earlier one, or that the last may have its value before the others.
     """
 
-    kind: Literal["degree", "joint"]
+    kind: Literal["degree", "joint", "reused"]
     part: Formula
     inputs: tuple[int, ...]
 

@@ -12,9 +12,7 @@ from fractions import Fraction
 from typing import TypeVar, assert_never, get_args
 
 from dl2c.diagnostics import CompileError, Diagnostic
-from dl2c.ir.admission import Admission, Problem, Unknown, Unresolved, admissions
 from dl2c.ir.logic import (
-    atoms,
     conjunction,
     conjuncts,
     mapped,
@@ -25,7 +23,6 @@ from dl2c.ir.logic import (
 )
 from dl2c.ir.model import (
     FALSE,
-    TRUE,
     Assign,
     AssignAny,
     Block,
@@ -42,6 +39,7 @@ from dl2c.ir.model import (
     While,
 )
 from dl2c.paths import errors
+from dl2c.paths.admitted import Meeting, admitted, early_inputs
 from dl2c.paths.limits import input_limits
 from dl2c.paths.path import END, Decision, Input, Path, Paths, duration_input
 from dl2c.source import NOWHERE, Span
@@ -104,7 +102,8 @@ def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | Non
     sampled = flows if model.duration == "sample" else ()
     decisions = _by_role({d.key: d for d in _decisions(programs)})
     found: list[Diagnostic] = []
-    paths = tuple(_path(draft, decisions, inputs, found) for draft in drafts)
+    early = early_inputs(dict.fromkeys(Meeting(d.point, d.inputs, d.target) for d in drafts))
+    paths = tuple(_path(draft, decisions, inputs, early, found) for draft in drafts)
     if found:
         raise CompileError(found)
     return Paths(decisions, inputs, len(points), paths, starts.get("lead"), starts.get("prefix"), sampled)
@@ -301,10 +300,15 @@ def _size(term: Term, sizes: dict[Term, int]) -> int:
 
 
 def _path(
-    draft: _Draft, decisions: tuple[Decision, ...], inputs: tuple[Input, ...], found: list[Diagnostic]
+    draft: _Draft,
+    decisions: tuple[Decision, ...],
+    inputs: tuple[Input, ...],
+    early: Mapping[int, frozenset[str]],
+    found: list[Diagnostic],
 ) -> Path:
     """The path of a draft; tests of inputs that cannot be resolved go to `found`."""
-    guard, admissions = _split(draft, inputs, found)
+    before = early.get(draft.point, frozenset[str]())
+    guard, admissions = admitted(draft.tests, draft.inputs, inputs, before, found)
     chosen = {key: alternative for key, alternative, _ in draft.line.decisions}
     index = {d.key: k for k, d in enumerate(decisions)}
     return Path(
@@ -332,30 +336,3 @@ def _target(points: list[Block], rest: Block) -> int:
     if rest not in points:
         points.append(rest)
     return points.index(rest)
-
-
-def _split(
-    draft: _Draft, inputs: tuple[Input, ...], found: list[Diagnostic]
-) -> tuple[Formula, tuple[Admission, ...]]:
-    """Tests that no input decides, and for every input met what may be given to it."""
-    numbers = {i.key: k for k, i in enumerate(inputs)}
-    met = [inputs[numbers[key]] for key in draft.inputs]
-    try:
-        guard, made = admissions(draft.tests, [Unknown(i.symbol, i.low, i.high) for i in met])
-    except Unresolved as refused:
-        found += [_problem(p, [i.variable for i in met]) for p in refused.problems]
-        return TRUE, ()
-    return guard, tuple(replace(a, input=numbers[met[a.input].key]) for a in made)
-
-
-def _problem(problem: Problem, variables: list[str]) -> Diagnostic:
-    first, *_, last = (a.span for a in (*atoms(problem.part), *atoms(problem.part)))
-    span = first.to(last) if first.source is last.source else first
-    names = tuple(variables[k] for k in problem.inputs)
-    match problem.kind:
-        case "degree":
-            return errors.high_degree(names[-1], span)
-        case "joint":
-            return errors.joint_test(names, span)
-        case _:
-            assert_never(problem.kind)

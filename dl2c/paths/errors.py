@@ -44,6 +44,12 @@ def joint_test(variables: tuple[str, ...], span: Span) -> Diagnostic:
     return _unresolved(last, reason if earlier else f"{last} is decided twice", span, advice)
 
 
+def reused_input(variables: tuple[str, ...], span: Span) -> Diagnostic:
+    *earlier, last = dict.fromkeys(variables)
+    reason = f"{last} may have its value from earlier in the step, before that of {' and '.join(earlier)}"
+    return _unresolved(earlier[-1] if earlier else last, reason, span, "decide them in the same place")
+
+
 def high_degree(variable: str, span: Span) -> Diagnostic:
     advice = f"use comparisons of polynomials of degree 2 in {variable}, e.g. `{variable}^2 <= x`"
     return _unresolved(variable, f"it is neither linear nor quadratic in {variable}", span, advice)
