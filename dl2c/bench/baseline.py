@@ -84,7 +84,11 @@ def _path(model: Model, paths: Paths, k: int) -> str:
     margin = ""
     for admission in path.admissions:
         given = paths.inputs[admission.input]
-        own = _interval(given, admission) if admission.is_interval else _union(given, admission)
+        own = (
+            _interval(given, admission, "continue" if margin else "return None")
+            if admission.is_interval
+            else _union(given, admission)
+        )
         lines += [margin + line for line in own]
         margin += "" if admission.is_interval else "    "
     updates = {name: term_source(term) for name, term in path.updates}
@@ -92,15 +96,15 @@ def _path(model: Model, paths: Paths, k: int) -> str:
     return _function(model, f"path_{k}", lines)
 
 
-def _interval(given: Input, admission: Admission) -> Iterator[str]:
-    """The admissible value of an input that is nearest to zero."""
+def _interval(given: Input, admission: Admission, otherwise: str) -> Iterator[str]:
+    """The admissible value of an input that is nearest to zero, `otherwise` where there is none."""
     yield f"low, high = {float(given.low)!r}, {float(given.high)!r}"
     for limit in admission.limits:
         yield f"offset, slope = {term_source(limit.offset)}, {term_source(limit.slope)}"
         yield "if slope > 0.0: low = max(low, -offset / slope)"
         yield "elif slope < 0.0: high = min(high, -offset / slope)"
-        yield "elif not offset >= 0.0: return None"
-    yield "if not low <= high: return None"
+        yield f"elif not offset >= 0.0: {otherwise}"
+    yield f"if not low <= high: {otherwise}"
     yield f"U_{given.key} = min(max(0.0, low), high)"
 
 
