@@ -112,22 +112,24 @@ static int64_t dl2c_edge(const dl2c_search *search, int place, int64_t here, int
 }
 
 /*
- * The passing value furthest in `direction` (-1 down, 1 up), searched from `start`; where
- * that does not pass, from a passing value on its inner side, else on its outer side. False
- * if no tried value passes.
+ * The passing value furthest in `direction` (-1 down, 1 up), searched from `start`. Where that
+ * does not pass, from a passing value on its inner side, up to `middle` if that passes, else on
+ * its outer side. False if no tried value passes.
  */
-static bool dl2c_outermost(const dl2c_search *search, int place, real start, int direction, real *out)
+static bool dl2c_outermost(const dl2c_search *search, int place, real start, real middle,
+                           int direction, real *out)
 {
   const int input = PATHS[search->path].inputs[place];
   const int64_t low = dl2c_ordinal(INPUT_LOW[input]);
   const int64_t high = dl2c_ordinal(INPUT_HIGH[input]);
-  const int64_t inner = direction < 0 ? high : low;
   const int64_t outer = direction < 0 ? low : high;
   int64_t here = dl2c_ordinal(start);
   int64_t last;
   int64_t there;
   if (!dl2c_passes(search, place, start)) {
-    if (dl2c_bracket(search, place, here, inner, true, &last, &there)) {
+    const int64_t inner = direction < 0 ? high : low;
+    const int64_t limit = dl2c_passes(search, place, middle) ? dl2c_ordinal(middle) : inner;
+    if (dl2c_bracket(search, place, here, limit, true, &last, &there)) {
       *out = dl2c_from_ordinal(dl2c_bisected(search, place, there, last));
       return true;
     }
@@ -147,7 +149,9 @@ static bool dl2c_interval(const dl2c_search *search, int place, real *low, real 
   model_limits(search->path, input, search->x, search->p, search->u, low, high);
   if (*low > INPUT_HIGH[input]) *low = INPUT_HIGH[input];
   if (*high < INPUT_LOW[input]) *high = INPUT_LOW[input];
-  return dl2c_outermost(search, place, *low, -1, low) && dl2c_outermost(search, place, *high, 1, high);
+  const real middle = *low + (*high - *low) / 2.0;
+  return dl2c_outermost(search, place, *low, middle, -1, low)
+         && dl2c_outermost(search, place, *high, middle, 1, high);
 }
 
 /* Enters a root between the ends of the Box, each value once and in order. */

@@ -111,12 +111,15 @@ static inline int dl2c_roots(real c0, real c1, real c2, real *root, int count)
   return count;
 }
 
+/* A discriminant counts as zero if it is no more below zero than this, relative to its first term. */
+#define DL2C_TOUCH 0x1p-48
+
 /* Whether a value is a root as computed, 1 or 0; all are where the polynomial is zero. */
 static inline real dl2c_solves(real c0, real c1, real c2, real value)
 {
   real root[2];
   if (c0 == 0.0 && c1 == 0.0 && c2 == 0.0) return 1.0;
-  if (c2 != 0.0 && c1 * c1 - 4.0 * c2 * c0 < 0.0) return 0.0;
+  if (c2 != 0.0 && c1 * c1 - 4.0 * c2 * c0 < -(c1 * c1) * DL2C_TOUCH) return 0.0;
   const int count = dl2c_roots(c0, c1, c2, root, 0);
   for (int k = 0; k < count; k++)
     if (value == root[k]) return 1.0;

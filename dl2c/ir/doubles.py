@@ -32,17 +32,20 @@ def rounded_down(value: Fraction) -> float:
     return -rounded_up(-value)
 
 
-def outermost(test: Passing, start: float, box: tuple[float, float], direction: int) -> float | None:
+def outermost(
+    test: Passing, start: float, middle: float, box: tuple[float, float], direction: int
+) -> float | None:
     """The passing double furthest in `direction` (-1 down, 1 up), searched from `start` inside the box.
 
-    Where the start does not pass, a passing value is looked for on its inner side, then on its
-    outer side. Steps of 1, 2, 4, ... units in the last place bracket the end of the passing
-    values, then bisection finds it. None if no tried value passes.
+    Where the start does not pass, a passing value is looked for on its inner side, up to `middle` if
+    that passes, then on its outer side. Steps of 1, 2, 4, ... units in the last place bracket the end
+    of the passing values, then bisection finds it. None if no tried value passes.
     """
     inner, outer = (ordinal(box[1]), ordinal(box[0])) if direction < 0 else (ordinal(box[0]), ordinal(box[1]))
     here = ordinal(start)
-    if not test(from_ordinal(here)):
-        failing, passing = bracket(test, here, inner, True)
+    if not test(start):
+        limit = ordinal(middle) if test(middle) else inner
+        failing, passing = bracket(test, here, limit, True)
         if passing is not None:
             return from_ordinal(bisected(test, passing, failing))
         _, passing = bracket(test, here, outer, True)

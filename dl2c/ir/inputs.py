@@ -33,6 +33,9 @@ from dl2c.ir.straight import Plan
 NEARBY = 8
 """Where nothing around a root passes, values up to 4^(NEARBY - 1) doubles away from it are tried."""
 
+TOUCH = 2.0**-48
+"""A discriminant counts as zero if it is no more below zero than this, relative to its first term."""
+
 Piece: TypeAlias = tuple[Value, Value]
 """The ends of a closed interval of values that pass."""
 
@@ -125,9 +128,7 @@ class Inputs:
             return False
         if all(x == 0 for x in c):
             return True
-        if len(c) == 3 and c[2] != 0 and c[1] * c[1] - 4 * c[2] * c[0] < 0:
-            return False
-        return value in roots(c, self.exact)
+        return not misses(c, self.exact) and value in roots(c, self.exact)
 
     # Pieces ---------------------------------------------------------------------
 
@@ -172,8 +173,10 @@ class Inputs:
             return self._passes(place, tried)
 
         ends = float(box[0]), float(box[1])
-        bottom = outermost(test, min(float(low), ends[1]), ends, -1)
-        top = outermost(test, max(float(high), ends[0]), ends, 1)
+        first, last = min(float(low), ends[1]), max(float(high), ends[0])
+        middle = first + (last - first) / 2
+        bottom = outermost(test, first, middle, ends, -1)
+        top = outermost(test, last, middle, ends, 1)
         return [] if bottom is None or top is None else [(bottom, top)]
 
     def _probes(self, place: int) -> list[tuple[Value, bool]]:
@@ -182,7 +185,8 @@ class Inputs:
         """
         low, high = self._box(place)
         found = {low, high}
-        for polynomial in self.plan.admissions[place].criticals:
+        admission = self.plan.admissions[place]
+        for polynomial in (*admission.criticals, *((m.offset, m.slope) for m in admission.limits)):
             c = self._coefficients(polynomial)
             found.update(r for r in roots(c or [], self.exact) if low < r < high)
         critical = sorted(found)
@@ -238,6 +242,14 @@ def roots(c: Sequence[Value], exact: bool) -> list[Value]:
     root = square_root(inner) if exact else sqrt(inner)
     sum_ = c1 - root if c1 < 0 else c1 + root
     return [_ratio(-sum_, 2 * c2), _ratio(-2 * c0, sum_)]
+
+
+def misses(c: Sequence[Value], exact: bool) -> bool:
+    """Whether a square has no root, not even one that rounding may have taken from it."""
+    if len(c) < 3 or c[2] == 0:
+        return False
+    square = c[1] * c[1]
+    return square - 4 * c[2] * c[0] < -square * (0 if exact else TOUCH)
 
 
 def _ratio(a: Value, b: Value) -> Value:
