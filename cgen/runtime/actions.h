@@ -57,12 +57,10 @@ static bool dl2c_any(const dl2c_search *search, int place);
 /* Whether a value passes for the input at a place of the path, which is set to it. */
 static bool dl2c_passes(const dl2c_search *search, int place, real value)
 {
-  const dl2c_path *path = &PATHS[search->path];
-  const int input = path->inputs[place];
-  search->u[input] = value;
-  if (!model_admits(search->path, input, search->x, search->p, search->u)) return false;
-  return !DL2C_JOINT_INPUTS || path->following[place] < 0
-         || dl2c_any(search, path->following[place]);
+  const dl2c_input *met = &PATHS[search->path].inputs[place];
+  search->u[met->input] = value;
+  if (!model_admits(search->path, met->input, search->x, search->p, search->u)) return false;
+  return !DL2C_JOINT_INPUTS || met->following < 0 || dl2c_any(search, met->following);
 }
 
 static bool dl2c_number_passes(const dl2c_search *search, int place, int64_t number)
@@ -119,7 +117,7 @@ static int64_t dl2c_edge(const dl2c_search *search, int place, int64_t here, int
 static bool dl2c_outermost(const dl2c_search *search, int place, real start, real middle,
                            int direction, real *out)
 {
-  const int input = PATHS[search->path].inputs[place];
+  const int input = PATHS[search->path].inputs[place].input;
   const int64_t low = dl2c_ordinal(INPUT_LOW[input]);
   const int64_t high = dl2c_ordinal(INPUT_HIGH[input]);
   const int64_t outer = direction < 0 ? low : high;
@@ -143,7 +141,7 @@ static bool dl2c_outermost(const dl2c_search *search, int place, real start, rea
 /* The values of an input whose tests leave an interval between limits that are linear in it. */
 static bool dl2c_interval(const dl2c_search *search, int place, real *low, real *high)
 {
-  const int input = PATHS[search->path].inputs[place];
+  const int input = PATHS[search->path].inputs[place].input;
   *low = INPUT_LOW[input];
   *high = INPUT_HIGH[input];
   model_limits(search->path, input, search->x, search->p, search->u, low, high);
@@ -169,7 +167,7 @@ static void dl2c_enter(real *critical, int *count, real root)
 /* The values to try: ends of the Box and roots, and one value between each two neighbours. */
 static void dl2c_list_probes(const dl2c_search *search, int place, dl2c_probes *probes)
 {
-  const int input = PATHS[search->path].inputs[place];
+  const int input = PATHS[search->path].inputs[place].input;
   real root[NCRITICAL + 1];
   real critical[NCRITICAL + 2] = {INPUT_LOW[input], INPUT_HIGH[input]};
   int count = INPUT_LOW[input] < INPUT_HIGH[input] ? 2 : 1;
@@ -207,9 +205,9 @@ static bool dl2c_try_nearby(const dl2c_search *search, int place, dl2c_probes *p
 /* Whether some value of an input passes; of one that was met before, its own. */
 static bool dl2c_any(const dl2c_search *search, int place)
 {
-  const int input = PATHS[search->path].inputs[place];
+  const int input = PATHS[search->path].inputs[place].input;
   if (search->given[input]) return dl2c_passes(search, place, search->u[input]);
-  if (PATHS[search->path].intervals[place]) {
+  if (PATHS[search->path].inputs[place].interval) {
     real low;
     real high;
     return dl2c_interval(search, place, &low, &high);
@@ -243,7 +241,7 @@ static real dl2c_end_between(const dl2c_search *search, int place, const dl2c_pr
 static void dl2c_admissible(const dl2c_search *search, int place, dl2c_pieces *pieces)
 {
   pieces->count = 0;
-  if (PATHS[search->path].intervals[place]) {
+  if (PATHS[search->path].inputs[place].interval) {
     pieces->count = dl2c_interval(search, place, &pieces->low[0], &pieces->high[0]);
     return;
   }
@@ -271,7 +269,7 @@ static bool dl2c_all_have_values(const dl2c_search *search)
 {
   const dl2c_path *path = &PATHS[search->path];
   for (int place = 0; place < path->ninput; place++)
-    if (path->first[place] && !dl2c_any(search, place)) return false;
+    if (path->inputs[place].first && !dl2c_any(search, place)) return false;
   return true;
 }
 
@@ -376,7 +374,7 @@ static real dl2c_settled(const dl2c_search *search, int place, const dl2c_pieces
 static real dl2c_requested(const dl2c_search *search, int place, int32_t map, real wanted,
                            real *executed)
 {
-  const int input = PATHS[search->path].inputs[place];
+  const int input = PATHS[search->path].inputs[place].input;
   const bool squash = map == DL2C_MAP_SQUASH;
   const bool inside = wanted >= INPUT_LOW[input] && wanted <= INPUT_HIGH[input];
   if (!squash && inside && dl2c_passes(search, place, wanted)) return *executed = wanted;

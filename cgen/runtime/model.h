@@ -71,6 +71,14 @@
 enum { DL2C_END = -1 };
 #define DL2C_NO_FLOW (-1)
 
+/* An input on a path. */
+typedef struct dl2c_input {
+  int16_t input;
+  int16_t interval;  /* its tests leave an interval between limits that are linear in it */
+  int16_t following; /* the place of the next input that shares tests with it, -1 for none */
+  int16_t first;     /* none before shares tests with it */
+} dl2c_input;
+
 typedef struct dl2c_path {
   int32_t flow;          /* DL2C_NO_FLOW for none */
   int32_t target;        /* the next point, or DL2C_END */
@@ -78,10 +86,7 @@ typedef struct dl2c_path {
   const int16_t *met;    /* which, in order, */
   const int16_t *marked; /* and whether the alternative taken is marked as fallback */
   int32_t ninput;        /* inputs met, */
-  const int16_t *inputs; /* which, in order, */
-  const int16_t *intervals; /* whether their tests leave an interval between linear limits, */
-  const int16_t *following; /* the place of the next one that shares tests, or -1, */
-  const int16_t *first;     /* and whether none before does */
+  const dl2c_input *inputs; /* and which, in order */
   int32_t enters;        /* it begins with an iteration of a while loop */
 } dl2c_path;
 

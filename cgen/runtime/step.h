@@ -158,7 +158,7 @@ static inline int dl2c_preferred(const dl2c_request *request, const dl2c_trial *
 /* The value of an input that a run meets for the first time, at a place of the path. */
 static inline void dl2c_give(const dl2c_request *request, dl2c_trial *trial, int path, int place)
 {
-  const int input = PATHS[path].inputs[place];
+  const int input = PATHS[path].inputs[place].input;
   const bool own = (int)NU == (int)NINPUT || (NINPUT > 0 && input < NINPUT);
   const dl2c_search search = {path, trial->x, request->p, trial->given, trial->value};
   const real value = own ? dl2c_requested(&search, place, request->map, request->inputs[input],
@@ -179,7 +179,7 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
   for (int j = 0; j < taken->nmet; j++)
     trial->taken[taken->met[j]] = DECISIONS[path][taken->met[j]];
   for (int j = 0; NU > 0 && j < taken->ninput; j++)
-    if (!trial->given[taken->inputs[j]]) dl2c_give(request, trial, path, j);
+    if (!trial->given[taken->inputs[j].input]) dl2c_give(request, trial, path, j);
   real y[NX];
   memcpy(y, trial->x, sizeof y);
   if (!model_update(path, trial->x, request->p, trial->value, y) || !dl2c_all_finite(y, NX))

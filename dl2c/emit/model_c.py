@@ -43,8 +43,8 @@ def model_c(environment: Environment) -> str:
         *watch_functions(environment, leaves),
         *rate_functions(environment, leaves),
         *_track_functions(environment, leaves),
-        *input_functions(environment, leaves),
         *path_functions(environment, leaves),
+        *input_functions(environment, leaves),
         *judge_functions(environment, leaves),
         *sampler_functions(environment, leaves),
     ]

@@ -174,22 +174,23 @@ def _draws(environment: Environment) -> list[str]:
 
 def _lists(k: int, path: Path) -> str:
     """The decisions and inputs a path meets."""
-    followers = [-1 if a.following is None else a.following for a in path.admissions]
-    inputs = {
-        "INPUTS": [a.input for a in path.admissions],
-        "INTERVALS": [int(a.is_interval) for a in path.admissions],
-        "FOLLOWING": followers,
-        "FIRST": [int(j not in followers) for j in range(len(followers))],
-    }
-    rows = {"MET": path.met, "MARKED": [*map(int, path.marks), 0]} | (inputs if followers else {})
-    return "".join(f"static const int16_t PATH{k}_{n}[] = {row(values)};\n" for n, values in rows.items())
+    followers = [a.following for a in path.admissions]
+    inputs = [
+        row(
+            (a.input, int(a.is_interval), -1 if a.following is None else a.following, int(j not in followers))
+        )
+        for j, a in enumerate(path.admissions)
+    ]
+    return (
+        f"static const int16_t PATH{k}_MET[] = {row(path.met)};\n"
+        f"static const int16_t PATH{k}_MARKED[] = {row([*map(int, path.marks), 0])};\n"
+        f"static const dl2c_input PATH{k}_INPUTS[] = {row(inputs or ['{0}'])};\n"
+    )
 
 
 def _path(k: int, path: Path) -> str:
     flow = -1 if path.flow is None else path.flow
-    names = ("INPUTS", "INTERVALS", "FOLLOWING", "FIRST")
-    inputs = ", ".join(f"PATH{k}_{name}" if path.admissions else "NULL" for name in names)
     return (
         f"{{{flow}, {path.target}, {len(path.met)}, PATH{k}_MET, PATH{k}_MARKED, "
-        f"{len(path.admissions)}, {inputs}, {int(path.enters)}}}"
+        f"{len(path.admissions)}, PATH{k}_INPUTS, {int(path.enters)}}}"
     )

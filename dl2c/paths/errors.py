@@ -37,11 +37,8 @@ def too_large(variable: str, limit: int, span: Span) -> Diagnostic:
 def joint_test(variables: tuple[str, ...], span: Span) -> Diagnostic:
     *earlier, last = dict.fromkeys(variables)
     names = " and ".join(earlier)
-    reason = (
-        f"which values of {names} leave one of {last} is not decided by terms linear or quadratic in them"
-    )
-    advice = f"test {names} separately as well, or assign one of them a term"
-    return _unresolved(last, reason if earlier else f"{last} is decided twice", span, advice)
+    reason = f"for which {names} it leaves a {last} depends on terms of a higher degree than 2 in {names}"
+    return _unresolved(earlier[-1], reason, span, f"test {names} alone as well, or assign one of them a term")
 
 
 def reused_input(variables: tuple[str, ...], span: Span) -> Diagnostic:
