@@ -202,6 +202,26 @@ static bool dl2c_try_nearby(const dl2c_search *search, int place, dl2c_probes *p
   return false;
 }
 
+/*
+ * The only values that an equality leaves to an input, in order. Negative where there is no such
+ * equality, or it is void, else their number.
+ */
+static int dl2c_pinned(const dl2c_search *search, int place, real *root)
+{
+  const int input = PATHS[search->path].inputs[place].input;
+  const int found = model_pins(search->path, input, search->x, search->p, search->u, root);
+  int count = 0;
+  for (int k = 0; k < found; k++)
+    if (root[k] >= INPUT_LOW[input] && root[k] <= INPUT_HIGH[input]) root[count++] = root[k];
+  if (count == 2 && root[1] <= root[0]) {
+    const real second = root[0];
+    root[0] = root[1];
+    root[1] = second;
+    if (root[0] == root[1]) count = 1;
+  }
+  return found < 0 ? found : count;
+}
+
 /* Whether some value of an input passes; of one that was met before, its own. */
 static bool dl2c_any(const dl2c_search *search, int place)
 {
@@ -212,6 +232,11 @@ static bool dl2c_any(const dl2c_search *search, int place)
     real high;
     return dl2c_interval(search, place, &low, &high);
   }
+  real root[2];
+  const int pins = dl2c_pinned(search, place, root);
+  for (int k = 0; k < pins; k++)
+    if (dl2c_passes(search, place, root[k])) return true;
+  if (pins >= 0) return false;
   dl2c_probes probes;
   dl2c_list_probes(search, place, &probes);
   for (int k = 0; k < probes.count; k++) {
@@ -245,6 +270,14 @@ static void dl2c_admissible(const dl2c_search *search, int place, dl2c_pieces *p
     pieces->count = dl2c_interval(search, place, &pieces->low[0], &pieces->high[0]);
     return;
   }
+  real root[2];
+  const int pins = dl2c_pinned(search, place, root);
+  for (int k = 0; k < pins; k++)
+    if (dl2c_passes(search, place, root[k])) {
+      pieces->low[pieces->count] = root[k];
+      pieces->high[pieces->count++] = root[k];
+    }
+  if (pins >= 0) return;
   dl2c_probes probes;
   dl2c_list_probes(search, place, &probes);
   for (int k = 0; k < probes.count; k++)

@@ -30,6 +30,7 @@
  *   void model_guards(int point, x, p, stride, count, uint8_t *enabled)   tests that no input decides
  *   void model_limits(int path, int input, x, p, u, real *low, real *high)
  *   int model_criticals(int path, int input, x, p, u, real *root)   where its tests may change; how many
+ *   int model_pins(int path, int input, x, p, u, real *root)     all that an equality leaves; -1: there is none
  *   bool model_admits(int path, int input, x, p, u)              tests that this input decides
  *   bool model_update(int path, x, p, u, real *y)                false: a value is undefined
  *   bool model_assign(int64_t path, x, p, real *y)               the same by selection, for lanes
@@ -114,6 +115,12 @@ static inline int dl2c_roots(real c0, real c1, real c2, real *root, int count)
   root[count++] = -sum / (2.0 * c2);
   root[count++] = -2.0 * c0 / sum;
   return count;
+}
+
+/* The roots, or -1 where every value is one. */
+static inline int dl2c_pins(real c0, real c1, real c2, real *root)
+{
+  return c0 == 0.0 && c1 == 0.0 && c2 == 0.0 ? -1 : dl2c_roots(c0, c1, c2, root, 0);
 }
 
 /* A discriminant counts as zero if it is no more below zero than this, relative to its first term. */

@@ -1,7 +1,7 @@
 """The values of inputs in C: where the tests on a path may change, and whether a value passes.
 
 Sections, in order: leaf functions (through `Leaves`), `model_limits`, `model_criticals`,
-`model_admits`.
+`model_pins`, `model_admits`.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,7 +21,12 @@ STATE = "int path, int input, const real *x, const real *p, const real *u"
 
 def input_functions(environment: Environment, leaves: Leaves) -> list[str]:
     """The functions that the runtime asks about the values of inputs."""
-    return [_limits(environment, leaves), _criticals(environment, leaves), _admits(environment, leaves)]
+    return [
+        _limits(environment, leaves),
+        _criticals(environment, leaves),
+        _pins(environment, leaves),
+        _admits(environment, leaves),
+    ]
 
 
 def critical_count(environment: Environment) -> int:
@@ -65,6 +70,22 @@ def _criticals(environment: Environment, leaves: Leaves) -> str:
         f"static inline int model_criticals({STATE}, real *root)",
         [*_each(environment, lines), "return 0;"],
         "Where the tests of an input may begin or cease to hold, in no order; how many.",
+    )
+
+
+def _pins(environment: Environment, leaves: Leaves) -> str:
+    def lines(k: int, path: Path, admission: Admission) -> Iterator[str]:
+        for solved in admission.solved:
+            if solved.polynomial == admission.pin:
+                stem = f"path{k}_{solved.symbol.name}"
+                coefficients = _coefficients(leaves, stem, solved.polynomial, solved.input.name)
+                yield f"return dl2c_pins({coefficients}, root);"
+                return
+
+    return function(
+        f"static inline int model_pins({STATE}, real *root)",
+        [*_each(environment, lines), "return -1;"],
+        "The only values that an equality leaves to an input, up to its Box; -1 where none does.",
     )
 
 

@@ -72,7 +72,8 @@ class Admission:
     """The tests of one input: those that mention it and no later one.
 
     `condition` is what is evaluated for `tests`: equalities are `solved`. Where the values that pass
-    are an interval between `limits`, there are no criticals. `following` is the place, among the
+    are an interval between `limits`, there are no criticals. Nothing passes but the roots of `pin`,
+    unless all its coefficients are zero. `following` is the place, among the
     admissions of the path, of the next input that shares tests with this one, None for none.
     """
 
@@ -83,6 +84,7 @@ class Admission:
     limits: tuple[Limit, ...] = ()
     criticals: tuple[Coefficients, ...] = ()
     following: int | None = None
+    pin: Coefficients | None = None
 
     @property
     def is_interval(self) -> bool:
@@ -138,7 +140,10 @@ def admissions(tests: Formula, inputs: Sequence[Unknown]) -> tuple[Formula, tupl
         first = len(solved)
         condition = conjunction(_condition(p, places, solved) for p in parts)
         own_solved = tuple(solved[first:])
-        made.append(Admission(k, conjunction(parts), condition, own_solved, (), criticals[k], following[k]))
+        pin = _pin(condition, own_solved, inputs[k].symbol)
+        made.append(
+            Admission(k, conjunction(parts), condition, own_solved, (), criticals[k], following[k], pin)
+        )
     return conjunction(guard), tuple(made)
 
 
@@ -216,6 +221,12 @@ def _cases(part: Formula, places: dict[Symbol, int], solved: list[Solved]) -> Fo
 
 def _smooth(part: Formula, places: dict[Symbol, int]) -> Formula:
     return smooth(part, lambda term: not symbols(term).isdisjoint(places))
+
+
+def _pin(condition: Formula, solved: tuple[Solved, ...], symbol: Symbol) -> Coefficients | None:
+    """The polynomial of the first equality of the input that must hold."""
+    must = {part.left for part in conjuncts(condition) if isinstance(part, Compare)}
+    return next((s.polynomial for s in solved if s.input == symbol and s.symbol in must), None)
 
 
 # Criticals --------------------------------------------------------------------

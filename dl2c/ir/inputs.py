@@ -136,6 +136,9 @@ class Inputs:
         """All values that pass, in order."""
         if self.plan.admissions[place].is_interval and not self.exact:
             return self._interval(place)
+        pins = self._pins(place)
+        if pins is not None:
+            return [(root, root) for root in pins if self._passes(place, root)]
         tried = self._probes(place)
         passing = [self._passes(place, at) for at, _ in tried]
         for k, (_, critical) in enumerate(tried):
@@ -155,6 +158,15 @@ class Inputs:
                 pieces.append((low, high))
             k += 1
         return pieces
+
+    def _pins(self, place: int) -> list[Value] | None:
+        """The only values that an equality leaves, in order; None where there is none, or it is void."""
+        pin = self.plan.admissions[place].pin
+        c = None if pin is None else self._coefficients(pin)
+        if c is None or all(x == 0 for x in c):
+            return None
+        low, high = self._box(place)
+        return sorted({r for r in roots(c, self.exact) if low <= r <= high})
 
     def _interval(self, place: int) -> list[Piece]:
         """Between limits that are linear in the input."""
