@@ -1,8 +1,9 @@
 """Inputs under tests: every value taken passes, none that passes is missed, masks say which exist."""
 
+import subprocess
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from random import Random
@@ -11,17 +12,20 @@ from typing import Any
 import numpy as np
 import pytest
 from audit import grid, holds, of
-from differential import Pair, pair_of, run_models
+from differential import Pair, environment_of, pair_of, run_models
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kyx_builder import lowered
 from random_inputs import input_test, random_unions
 
+from dl2c.emit.model_c import model_sources
 from dl2c.ir.admission import Unresolved
 from dl2c.ir.evaluate import truth
 from dl2c.ir.inputs import Inputs, nearest, spread
 from dl2c.ir.logic import atoms
 from dl2c.ir.model import AssignAny, Symbol, Test
 from dl2c.ir.straight import planned
+from dl2c.native.code import cgen_dir
 
 AUDITED = 4000
 TINY = Fraction(1, 10**12)
@@ -275,3 +279,42 @@ def test_what_the_environment_draws_is_uniform_over_all_pieces(tmp_path: Path) -
     counts, _ = np.histogram(drawn, [-2, -1.5, -1, 1, 1.5, 2, 2.5, 3])
     assert counts[2] == 0 and counts.sum() == 3000
     assert ((np.delete(counts, 2) - 500) ** 2 / 500).sum() < 20.5
+
+
+# What it costs ----------------------------------------------------------------
+
+COSTS = {
+    "bare": "a := *; v := a;",
+    "limits": "a := *; ?-2 <= a & a <= x; v := a;",
+    "square": "a := *; ?a^2 + v * a <= x + 1; v := a;",
+    "obstacle": f"a := *; ?{CASES['obstacle'].tests}; v := a;",
+    "joint": "a := *; ?(-1 <= a & a <= 1); r := *; ?(r != 0 & r * a = x); v := a;",
+}
+
+
+@pytest.mark.slow
+def test_a_test_costs_a_few_times_a_bare_input(tmp_path: Path) -> None:
+    """Nanoseconds for mask and request together (tests/bench/resolve_inputs.c), all in one run."""
+    least = dict.fromkeys(COSTS, float("inf"))
+    programs = {name: resolving_program(name, text, tmp_path) for name, text in COSTS.items()}
+    for _ in range(5):
+        for name, program in programs.items():
+            done = subprocess.run([program], capture_output=True, text=True, check=True)
+            least[name] = min(least[name], float(done.stdout.split()[0]))
+    print({name: f"{time:.1f} ns, {time / least['bare']:.1f} x" for name, time in least.items()})
+    assert least["limits"] <= 5 * least["bare"]
+    assert least["square"] <= 10 * least["bare"]
+
+
+def resolving_program(name: str, text: str, folder: Path) -> Path:
+    model = lowered(f"true -> [{{{text}}}*] x > -99", "", STATE)
+    environment = environment_of(replace(model, name=f"{name}cost"))
+    assert environment is not None
+    for file, source in model_sources(environment).items():
+        (folder / file).write_text(source, encoding="utf-8")
+    cgen, main = cgen_dir(), Path(__file__).parent / "bench" / "resolve_inputs.c"
+    folders = [f"-I{cgen / 'include'}", f"-I{cgen / 'runtime'}", f"-I{folder}"]
+    flags = ["-O2", "-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno", "-DDL2C_NO_TARGET_CLONES"]
+    command = ["cc", "-std=c11", *flags, *folders, f'-DMODEL="{name}cost.c"', "-o", str(folder / name)]
+    subprocess.run([*command, str(main), "-lm"], check=True)
+    return folder / name

@@ -110,46 +110,48 @@ static int64_t dl2c_edge(const dl2c_search *search, int place, int64_t here, int
 }
 
 /*
- * The passing value furthest in `direction` (-1 down, 1 up), searched from `start`. Where that
- * does not pass, from a passing value on its inner side, up to `middle` if that passes, else on
- * its outer side. False if no tried value passes.
+ * The passing value nearest to the limit `outer`, searched from `start`. Where that does not
+ * pass, from a passing value on its inner side, up to `middle` if that passes, else to the limit
+ * `inner`, else on its outer side. False if no tried value passes.
  */
 static bool dl2c_outermost(const dl2c_search *search, int place, real start, real middle,
-                           int direction, real *out)
+                           real inner, real outer, real *out)
 {
-  const int input = PATHS[search->path].inputs[place].input;
-  const int64_t low = dl2c_ordinal(INPUT_LOW[input]);
-  const int64_t high = dl2c_ordinal(INPUT_HIGH[input]);
-  const int64_t outer = direction < 0 ? low : high;
+  const int64_t end = dl2c_ordinal(outer);
   int64_t here = dl2c_ordinal(start);
   int64_t last;
   int64_t there;
   if (!dl2c_passes(search, place, start)) {
-    const int64_t inner = direction < 0 ? high : low;
-    const int64_t limit = dl2c_passes(search, place, middle) ? dl2c_ordinal(middle) : inner;
+    const int64_t limit = dl2c_ordinal(dl2c_passes(search, place, middle) ? middle : inner);
     if (dl2c_bracket(search, place, here, limit, true, &last, &there)) {
       *out = dl2c_from_ordinal(dl2c_bisected(search, place, there, last));
       return true;
     }
-    if (!dl2c_bracket(search, place, here, outer, true, &last, &there)) return false;
+    if (!dl2c_bracket(search, place, here, end, true, &last, &there)) return false;
     here = there;
   }
-  *out = dl2c_from_ordinal(dl2c_edge(search, place, here, outer));
+  *out = dl2c_from_ordinal(dl2c_edge(search, place, here, end));
   return true;
 }
 
-/* The values of an input whose tests leave an interval between limits that are linear in it. */
+/*
+ * The values of an input whose tests leave an interval between limits that are linear in it; false
+ * if it is empty. `high` is NULL where only that is asked.
+ */
 static bool dl2c_interval(const dl2c_search *search, int place, real *low, real *high)
 {
   const int input = PATHS[search->path].inputs[place].input;
-  *low = INPUT_LOW[input];
-  *high = INPUT_HIGH[input];
-  model_limits(search->path, input, search->x, search->p, search->u, low, high);
-  if (*low > INPUT_HIGH[input]) *low = INPUT_HIGH[input];
-  if (*high < INPUT_LOW[input]) *high = INPUT_LOW[input];
-  const real middle = *low + (*high - *low) / 2.0;
-  return dl2c_outermost(search, place, *low, middle, -1, low)
-         && dl2c_outermost(search, place, *high, middle, 1, high);
+  real first = INPUT_LOW[input];
+  real last = INPUT_HIGH[input];
+  model_limits(search->path, input, search->x, search->p, search->u, &first, &last);
+  if (first > INPUT_HIGH[input]) first = INPUT_HIGH[input];
+  if (last < INPUT_LOW[input]) last = INPUT_LOW[input];
+  const real middle = first + (last - first) / 2.0;
+  if (!dl2c_outermost(search, place, first, middle, INPUT_HIGH[input], INPUT_LOW[input], low))
+    return false;
+  if (high == NULL) return true;
+  if (last < *low) last = *low;
+  return dl2c_outermost(search, place, last, middle, *low, INPUT_HIGH[input], high);
 }
 
 /* Enters a root between the ends of the Box, each value once and in order. */
@@ -229,8 +231,7 @@ static bool dl2c_any(const dl2c_search *search, int place)
   if (search->given[input]) return dl2c_passes(search, place, search->u[input]);
   if (PATHS[search->path].inputs[place].interval) {
     real low;
-    real high;
-    return dl2c_interval(search, place, &low, &high);
+    return dl2c_interval(search, place, &low, NULL);
   }
   real root[2];
   const int pins = dl2c_pinned(search, place, root);

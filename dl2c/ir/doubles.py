@@ -32,27 +32,24 @@ def rounded_down(value: Fraction) -> float:
     return -rounded_up(-value)
 
 
-def outermost(
-    test: Passing, start: float, middle: float, box: tuple[float, float], direction: int
-) -> float | None:
-    """The passing double furthest in `direction` (-1 down, 1 up), searched from `start` inside the box.
+def outermost(test: Passing, start: float, middle: float, inner: float, outer: float) -> float | None:
+    """The passing double nearest to the limit `outer`, searched from `start`.
 
     Where the start does not pass, a passing value is looked for on its inner side, up to `middle` if
-    that passes, then on its outer side. Steps of 1, 2, 4, ... units in the last place bracket the end
-    of the passing values, then bisection finds it. None if no tried value passes.
+    that passes, else to the limit `inner`, then on its outer side. Steps of 1, 2, 4, ... units in the
+    last place bracket the end of the passing values, then bisection finds it. None if no tried value
+    passes.
     """
-    inner, outer = (ordinal(box[1]), ordinal(box[0])) if direction < 0 else (ordinal(box[0]), ordinal(box[1]))
     here = ordinal(start)
     if not test(start):
-        limit = ordinal(middle) if test(middle) else inner
-        failing, passing = bracket(test, here, limit, True)
+        failing, passing = bracket(test, here, ordinal(middle if test(middle) else inner), True)
         if passing is not None:
             return from_ordinal(bisected(test, passing, failing))
-        _, passing = bracket(test, here, outer, True)
+        _, passing = bracket(test, here, ordinal(outer), True)
         if passing is None:
             return None
         here = passing
-    return from_ordinal(edge(test, here, outer))
+    return from_ordinal(edge(test, here, ordinal(outer)))
 
 
 def edge(test: Passing, here: int, limit: int) -> int:

@@ -184,12 +184,15 @@ class Inputs:
         def test(tried: float) -> bool:
             return self._passes(place, tried)
 
-        ends = float(box[0]), float(box[1])
-        first, last = min(float(low), ends[1]), max(float(high), ends[0])
+        least, most = float(box[0]), float(box[1])
+        first, last = min(float(low), most), max(float(high), least)
         middle = first + (last - first) / 2
-        bottom = outermost(test, first, middle, ends, -1)
-        top = outermost(test, last, middle, ends, 1)
-        return [] if bottom is None or top is None else [(bottom, top)]
+        bottom = outermost(test, first, middle, most, least)
+        if bottom is None:
+            return []
+        top = outermost(test, max(last, bottom), middle, bottom, most)
+        assert top is not None, "the bottom passes"
+        return [(bottom, top)]
 
     def _probes(self, place: int) -> list[tuple[Value, bool]]:
         """Values to try, in order: the ends of the Box and the roots inside, which are critical, and one
