@@ -688,28 +688,6 @@ static inline void model_roots(int flow, const real *x, const real *p, real *g, 
   }
 }
 
-/* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
-                                real *low, real *high)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)low; (void)high;
-}
-
-/* Where the tests of an input may begin or cease to hold, in no order; how many. */
-static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
-                                  real *root)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
-  return 0;
-}
-
-/* Whether the value of an input passes the tests of it and of no later input. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u;
-  return true;
-}
-
 /* Which paths of a point pass the tests that no input decides.   enabled: (paths, stride) */
 DL2C_INLINE void model_guards(int point, const real *restrict x, const real *restrict p,
                               int64_t stride, int64_t count, uint8_t *restrict enabled)
@@ -836,6 +814,36 @@ static inline bool model_update(int path, const real *x, const real *p, const re
 static inline bool model_assign(int64_t path, const real *x, const real *p, real *y)
 {
   (void)path; (void)x; (void)p; (void)y;
+  return true;
+}
+
+/* Narrows the values of an input to those its tests leave, up to rounding. */
+static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                                real *low, real *high)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)low; (void)high;
+}
+
+/* Where the tests of an input may begin or cease to hold, in no order; how many. */
+static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
+                                  real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return 0;
+}
+
+/* The only values that an equality leaves to an input, up to its Box; -1 where none does. */
+static inline int model_pins(int path, int input, const real *x, const real *p, const real *u,
+                             real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return -1;
+}
+
+/* Whether the value of an input passes the tests of it and of no later input. */
+static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u;
   return true;
 }
 
@@ -998,38 +1006,49 @@ static const int32_t INPUT_DRAW[1] = {-1};
 static const int32_t FLOW_DRAW[2] = {-1, -1};
 static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0, 0};
+static const dl2c_input PATH0_INPUTS[] = {{0}};
 static const int16_t PATH1_MET[] = {0};
 static const int16_t PATH1_MARKED[] = {0, 0};
+static const dl2c_input PATH1_INPUTS[] = {{0}};
 static const int16_t PATH2_MET[] = {0};
 static const int16_t PATH2_MARKED[] = {0, 0};
+static const dl2c_input PATH2_INPUTS[] = {{0}};
 static const int16_t PATH3_MET[] = {0};
 static const int16_t PATH3_MARKED[] = {0, 0};
+static const dl2c_input PATH3_INPUTS[] = {{0}};
 static const int16_t PATH4_MET[] = {0};
 static const int16_t PATH4_MARKED[] = {0, 0};
+static const dl2c_input PATH4_INPUTS[] = {{0}};
 static const int16_t PATH5_MET[] = {0};
 static const int16_t PATH5_MARKED[] = {0, 0};
+static const dl2c_input PATH5_INPUTS[] = {{0}};
 static const int16_t PATH6_MET[] = {0};
 static const int16_t PATH6_MARKED[] = {1, 0};
+static const dl2c_input PATH6_INPUTS[] = {{0}};
 static const int16_t PATH7_MET[] = {0};
 static const int16_t PATH7_MARKED[] = {1, 0};
+static const dl2c_input PATH7_INPUTS[] = {{0}};
 static const int16_t PATH8_MET[] = {0, 1};
 static const int16_t PATH8_MARKED[] = {0, 0, 0};
+static const dl2c_input PATH8_INPUTS[] = {{0}};
 static const int16_t PATH9_MET[] = {0, 1};
 static const int16_t PATH9_MARKED[] = {0, 0, 0};
+static const dl2c_input PATH9_INPUTS[] = {{0}};
 static const int16_t PATH10_MET[] = {0};
 static const int16_t PATH10_MARKED[] = {0};
+static const dl2c_input PATH10_INPUTS[] = {{0}};
 static const dl2c_path PATHS[11] = {
-  {0, 1, 1, PATH0_MET, PATH0_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {1, -1, 1, PATH1_MET, PATH1_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {1, -1, 1, PATH2_MET, PATH2_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {0, 1, 1, PATH3_MET, PATH3_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {1, -1, 1, PATH4_MET, PATH4_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {1, -1, 1, PATH5_MET, PATH5_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {1, -1, 1, PATH6_MET, PATH6_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {1, -1, 1, PATH7_MET, PATH7_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {1, -1, 2, PATH8_MET, PATH8_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {1, -1, 2, PATH9_MET, PATH9_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {1, -1, 0, PATH10_MET, PATH10_MARKED, 0, NULL, NULL, NULL, NULL, 0},
+  {0, 1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS, 0},
+  {1, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS, 0},
+  {1, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS, 0},
+  {0, 1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS, 0},
+  {1, -1, 1, PATH4_MET, PATH4_MARKED, 0, PATH4_INPUTS, 0},
+  {1, -1, 1, PATH5_MET, PATH5_MARKED, 0, PATH5_INPUTS, 0},
+  {1, -1, 1, PATH6_MET, PATH6_MARKED, 0, PATH6_INPUTS, 0},
+  {1, -1, 1, PATH7_MET, PATH7_MARKED, 0, PATH7_INPUTS, 0},
+  {1, -1, 2, PATH8_MET, PATH8_MARKED, 0, PATH8_INPUTS, 0},
+  {1, -1, 2, PATH9_MET, PATH9_MARKED, 0, PATH9_INPUTS, 0},
+  {1, -1, 0, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
 };
 static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};

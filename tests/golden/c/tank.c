@@ -92,6 +92,12 @@ static inline real flow0_watch_still1_c1(real f)
   return -f;
 }
 
+/* tank.kyx:30  0 <= ep & x >= 0 */
+static inline bool path0_guard(real x_v, real ep)
+{
+  return (ep >= 0.0) & (x_v >= 0.0);
+}
+
 /* H - x + ... * f */
 static inline real path0_limit0_3_offset(real x_v, real H)
 {
@@ -112,12 +118,6 @@ static inline bool path0_admits0(real x_v, real ep, real H, real assign_f)
 {
   const real t0 = x_v + assign_f * ep;
   return (assign_f >= -0.8) & (assign_f <= 0.8) & (t0 >= 0.0) & (t0 <= H);
-}
-
-/* tank.kyx:30  0 <= ep & x >= 0 */
-static inline bool path0_guard(real x_v, real ep)
-{
-  return (ep >= 0.0) & (x_v >= 0.0);
 }
 
 /* tank.kyx:12  @safety inside: 0 <= x & x <= H, within tolerance */
@@ -305,36 +305,6 @@ static inline void model_roots(int flow, const real *x, const real *p, real *g, 
   }
 }
 
-/* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
-                                real *low, real *high)
-{
-  (void)u;
-  if (path == 0 && input == 0) {
-    dl2c_limit(0.8, 1.0, low, high);
-    dl2c_limit(0.8, -1.0, low, high);
-    dl2c_limit(x[X_x], p[P_ep], low, high);
-    dl2c_limit(path0_limit0_3_offset(x[X_x], p[P_H]), path0_limit0_3_slope(p[P_ep]), low, high);
-  }
-}
-
-/* Where the tests of an input may begin or cease to hold, in no order; how many. */
-static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
-                                  real *root)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
-  return 0;
-}
-
-/* Whether the value of an input passes the tests of it and of no later input. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
-{
-  if (path == 0 && input == 0) {
-    return path0_admits0(x[X_x], p[P_ep], p[P_H], u[U_assign_f]);
-  }
-  return true;
-}
-
 /* Which paths of a point pass the tests that no input decides.   enabled: (paths, stride) */
 DL2C_INLINE void model_guards(int point, const real *restrict x, const real *restrict p,
                               int64_t stride, int64_t count, uint8_t *restrict enabled)
@@ -368,6 +338,44 @@ static inline bool model_update(int path, const real *x, const real *p, const re
 static inline bool model_assign(int64_t path, const real *x, const real *p, real *y)
 {
   (void)path; (void)x; (void)p; (void)y;
+  return true;
+}
+
+/* Narrows the values of an input to those its tests leave, up to rounding. */
+static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                                real *low, real *high)
+{
+  (void)u;
+  if (path == 0 && input == 0) {
+    dl2c_limit(0.8, 1.0, low, high);
+    dl2c_limit(0.8, -1.0, low, high);
+    dl2c_limit(x[X_x], p[P_ep], low, high);
+    dl2c_limit(path0_limit0_3_offset(x[X_x], p[P_H]), path0_limit0_3_slope(p[P_ep]), low, high);
+  }
+}
+
+/* Where the tests of an input may begin or cease to hold, in no order; how many. */
+static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
+                                  real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return 0;
+}
+
+/* The only values that an equality leaves to an input, up to its Box; -1 where none does. */
+static inline int model_pins(int path, int input, const real *x, const real *p, const real *u,
+                             real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return -1;
+}
+
+/* Whether the value of an input passes the tests of it and of no later input. */
+static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+{
+  if (path == 0 && input == 0) {
+    return path0_admits0(x[X_x], p[P_ep], p[P_H], u[U_assign_f]);
+  }
   return true;
 }
 
@@ -487,13 +495,8 @@ static const int32_t INPUT_DRAW[1] = {-1};
 static const int32_t FLOW_DRAW[1] = {-1};
 static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0};
-static const int16_t PATH0_INPUTS[] = {0};
-static const int16_t PATH0_INTERVALS[] = {1};
-static const int16_t PATH0_FOLLOWING[] = {-1};
-static const int16_t PATH0_FIRST[] = {1};
-static const dl2c_path PATHS[1] = {
-  {0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS, PATH0_INTERVALS, PATH0_FOLLOWING, PATH0_FIRST, 0},
-};
+static const dl2c_input PATH0_INPUTS[] = {{0, 1, -1, 1}};
+static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS, 0}};
 static const uint8_t WATCH_CUTS[1] = {1};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};

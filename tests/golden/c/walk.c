@@ -74,30 +74,6 @@ static inline real flow1_lie0(real v)
   return -v;
 }
 
-/* x - 1 + ... * wind */
-static inline real path9_limit0_1_offset(real x_v)
-{
-  return x_v - 1.0;
-}
-
-/* walk.kyx:42  0 <= assign_gust & assign_gust <= 1 */
-static inline bool path8_admits1(real assign_gust)
-{
-  return (assign_gust >= 0.0) & (assign_gust <= 1.0);
-}
-
-/* walk.kyx:35  -1 <= assign_wind & assign_wind <= x - 1 */
-static inline bool path9_admits0(real x_v, real assign_wind)
-{
-  return (assign_wind >= -1.0) & (assign_wind <= x_v - 1.0);
-}
-
-/* walk.kyx:31  0 <= prefix_assign_v & prefix_assign_v <= 1 */
-static inline bool path11_admits2(real prefix_assign_v)
-{
-  return (prefix_assign_v >= 0.0) & (prefix_assign_v <= 1.0);
-}
-
 /* walk.kyx:37  rest >= size */
 static inline bool path1_guard(real rest, real size)
 {
@@ -182,6 +158,30 @@ static inline real path7_set_x(real x_v, real size)
 static inline real path8_set_x(real x_v, real assign_gust)
 {
   return x_v + assign_gust;
+}
+
+/* x - 1 + ... * wind */
+static inline real path9_limit0_1_offset(real x_v)
+{
+  return x_v - 1.0;
+}
+
+/* walk.kyx:42  0 <= assign_gust & assign_gust <= 1 */
+static inline bool path8_admits1(real assign_gust)
+{
+  return (assign_gust >= 0.0) & (assign_gust <= 1.0);
+}
+
+/* walk.kyx:35  -1 <= assign_wind & assign_wind <= x - 1 */
+static inline bool path9_admits0(real x_v, real assign_wind)
+{
+  return (assign_wind >= -1.0) & (assign_wind <= x_v - 1.0);
+}
+
+/* walk.kyx:31  0 <= prefix_assign_v & prefix_assign_v <= 1 */
+static inline bool path11_admits2(real prefix_assign_v)
+{
+  return (prefix_assign_v >= 0.0) & (prefix_assign_v <= 1.0);
 }
 
 /* walk.kyx:9  @safety inside: x <= 40, within tolerance */
@@ -402,49 +402,6 @@ static inline void model_roots(int flow, const real *x, const real *p, real *g, 
   }
 }
 
-/* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
-                                real *low, real *high)
-{
-  (void)p; (void)u;
-  if (path == 8 && input == 1) {
-    dl2c_limit(0.0, 1.0, low, high);
-    dl2c_limit(1.0, -1.0, low, high);
-  }
-  if (path == 9 && input == 0) {
-    dl2c_limit(1.0, 1.0, low, high);
-    dl2c_limit(path9_limit0_1_offset(x[X_x]), -1.0, low, high);
-  }
-  if (path == 11 && input == 2) {
-    dl2c_limit(0.0, 1.0, low, high);
-    dl2c_limit(1.0, -1.0, low, high);
-  }
-}
-
-/* Where the tests of an input may begin or cease to hold, in no order; how many. */
-static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
-                                  real *root)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
-  return 0;
-}
-
-/* Whether the value of an input passes the tests of it and of no later input. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
-{
-  (void)p;
-  if (path == 8 && input == 1) {
-    return path8_admits1(u[U_assign_gust]);
-  }
-  if (path == 9 && input == 0) {
-    return path9_admits0(x[X_x], u[U_assign_wind]);
-  }
-  if (path == 11 && input == 2) {
-    return path11_admits2(u[U_prefix_assign_v]);
-  }
-  return true;
-}
-
 /* Which paths of a point pass the tests that no input decides.   enabled: (paths, stride) */
 DL2C_INLINE void model_guards(int point, const real *restrict x, const real *restrict p,
                               int64_t stride, int64_t count, uint8_t *restrict enabled)
@@ -573,6 +530,57 @@ static inline bool model_update(int path, const real *x, const real *p, const re
 static inline bool model_assign(int64_t path, const real *x, const real *p, real *y)
 {
   (void)path; (void)x; (void)p; (void)y;
+  return true;
+}
+
+/* Narrows the values of an input to those its tests leave, up to rounding. */
+static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                                real *low, real *high)
+{
+  (void)p; (void)u;
+  if (path == 8 && input == 1) {
+    dl2c_limit(0.0, 1.0, low, high);
+    dl2c_limit(1.0, -1.0, low, high);
+  }
+  if (path == 9 && input == 0) {
+    dl2c_limit(1.0, 1.0, low, high);
+    dl2c_limit(path9_limit0_1_offset(x[X_x]), -1.0, low, high);
+  }
+  if (path == 11 && input == 2) {
+    dl2c_limit(0.0, 1.0, low, high);
+    dl2c_limit(1.0, -1.0, low, high);
+  }
+}
+
+/* Where the tests of an input may begin or cease to hold, in no order; how many. */
+static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
+                                  real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return 0;
+}
+
+/* The only values that an equality leaves to an input, up to its Box; -1 where none does. */
+static inline int model_pins(int path, int input, const real *x, const real *p, const real *u,
+                             real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return -1;
+}
+
+/* Whether the value of an input passes the tests of it and of no later input. */
+static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+{
+  (void)p;
+  if (path == 8 && input == 1) {
+    return path8_admits1(u[U_assign_gust]);
+  }
+  if (path == 9 && input == 0) {
+    return path9_admits0(x[X_x], u[U_assign_wind]);
+  }
+  if (path == 11 && input == 2) {
+    return path11_admits2(u[U_prefix_assign_v]);
+  }
   return true;
 }
 
@@ -710,53 +718,53 @@ static const int32_t INPUT_DRAW[3] = {2, 3, 4};
 static const int32_t FLOW_DRAW[2] = {-1, 5};
 static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0};
+static const dl2c_input PATH0_INPUTS[] = {{0}};
 static const int16_t PATH1_MET[] = {0};
 static const int16_t PATH1_MARKED[] = {0};
+static const dl2c_input PATH1_INPUTS[] = {{0}};
 static const int16_t PATH2_MET[] = {0, 1};
 static const int16_t PATH2_MARKED[] = {0, 0, 0};
+static const dl2c_input PATH2_INPUTS[] = {{0}};
 static const int16_t PATH3_MET[] = {0, 1};
 static const int16_t PATH3_MARKED[] = {0, 0, 0};
+static const dl2c_input PATH3_INPUTS[] = {{0}};
 static const int16_t PATH4_MET[] = {0, 1};
 static const int16_t PATH4_MARKED[] = {0, 0, 0};
+static const dl2c_input PATH4_INPUTS[] = {{0}};
 static const int16_t PATH5_MET[] = {0, 1};
 static const int16_t PATH5_MARKED[] = {0, 0, 0};
+static const dl2c_input PATH5_INPUTS[] = {{0}};
 static const int16_t PATH6_MET[] = {0, 1};
 static const int16_t PATH6_MARKED[] = {0, 0, 0};
+static const dl2c_input PATH6_INPUTS[] = {{0}};
 static const int16_t PATH7_MET[] = {0, 1};
 static const int16_t PATH7_MARKED[] = {0, 0, 0};
+static const dl2c_input PATH7_INPUTS[] = {{0}};
 static const int16_t PATH8_MET[] = {0};
 static const int16_t PATH8_MARKED[] = {0};
-static const int16_t PATH8_INPUTS[] = {1};
-static const int16_t PATH8_INTERVALS[] = {1};
-static const int16_t PATH8_FOLLOWING[] = {-1};
-static const int16_t PATH8_FIRST[] = {1};
+static const dl2c_input PATH8_INPUTS[] = {{1, 1, -1, 1}};
 static const int16_t PATH9_MET[] = {2};
 static const int16_t PATH9_MARKED[] = {0, 0};
-static const int16_t PATH9_INPUTS[] = {0};
-static const int16_t PATH9_INTERVALS[] = {1};
-static const int16_t PATH9_FOLLOWING[] = {-1};
-static const int16_t PATH9_FIRST[] = {1};
+static const dl2c_input PATH9_INPUTS[] = {{0, 1, -1, 1}};
 static const int16_t PATH10_MET[] = {2};
 static const int16_t PATH10_MARKED[] = {0, 0};
+static const dl2c_input PATH10_INPUTS[] = {{0}};
 static const int16_t PATH11_MET[] = {0};
 static const int16_t PATH11_MARKED[] = {0};
-static const int16_t PATH11_INPUTS[] = {2};
-static const int16_t PATH11_INTERVALS[] = {1};
-static const int16_t PATH11_FOLLOWING[] = {-1};
-static const int16_t PATH11_FIRST[] = {1};
+static const dl2c_input PATH11_INPUTS[] = {{2, 1, -1, 1}};
 static const dl2c_path PATHS[12] = {
-  {-1, 1, 0, PATH0_MET, PATH0_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {-1, 1, 0, PATH1_MET, PATH1_MARKED, 0, NULL, NULL, NULL, NULL, 1},
-  {0, 2, 2, PATH2_MET, PATH2_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {0, 2, 2, PATH3_MET, PATH3_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {0, 2, 2, PATH4_MET, PATH4_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {0, 2, 2, PATH5_MET, PATH5_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {0, 2, 2, PATH6_MET, PATH6_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {0, 2, 2, PATH7_MET, PATH7_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {-1, -1, 0, PATH8_MET, PATH8_MARKED, 1, PATH8_INPUTS, PATH8_INTERVALS, PATH8_FOLLOWING, PATH8_FIRST, 0},
-  {-1, -1, 1, PATH9_MET, PATH9_MARKED, 1, PATH9_INPUTS, PATH9_INTERVALS, PATH9_FOLLOWING, PATH9_FIRST, 0},
-  {-1, -1, 1, PATH10_MET, PATH10_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {1, -1, 0, PATH11_MET, PATH11_MARKED, 1, PATH11_INPUTS, PATH11_INTERVALS, PATH11_FOLLOWING, PATH11_FIRST, 0},
+  {-1, 1, 0, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS, 0},
+  {-1, 1, 0, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS, 1},
+  {0, 2, 2, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS, 0},
+  {0, 2, 2, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS, 0},
+  {0, 2, 2, PATH4_MET, PATH4_MARKED, 0, PATH4_INPUTS, 0},
+  {0, 2, 2, PATH5_MET, PATH5_MARKED, 0, PATH5_INPUTS, 0},
+  {0, 2, 2, PATH6_MET, PATH6_MARKED, 0, PATH6_INPUTS, 0},
+  {0, 2, 2, PATH7_MET, PATH7_MARKED, 0, PATH7_INPUTS, 0},
+  {-1, -1, 0, PATH8_MET, PATH8_MARKED, 1, PATH8_INPUTS, 0},
+  {-1, -1, 1, PATH9_MET, PATH9_MARKED, 1, PATH9_INPUTS, 0},
+  {-1, -1, 1, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
+  {1, -1, 0, PATH11_MET, PATH11_MARKED, 1, PATH11_INPUTS, 0},
 };
 static const uint8_t WATCH_CUTS[1] = {0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};

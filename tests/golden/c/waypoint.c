@@ -1627,28 +1627,6 @@ static inline void model_roots(int flow, const real *x, const real *p, real *g, 
   }
 }
 
-/* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
-                                real *low, real *high)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)low; (void)high;
-}
-
-/* Where the tests of an input may begin or cease to hold, in no order; how many. */
-static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
-                                  real *root)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
-  return 0;
-}
-
-/* Whether the value of an input passes the tests of it and of no later input. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u;
-  return true;
-}
-
 /* Which paths of a point pass the tests that no input decides.   enabled: (paths, stride) */
 DL2C_INLINE void model_guards(int point, const real *restrict x, const real *restrict p,
                               int64_t stride, int64_t count, uint8_t *restrict enabled)
@@ -1714,6 +1692,36 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, real
   (void)x;
   y[X_ar] = dl2c_select((path == 2), p[P_A], dl2c_select((path == 0), path0_set_ar(p[P_b]), 0.0));
   y[X_t] = 0.0;
+  return true;
+}
+
+/* Narrows the values of an input to those its tests leave, up to rounding. */
+static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                                real *low, real *high)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)low; (void)high;
+}
+
+/* Where the tests of an input may begin or cease to hold, in no order; how many. */
+static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
+                                  real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return 0;
+}
+
+/* The only values that an equality leaves to an input, up to its Box; -1 where none does. */
+static inline int model_pins(int path, int input, const real *x, const real *p, const real *u,
+                             real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return -1;
+}
+
+/* Whether the value of an input passes the tests of it and of no later input. */
+static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u;
   return true;
 }
 
@@ -1875,17 +1883,21 @@ static const int32_t INPUT_DRAW[1] = {-1};
 static const int32_t FLOW_DRAW[1] = {-1};
 static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0, 0};
+static const dl2c_input PATH0_INPUTS[] = {{0}};
 static const int16_t PATH1_MET[] = {0};
 static const int16_t PATH1_MARKED[] = {0, 0};
+static const dl2c_input PATH1_INPUTS[] = {{0}};
 static const int16_t PATH2_MET[] = {0};
 static const int16_t PATH2_MARKED[] = {0, 0};
+static const dl2c_input PATH2_INPUTS[] = {{0}};
 static const int16_t PATH3_MET[] = {0};
 static const int16_t PATH3_MARKED[] = {0, 0};
+static const dl2c_input PATH3_INPUTS[] = {{0}};
 static const dl2c_path PATHS[4] = {
-  {0, -1, 1, PATH0_MET, PATH0_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {0, -1, 1, PATH1_MET, PATH1_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {0, -1, 1, PATH2_MET, PATH2_MARKED, 0, NULL, NULL, NULL, NULL, 0},
-  {0, -1, 1, PATH3_MET, PATH3_MARKED, 0, NULL, NULL, NULL, NULL, 0},
+  {0, -1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS, 0},
+  {0, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS, 0},
+  {0, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS, 0},
+  {0, -1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS, 0},
 };
 static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
