@@ -73,7 +73,18 @@ def after(symbol: Symbol) -> str:
 
 RUNTIME_FILES = frozenset(
     [
-        *("actions", "ahead", "batch", "block", "curve", "dense", "dl2c", "events", "flow_cvodes"),
+        *(
+            "actions",
+            "admissible",
+            "ahead",
+            "batch",
+            "block",
+            "curve",
+            "dense",
+            "dl2c",
+            "events",
+            "flow_cvodes",
+        ),
         *("flow_exact", "hull", "judge", "lanes", "linear", "model", "move", "numbers", "numeric"),
         *("pieces", "rng", "roots", "sampler", "state", "step", "stretch", "sundials"),
         *("sundials_system", "sundials_wheel", "travel"),

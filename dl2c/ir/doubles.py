@@ -1,6 +1,6 @@
 """Doubles by number: neighbours, rounding to one side, and where a test begins to hold.
 
-A test is a function of a double. The same operations in the same order as cgen/runtime/actions.h.
+A test is a function of a double. The same operations in the same order as cgen/runtime/admissible.h.
 """
 
 import math

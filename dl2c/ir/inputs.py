@@ -4,7 +4,8 @@ Comes in: the admissions of a straight line (`admission.py`), the state where it
 values of inputs met before. Goes out: whether every input has a value that passes, and the value
 that a request or a random number leads to. In doubles a piece of admissible values extends to the
 outermost ones that pass the tests as they are evaluated, whatever its root was rounded to: the same
-operations in the same order as cgen/runtime/actions.h. Rationals are exact, but for square roots.
+operations in the same order as cgen/runtime/admissible.h and actions.h. Rationals are exact, but for
+square roots.
 """
 
 from collections.abc import Sequence
