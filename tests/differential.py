@@ -101,7 +101,7 @@ class Pair:
     """One model in both forms."""
 
     def __init__(self, environment: Environment, library: Library, settings: str, penalty: float) -> None:
-        self.environment = environment
+        self.environment, self.library = environment, library
         self.model = environment.model
         limits = {i.key: (i.low, i.high) for i in environment.paths.inputs}
         self.settings = Settings(settings, penalty, limits)

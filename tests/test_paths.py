@@ -1,6 +1,5 @@
 """Guarded paths do what the program does, statement by statement; inputs have the limits that tests imply."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from itertools import product
@@ -302,22 +301,50 @@ def test_tests_of_an_input_are_limits_over_the_state() -> None:
     ]
 
 
-UNRESOLVED: dict[str, Callable[[str], str]] = {
-    "a disjunction": lambda a: f"{a} <= 1 | {a} >= 2",
-    "two inputs": lambda a: f"{a} + x <= 1",
-    "a square": lambda a: f"{a}^2 <= 1",
-    "an equality": lambda a: f"{a} = 1",
-    "an inequality": lambda a: f"{a} != 1",
-    "a quotient": lambda a: f"1/{a} <= 1",
+UNRESOLVED = {
+    "a cube": "a^3 <= 1",
+    "a function": "sin(a) <= 1/2",
+    "a root": "x > 0 | sqrt(a) <= 1",
+    "a condition of degree 4 for an earlier input": "a^2 + x^2 <= 1 & 50*a*x >= 1",
+}
+RESOLVED = {
+    "a disjunction": "a <= 1 | a >= 2",
+    "two inputs": "a + x <= 1",
+    "a square": "a^2 <= 1",
+    "an equality": "8*a*x = 1",
+    "an inequality": "a != 1",
+    "a quotient": "1/a <= 1",
+    "kinks": "abs(a - x) <= min(1, 2*a)",
 }
 
 
+def inputs_of(test: str) -> Paths:
+    program = f"x := *; ?0 <= x & x <= 1; a := *; ?{test};"
+    return paths_of(f"true -> [{{{program}}}*] x > 0", "", f"Real x;\n{BOUNDED}")
+
+
 @pytest.mark.parametrize("kind", UNRESOLVED)
-def test_tests_that_leave_no_interval_are_refused(kind: str) -> None:
-    program = f"x := *; ?0 <= x & x <= 1; a := *; ?{UNRESOLVED[kind]('a')};"
+def test_tests_of_too_high_a_degree_are_refused(kind: str) -> None:
     with pytest.raises(CompileError) as refused:
-        limits(program, BOUNDED)
+        inputs_of(UNRESOLVED[kind])
     assert codes(refused.value) == ["unresolved-test"]
+
+
+@pytest.mark.parametrize("kind", RESOLVED)
+def test_other_tests_have_a_union_of_intervals(kind: str) -> None:
+    (path,) = inputs_of(RESOLVED[kind]).paths
+    first, second = path.admissions
+    joined = "x" in RESOLVED[kind]
+    assert first.following == (1 if joined else None)
+    assert second.criticals or second.is_interval
+    assert bool(second.solved) == (kind == "an equality")
+
+
+def test_an_earlier_input_changes_where_a_later_one_loses_its_last_value() -> None:
+    """`8*a*x = 1` has a root in a unless x is 0, and one between 1/8 and 0.3 up to where it is an end."""
+    (path,) = inputs_of("8*a*x = 1").paths
+    shown = {tuple(print_term(c) for c in p) for p in path.admissions[0].criticals}
+    assert {("0", "8"), ("-1", "1"), ("-1", "2.4")} <= shown
 
 
 def test_paths_are_a_function_of_the_model() -> None:

@@ -33,7 +33,7 @@ static bool dl2c_look(const real *p, dl2c_trial *trial, uint8_t *enabled, uint8_
     for (int k = first; k < end && !goes_on; k++) {
       if (!enabled[k - first]) continue;
       bool sure = PATHS[k].flow != DL2C_NO_FLOW || PATHS[k].target == DL2C_END;
-      for (int j = 0; NU > 0 && j < PATHS[k].ninput; j++) sure |= !trial->given[PATHS[k].inputs[j]];
+      for (int j = 0; NU > 0 && j < PATHS[k].ninput; j++) sure |= !trial->given[PATHS[k].inputs[j].input];
       dl2c_trial ahead = *trial;
       if (!sure) dl2c_follow(&nothing, &ahead, k);
       if (sure || ahead.failure != DL2C_SOUND) {

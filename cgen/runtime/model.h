@@ -9,7 +9,7 @@
  *
  *   enum { NX, NP, NU, NINPUT, NENVINPUT, NDECISION, NCHOICE, NENVCHOICE, NMASK, NSTEPDRAW, NDRAW,
  *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NBOX, NMARGIN,
- *          NDEGREE, NWATCH, DL2C_LOOPS,
+ *          NDEGREE, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
  *          DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
  *   typedef float dl2c_obs;                      one observation entry, or double
@@ -28,8 +28,10 @@
  * DL2C_POINT_PREFIX; 0 for none.
  *
  *   void model_guards(int point, x, p, stride, count, uint8_t *enabled)   tests that no input decides
- *   void model_limits(int path, int input, x, p, real *low, real *high)
- *   bool model_admits(int path, int input, x, p, real value)     tests that this input decides
+ *   void model_limits(int path, int input, x, p, u, real *low, real *high)
+ *   int model_criticals(int path, int input, x, p, u, real *root)   where its tests may change; how many
+ *   int model_pins(int path, int input, x, p, u, real *root)     all that an equality leaves; -1: there is none
+ *   bool model_admits(int path, int input, x, p, u)              tests that this input decides
  *   bool model_update(int path, x, p, u, real *y)                false: a value is undefined
  *   bool model_assign(int64_t path, x, p, real *y)               the same by selection, for lanes
  *   static const uint8_t FLOW_KERNEL[], WATCH_CUTS[]; static const int32_t FLOW_MARGINS[], FLOW_DURATION[];
@@ -70,6 +72,14 @@
 enum { DL2C_END = -1 };
 #define DL2C_NO_FLOW (-1)
 
+/* An input on a path. */
+typedef struct dl2c_input {
+  int16_t input;
+  int16_t interval;  /* its tests leave an interval between limits that are linear in it */
+  int16_t following; /* the place of the next input that shares tests with it, -1 for none */
+  int16_t first;     /* none before shares tests with it */
+} dl2c_input;
+
 typedef struct dl2c_path {
   int32_t flow;          /* DL2C_NO_FLOW for none */
   int32_t target;        /* the next point, or DL2C_END */
@@ -77,7 +87,7 @@ typedef struct dl2c_path {
   const int16_t *met;    /* which, in order, */
   const int16_t *marked; /* and whether the alternative taken is marked as fallback */
   int32_t ninput;        /* inputs met, */
-  const int16_t *inputs; /* and which, in order */
+  const dl2c_input *inputs; /* and which, in order */
   int32_t enters;        /* it begins with an iteration of a while loop */
 } dl2c_path;
 
@@ -87,6 +97,45 @@ static inline void dl2c_limit(real offset, real slope, real *low, real *high)
   const real root = -offset / slope;
   if (slope > 0.0 && root > *low) *low = root;
   if (slope < 0.0 && root < *high) *high = root;
+}
+
+/* Appends where c0 + c1*u + c2*u^2 is zero, or if that is nowhere where it is nearest to zero. */
+static inline int dl2c_roots(real c0, real c1, real c2, real *root, int count)
+{
+  if (c2 == 0.0) {
+    if (c1 != 0.0) root[count++] = -c0 / c1;
+    return count;
+  }
+  const real inner = c1 * c1 - 4.0 * c2 * c0;
+  if (!(inner > 0.0)) {
+    root[count++] = -c1 / (2.0 * c2);
+    return count;
+  }
+  const real sum = c1 < 0.0 ? c1 - sqrt(inner) : c1 + sqrt(inner);
+  root[count++] = -sum / (2.0 * c2);
+  root[count++] = -2.0 * c0 / sum;
+  return count;
+}
+
+/* The roots, or -1 where every value is one. */
+static inline int dl2c_pins(real c0, real c1, real c2, real *root)
+{
+  return c0 == 0.0 && c1 == 0.0 && c2 == 0.0 ? -1 : dl2c_roots(c0, c1, c2, root, 0);
+}
+
+/* A discriminant counts as zero if it is no more below zero than this, relative to its first term. */
+#define DL2C_TOUCH 0x1p-48
+
+/* Whether a value is a root as computed, 1 or 0; all are where the polynomial is zero. */
+static inline real dl2c_solves(real c0, real c1, real c2, real value)
+{
+  real root[2];
+  if (c0 == 0.0 && c1 == 0.0 && c2 == 0.0) return 1.0;
+  if (c2 != 0.0 && c1 * c1 - 4.0 * c2 * c0 < -(c1 * c1) * DL2C_TOUCH) return 0.0;
+  const int count = dl2c_roots(c0, c1, c2, root, 0);
+  for (int k = 0; k < count; k++)
+    if (value == root[k]) return 1.0;
+  return 0.0;
 }
 
 /* What became of a flow. */

@@ -56,11 +56,15 @@ static inline real dl2c_share(const dl2c_request *request, dl2c_trial *trial, in
   if (FLOW_DRAW[flow] >= 0) return 1.0 - request->draws[FLOW_DRAW[flow]];
   const int input = FLOW_DURATION[flow];
   if (NU == 0 || input < 0) return 1.0;
-  const dl2c_range range = {false, 0.0, 1.0};
   if (!trial->given[input]) {
+    static const dl2c_pieces all = {1, {0.0}, {1.0}};
+    const bool squash = request->map == DL2C_MAP_SQUASH;
+    const real wanted = request->inputs[input];
+    int piece = 0;
     trial->given[input] = true;
-    trial->value[input] =
-        dl2c_resolve(request->map, range, request->inputs[input], &trial->executed[input]);
+    trial->value[input] = dl2c_nearest(&all, squash ? 0.5 * (wanted + 1.0) : wanted, &piece);
+    trial->executed[input] =
+        squash ? dl2c_squashed(&all, trial->value[input], piece) : trial->value[input];
   }
   return trial->value[input];
 }
@@ -84,7 +88,7 @@ static inline void dl2c_evolve(const dl2c_request *request, dl2c_trial *trial, i
  * Which paths are open where a run stands. Decisions and inputs that it met keep their outcome.
  *   enabled: (paths of the point)
  */
-static inline void dl2c_open(const dl2c_trial *trial, const real *p, uint8_t *enabled)
+static inline void dl2c_open(dl2c_trial *trial, const real *p, uint8_t *enabled)
 {
   const int first = POINT_START[trial->point];
   model_guards(trial->point, trial->x, p, 1, 1, enabled);
@@ -94,11 +98,8 @@ static inline void dl2c_open(const dl2c_trial *trial, const real *p, uint8_t *en
       const int met = PATHS[k].met[j];
       open = trial->taken[met] < 0 || trial->taken[met] == DECISIONS[k][met];
     }
-    for (int j = 0; NU > 0 && j < PATHS[k].ninput && open; j++) {
-      const int input = PATHS[k].inputs[j];
-      open = trial->given[input] ? model_admits(k, input, trial->x, p, trial->value[input])
-                                 : !dl2c_admissible(k, input, trial->x, p).empty;
-    }
+    const dl2c_search search = {k, trial->x, p, trial->given, trial->value};
+    if (NU > 0 && open) open = dl2c_all_have_values(&search);
     enabled[k - first] = open;
   }
 }
@@ -154,19 +155,16 @@ static inline int dl2c_preferred(const dl2c_request *request, const dl2c_trial *
   return best;
 }
 
-/* The value of an input that a run meets for the first time. */
-static inline void dl2c_give(const dl2c_request *request, dl2c_trial *trial, int path, int input)
+/* The value of an input that a run meets for the first time, at a place of the path. */
+static inline void dl2c_give(const dl2c_request *request, dl2c_trial *trial, int path, int place)
 {
-  const dl2c_range range = dl2c_admissible(path, input, trial->x, request->p);
+  const int input = PATHS[path].inputs[place].input;
+  const bool own = (int)NU == (int)NINPUT || (NINPUT > 0 && input < NINPUT);
+  const dl2c_search search = {path, trial->x, request->p, trial->given, trial->value};
+  const real value = own ? dl2c_requested(&search, place, request->map, request->inputs[input],
+                                          &trial->executed[input])
+                         : dl2c_drawn(&search, place, request->draws[INPUT_DRAW[input]]);
   trial->given[input] = true;
-  if ((int)NU == (int)NINPUT || (NINPUT > 0 && input < NINPUT)) {
-    trial->value[input] =
-        dl2c_resolve(request->map, range, request->inputs[input], &trial->executed[input]);
-    return;
-  }
-  real value = range.low + (range.high - range.low) * request->draws[INPUT_DRAW[input]];
-  if (!(value >= range.low)) value = range.low;
-  if (value > range.high) value = range.high;
   trial->value[input] = value;
 }
 
@@ -181,7 +179,7 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
   for (int j = 0; j < taken->nmet; j++)
     trial->taken[taken->met[j]] = DECISIONS[path][taken->met[j]];
   for (int j = 0; NU > 0 && j < taken->ninput; j++)
-    if (!trial->given[taken->inputs[j]]) dl2c_give(request, trial, path, taken->inputs[j]);
+    if (!trial->given[taken->inputs[j].input]) dl2c_give(request, trial, path, j);
   real y[NX];
   memcpy(y, trial->x, sizeof y);
   if (!model_update(path, trial->x, request->p, trial->value, y) || !dl2c_all_finite(y, NX))

@@ -18,12 +18,17 @@ from scipy.integrate import (
 )
 
 from dl2c.bench.python_source import NAMESPACE, formula_source, margin_source, term_source
+from dl2c.ir.admission import Admission
+from dl2c.ir.inputs import roots
 from dl2c.ir.logic import conjuncts, symbols
 from dl2c.ir.model import Compare, Flow, Formula, Model, Predicate, Symbol, Term, Trigger
-from dl2c.paths.path import END, Admission, Path, Paths
+from dl2c.paths.path import END, Input, Path, Paths
 
 RTOL = 1e-6
 """Relative tolerance of `solve_ivp`."""
+
+NUDGE = 1e-12
+"""How far beside a root its neighbours are, relatively."""
 
 Row: TypeAlias = tuple[float, ...]
 """A state in the order of `Model.variables`, or constants in that of `Model.constants`."""
@@ -76,24 +81,49 @@ def _path(model: Model, paths: Paths, k: int) -> str:
     """`path_<k>`: the state after tests, inputs and assignments of a path, None where it is not enabled."""
     path = paths.paths[k]
     lines = [f"if not {formula_source(path.guard)}: return None"]
+    margin = ""
     for admission in path.admissions:
-        lines += _input(paths, admission)
+        given = paths.inputs[admission.input]
+        own = (
+            _interval(given, admission, "continue" if margin else "return None")
+            if admission.is_interval
+            else _union(given, admission)
+        )
+        lines += [margin + line for line in own]
+        margin += "" if admission.is_interval else "    "
     updates = {name: term_source(term) for name, term in path.updates}
-    lines.append(f"return {_row(updates.get(v.name, f'X_{v.name}') for v in model.variables)}")
+    lines.append(f"{margin}return {_row(updates.get(v.name, f'X_{v.name}') for v in model.variables)}")
     return _function(model, f"path_{k}", lines)
 
 
-def _input(paths: Paths, admission: Admission) -> Iterator[str]:
-    """The admissible value of an input that is nearest to zero."""
-    given = paths.inputs[admission.input]
+def _interval(given: Input, admission: Admission, otherwise: str) -> Iterator[str]:
+    """The admissible value of an input that is nearest to zero, `otherwise` where there is none."""
     yield f"low, high = {float(given.low)!r}, {float(given.high)!r}"
     for limit in admission.limits:
         yield f"offset, slope = {term_source(limit.offset)}, {term_source(limit.slope)}"
         yield "if slope > 0.0: low = max(low, -offset / slope)"
         yield "elif slope < 0.0: high = min(high, -offset / slope)"
-        yield "elif not offset >= 0.0: return None"
-    yield "if not low <= high: return None"
+        yield f"elif not offset >= 0.0: {otherwise}"
+    yield f"if not low <= high: {otherwise}"
     yield f"U_{given.key} = min(max(0.0, low), high)"
+
+
+def _union(given: Input, admission: Admission) -> Iterator[str]:
+    """A loop over the values of an input that pass, nearest to zero first; what follows is its body."""
+    criticals = ", ".join(_row(map(term_source, c)) for c in admission.criticals)
+    yield f"for U_{given.key} in candidates({float(given.low)!r}, {float(given.high)!r}, [{criticals}]):"
+    for s in admission.solved:
+        coefficients = _row(map(term_source, s.polynomial))
+        yield f"    U_{s.symbol.name} = {term_source(s.input)} in roots({coefficients}, False)"
+    yield f"    if not {formula_source(admission.condition)}: continue"
+
+
+def candidates(low: float, high: float, polynomials: Sequence[Sequence[float]]) -> list[float]:
+    """Values among which is the nearest to zero that passes, up to rounding, in the order of their size."""
+    found = [0.0, low, high]
+    for root in (r for c in polynomials for r in roots(c, False)):
+        found += [float(root) + sign * NUDGE * (1.0 + abs(float(root))) for sign in (-1.0, 0.0, 1.0)]
+    return sorted((u for u in found if low <= u <= high), key=abs)
 
 
 def _flow(model: Model, k: int, flow: Flow) -> str:
@@ -196,6 +226,7 @@ class Baseline:
         self, model: Model, paths: Paths, observed: Sequence[str], starts: Sequence[Start], max_steps: int
     ) -> None:
         names: dict[str, Any] = NAMESPACE | {"solve_ivp": solve_ivp, "array": np.array, "float32": np.float32}
+        names |= {"candidates": candidates, "roots": roots}
         exec(compile(baseline_source(model, paths, observed), "<baseline>", "exec"), names)
         self._points = [
             [(names[f"path_{k}"], paths.paths[k].flow, paths.paths[k].target) for k in _preferred(paths, i)]

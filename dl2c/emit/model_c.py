@@ -7,6 +7,7 @@ of initial states; tables; the runtime, compiled with the model as one unit.
 
 from dl2c.emit.flow_c import flow_functions
 from dl2c.emit.hull_c import calm_function
+from dl2c.emit.inputs_c import input_functions
 from dl2c.emit.judge_c import judge_functions
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.model_h import model_h, title_of
@@ -43,6 +44,7 @@ def model_c(environment: Environment) -> str:
         *rate_functions(environment, leaves),
         *_track_functions(environment, leaves),
         *path_functions(environment, leaves),
+        *input_functions(environment, leaves),
         *judge_functions(environment, leaves),
         *sampler_functions(environment, leaves),
     ]
@@ -85,6 +87,7 @@ def _symbols(environment: Environment) -> list[Symbol]:
         *(Symbol(v.name, "variable") for v in model.variables),
         *(Symbol(c.name, "constant") for c in model.constants),
         *(i.symbol for i in environment.paths.inputs),
+        *dict.fromkeys(s.symbol for p in environment.paths.paths for a in p.admissions for s in a.solved),
     ]
 
 

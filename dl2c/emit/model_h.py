@@ -5,6 +5,7 @@ from collections import Counter
 
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import comment, enumeration
+from dl2c.emit.inputs_c import critical_count
 from dl2c.emit.judge_c import fact_names, observed
 from dl2c.emit.names import file_stem, index
 from dl2c.emit.paths_c import steps_in_lanes
@@ -65,9 +66,11 @@ def _sizes(environment: Environment) -> str:
         "NMARGIN": max(1, margin_count(environment)),
         "NDEGREE": max(1, margin_degree(environment)),
         "NWATCH": len(watches_of(model)),
+        "NCRITICAL": critical_count(environment),
         "DL2C_LOOPS": int(model.loops),
         "DL2C_STEPS_IN_LANES": int(steps_in_lanes(environment)),
         "DL2C_LOOKS_AHEAD": int(paths.looks_ahead),
+        "DL2C_JOINT_INPUTS": int(any(a.following is not None for p in paths.paths for a in p.admissions)),
         "DL2C_MAX_LOOP": model.max_loop,
         "DL2C_POINT_LEAD": paths.lead or 0,
         "DL2C_POINT_PREFIX": paths.prefix or 0,

@@ -25,8 +25,18 @@ C_WORDS = frozenset(
         *("BUFSIZ", "DBL_MAX", "EOF", "I", "INFINITY", "NAN", "NULL", "errno", "linux", "stderr", "stdin"),
         *("stdout", "unix"),
         *("NBOX", "NCHOICE", "NFACT", "NFLOW", "NFREE", "NMASK", "NOBS", "NP", "NPATH", "NPOINT", "NPRED"),
-        *("NDECISION", "NDEGREE", "NDRAW", "NENVCHOICE", "NENVINPUT", "NINPUT", "NMARGIN", "NROOT"),
-        *("NSTEPDRAW", "NU", "NWATCH", "NX", "p", "real", "u", "x", "y"),
+        *(
+            "NCRITICAL",
+            "NDECISION",
+            "NDEGREE",
+            "NDRAW",
+            "NENVCHOICE",
+            "NENVINPUT",
+            "NINPUT",
+            "NMARGIN",
+            "NROOT",
+        ),
+        *("NCRITICAL", "NSTEPDRAW", "NU", "NWATCH", "NX", "p", "real", "u", "x", "y"),
     ]
 )
 """Words that C, its library or the runtime already use."""
@@ -63,7 +73,18 @@ def after(symbol: Symbol) -> str:
 
 RUNTIME_FILES = frozenset(
     [
-        *("actions", "ahead", "batch", "block", "curve", "dense", "dl2c", "events", "flow_cvodes"),
+        *(
+            "actions",
+            "admissible",
+            "ahead",
+            "batch",
+            "block",
+            "curve",
+            "dense",
+            "dl2c",
+            "events",
+            "flow_cvodes",
+        ),
         *("flow_exact", "hull", "judge", "lanes", "linear", "model", "move", "numbers", "numeric"),
         *("pieces", "rng", "roots", "sampler", "state", "step", "stretch", "sundials"),
         *("sundials_system", "sundials_wheel", "travel"),

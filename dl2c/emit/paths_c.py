@@ -1,17 +1,17 @@
 """The discrete part in C: guards, inputs and assignments of every path.
 
-Sections, in order: leaf functions (through `Leaves`), `model_guards`, `model_limits`,
-`model_admits`, `model_update`, and the tables DECISIONS, MASK_START, PATHS, POINT_START,
-INPUT_LOW, INPUT_HIGH, CHOICE_DRAW, INPUT_DRAW, FLOW_DRAW.
+Sections, in order: leaf functions (through `Leaves`), `model_guards`, `model_update`, `model_assign`,
+and the tables DECISIONS, MASK_START, PATHS, POINT_START, INPUT_LOW, INPUT_HIGH, CHOICE_DRAW,
+INPUT_DRAW, FLOW_DRAW.
 """
 
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import FLAGS, LANES, each_flag, function, place, row, table, wrapped
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.names import index, lane, slot
+from dl2c.emit.names import index, lane
 from dl2c.emit.plan import Environment
-from dl2c.ir.inputs import rounded_down, rounded_up
-from dl2c.ir.model import TRUE, Symbol
+from dl2c.ir.doubles import rounded_down, rounded_up
+from dl2c.ir.model import Symbol
 from dl2c.ir.printer import print_formula, print_term
 from dl2c.paths.path import Path
 
@@ -19,11 +19,9 @@ STATE = "const real *x, const real *p"
 
 
 def path_functions(environment: Environment, leaves: Leaves) -> list[str]:
-    """The four functions that the runtime asks about paths."""
+    """What the runtime asks about paths, but for the values of inputs."""
     return [
         _guards(environment, leaves),
-        _limits(environment, leaves),
-        _admits(environment, leaves),
         _update(environment, leaves),
         _assign(environment, leaves),
     ]
@@ -43,49 +41,6 @@ def _guards(environment: Environment, leaves: Leaves) -> str:
         f"DL2C_INLINE void model_guards(int point, {LANES}, uint8_t *restrict enabled)",
         [FLAGS, *body],
         "Which paths of a point pass the tests that no input decides.   enabled: (paths, stride)",
-    )
-
-
-def _limits(environment: Environment, leaves: Leaves) -> str:
-    body: list[str] = []
-    for k, path in enumerate(environment.paths.paths):
-        for admission in path.admissions:
-            if not admission.limits:
-                continue
-            body.append(f"if (path == {k} && input == {admission.input}) {{")
-            for j, limit in enumerate(admission.limits):
-                stem = f"path{k}_limit{admission.input}_{j}"
-                name = environment.paths.inputs[admission.input].variable
-                offset = leaves.term(
-                    f"{stem}_offset", limit.offset, f"{print_term(limit.offset)} + ... * {name}"
-                )
-                slope = leaves.term(
-                    f"{stem}_slope", limit.slope, f"... + ({print_term(limit.slope)}) * {name}"
-                )
-                body.append(f"  dl2c_limit({offset}, {slope}, low, high);")
-            body.append("}")
-    return function(
-        f"static inline void model_limits(int path, int input, {STATE}, real *low, real *high)",
-        body,
-        "Narrows the values of an input to those its tests leave, up to rounding.",
-    )
-
-
-def _admits(environment: Environment, leaves: Leaves) -> str:
-    body: list[str] = []
-    for k, path in enumerate(environment.paths.paths):
-        for admission in path.admissions:
-            if admission.tests == TRUE:
-                continue
-            about = f"{place(path.span)}  {print_formula(admission.tests)}"
-            call = leaves.condition(f"path{k}_admits{admission.input}", admission.tests, about)
-            symbol = environment.paths.inputs[admission.input].symbol
-            call = call.replace(slot(symbol), "value")
-            body.append(f"if (path == {k} && input == {admission.input}) return {call};")
-    return function(
-        f"static inline bool model_admits(int path, int input, {STATE}, real value)",
-        [*body, "return true;"],
-        "Whether a value of an input passes the tests that it decides.",
     )
 
 
@@ -219,11 +174,17 @@ def _draws(environment: Environment) -> list[str]:
 
 def _lists(k: int, path: Path) -> str:
     """The decisions and inputs a path meets."""
-    inputs = [a.input for a in path.admissions]
+    followers = [a.following for a in path.admissions]
+    inputs = [
+        row(
+            (a.input, int(a.is_interval), -1 if a.following is None else a.following, int(j not in followers))
+        )
+        for j, a in enumerate(path.admissions)
+    ]
     return (
         f"static const int16_t PATH{k}_MET[] = {row(path.met)};\n"
         f"static const int16_t PATH{k}_MARKED[] = {row([*map(int, path.marks), 0])};\n"
-        f"static const int16_t PATH{k}_INPUTS[] = {row(inputs)};\n"
+        f"static const dl2c_input PATH{k}_INPUTS[] = {row(inputs or ['{0}'])};\n"
     )
 
 

@@ -1,228 +1,307 @@
 """Admissible values of `x := *` under the tests that follow (semantics 3), for the interpreter.
 
-Works on a straight line of statements by trying values: a test that depends on one input
-is linear in it, so two exact evaluations give its root. In doubles the range then extends
-to the outermost values that pass the tests as they are evaluated, whatever the root was
-rounded to; the compiled code finds the same ends.
+Comes in: the admissions of a straight line (`admission.py`), the state where it begins and the
+values of inputs met before. Goes out: whether every input has a value that passes, and the value
+that a request or a random number leads to. In doubles a piece of admissible values extends to the
+outermost ones that pass the tests as they are evaluated, whatever its root was rounded to: the same
+operations in the same order as cgen/runtime/admissible.h and actions.h. Rationals are exact, but for
+square roots.
 """
 
-import math
-import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
+from math import nan, sqrt
+from typing import TypeAlias
 
-from dl2c.ir.evaluate import Undefined, Value, evaluate, truth
-from dl2c.ir.logic import conjuncts, symbols
-from dl2c.ir.model import Assign, AssignAny, Compare, Evolve, Formula, Symbol, Term, Test
+from dl2c.ir.admission import Solved
+from dl2c.ir.doubles import (
+    bisected,
+    bracket,
+    edge,
+    from_ordinal,
+    ordinal,
+    outermost,
+    rounded_down,
+    rounded_up,
+)
+from dl2c.ir.evaluate import Undefined, Value, evaluate, square_root, truth
+from dl2c.ir.model import Symbol
+from dl2c.ir.polynomial import Coefficients
+from dl2c.ir.straight import Plan
 
+NEARBY = 8
+"""Where nothing around a root passes, values up to 4^(NEARBY - 1) doubles away from it are tried."""
 
-@dataclass(frozen=True, slots=True)
-class Range:
-    """A non-empty closed interval of values that pass."""
+TOUCH = 2.0**-48
+"""A discriminant counts as zero if it is no more below zero than this, relative to its first term."""
 
-    low: Value
-    high: Value
-
-    def nearest(self, value: Value) -> Value:
-        """The admissible value closest to the given one; the low end for a NaN."""
-        if not value >= self.low:
-            return self.low
-        return min(value, self.high)
-
-
-Line = Sequence[Assign | AssignAny | Test | Evolve]
-State = Mapping[Symbol, Value | None]
-
-
-def admissible(
-    line: Line, env: State, limits: Mapping[str, tuple[Fraction, Fraction]], exact: bool
-) -> dict[str, Range] | None:
-    """The range of every input on the line; None where a test cannot be passed."""
-    keys = [s.key for s in line if isinstance(s, AssignAny)]
-    if not _passes(line, env, None, Fraction(0), exact):
-        return None
-    ranges: dict[str, Range] = {}
-    for key in keys:
-        found = _range(line, env, key, limits[key], exact)
-        if found is None:
-            return None
-        ranges[key] = found
-    return ranges
+Piece: TypeAlias = tuple[Value, Value]
+"""The ends of a closed interval of values that pass."""
 
 
-def _range(line: Line, env: State, key: str, limits: tuple[Fraction, Fraction], exact: bool) -> Range | None:
-    low, high = limits
-    for atom, before in _tests(line, env, key):
-        root = _root(atom, before)
-        low = low if root[0] is None else min(max(low, root[0]), limits[1])
-        high = high if root[1] is None else max(min(high, root[1]), limits[0])
-    if exact:
-        nudge = (high - low) / 2**60
-        low, high = low + nudge, high - nudge
-        passing = low <= high and _passes(line, env, key, low, True) and _passes(line, env, key, high, True)
-        return Range(low, high) if passing else None
-    box = rounded_up(limits[0]), rounded_down(limits[1])
-
-    def test(value: float) -> bool:
-        return _passes(line, env, key, value, False)
-
-    bottom = outermost(test, float(low), box, -1)
-    top = outermost(test, float(high), box, 1)
-    return None if bottom is None or top is None else Range(bottom, top)
-
-
-def outermost(
-    test: Callable[[float], bool], start: float, box: tuple[float, float], direction: int
-) -> float | None:
-    """The passing double furthest in `direction` (-1 down, 1 up), searched from `start` inside the box.
-
-    Where the start does not pass, a passing value is looked for on its inner side, then on its
-    outer side. Steps of 1, 2, 4, ... units in the last place bracket the end of the passing
-    values, then bisection finds it. None if no tried value passes.
+@dataclass(slots=True)
+class Inputs:
+    """The inputs of a straight line in a state. `env` holds the state, and values of inputs so far:
+    those in `met` are given, others are tried.
     """
-    limits = ordinal(box[0]), ordinal(box[1])
-    here = min(max(ordinal(start), limits[0]), limits[1])
-    if not test(from_ordinal(here)):
-        failing, passing = _bracket(test, here, limits, -direction, True)
-        if passing is not None:
-            return _bisected(test, passing, failing)
-        _, passing = _bracket(test, here, limits, direction, True)
-        if passing is None:
+
+    plan: Plan
+    met: frozenset[Symbol]
+    env: dict[Symbol, Value | None]
+    exact: bool
+
+    def open(self) -> bool:
+        """Whether every test can be passed."""
+        later = {a.following for a in self.plan.admissions}
+        return all(self._any(k) for k in range(len(self.plan.admissions)) if k not in later)
+
+    def nearest(self, key: str, wanted: Value) -> Value:
+        """Gives an input the admissible value nearest to the one wanted, the lowest for a NaN."""
+        place = self._place(key)
+        low, high = self._box(place)
+        if low <= wanted <= high and self._passes(place, wanted):
+            return wanted
+        return self._settled(place, *nearest(self._pieces(place), wanted))
+
+    def spread(self, key: str, part: Value) -> Value:
+        """Gives an input the value so far along the admissible ones, from 0 to 1."""
+        place = self._place(key)
+        return self._settled(place, *spread(self._pieces(place), part))
+
+    def _place(self, key: str) -> int:
+        return next(k for k, u in enumerate(self.plan.unknowns) if u.symbol.name == key)
+
+    def _box(self, place: int) -> Piece:
+        given = self.plan.unknowns[place]
+        return (given.low, given.high) if self.exact else (rounded_up(given.low), rounded_down(given.high))
+
+    # One value ------------------------------------------------------------------
+
+    def _passes(self, place: int, value: Value) -> bool:
+        """Whether the tests hold, and the inputs that share tests still have a value."""
+        admission = self.plan.admissions[place]
+        self.env[self.plan.unknowns[place].symbol] = value
+        for solved in admission.solved:
+            self.env[solved.symbol] = Fraction(1 if self._solves(solved) else 0)
+        if not truth(admission.condition, self.env, self.exact):
+            return False
+        return admission.following is None or self._any(admission.following)
+
+    def _any(self, place: int) -> bool:
+        """Whether some value passes; of an input that was met, its own."""
+        symbol = self.plan.unknowns[place].symbol
+        if symbol in self.met:
+            value = self.env[symbol]
+            return value is not None and self._passes(place, value)
+        return bool(self._pieces(place))
+
+    def _settled(self, place: int, piece: Piece, value: Value) -> Value:
+        """The value, or where rounding makes it fail the next one towards the nearer end of its piece."""
+        if self._passes(place, value) or self.exact:
+            return value
+        low, high = piece
+
+        def test(tried: float) -> bool:
+            return self._passes(place, tried)
+
+        end = low if value - low < high - value else high
+        failing, passing = bracket(test, ordinal(float(value)), ordinal(float(end)), True)
+        assert passing is not None, "the ends of a piece pass"
+        settled = from_ordinal(bisected(test, passing, failing))
+        self.env[self.plan.unknowns[place].symbol] = settled
+        return settled
+
+    # Roots ----------------------------------------------------------------------
+
+    def _coefficients(self, polynomial: Coefficients) -> list[Value] | None:
+        try:
+            return [evaluate(c, self.env, self.exact) for c in polynomial]
+        except Undefined:
             return None
-        here = passing
-    last, failing_end = _bracket(test, here, limits, direction, False)
-    return from_ordinal(last) if failing_end is None else _bisected(test, last, failing_end)
+
+    def _solves(self, solved: Solved) -> bool:
+        """Whether the input is a root as computed; every value is one where all coefficients are zero."""
+        c = self._coefficients(solved.polynomial)
+        value = self.env[solved.input]
+        if c is None or value is None:
+            return False
+        if all(x == 0 for x in c):
+            return True
+        return not misses(c, self.exact) and value in roots(c, self.exact)
+
+    # Pieces ---------------------------------------------------------------------
+
+    def _pieces(self, place: int) -> list[Piece]:
+        """All values that pass, in order."""
+        if self.plan.admissions[place].is_interval and not self.exact:
+            return self._interval(place)
+        pins = self._pins(place)
+        if pins is not None:
+            return [(root, root) for root in pins if self._passes(place, root)]
+        tried = self._probes(place)
+        passing = [self._passes(place, at) for at, _ in tried]
+        for k, (_, critical) in enumerate(tried):
+            if critical and 0 < k < len(tried) - 1 and not any(passing[k - 1 : k + 2]):
+                found = None if self.exact else self._nearby(place, tried, k)
+                if found is not None:
+                    tried[k], passing[k] = (found, True), True
+        pieces: list[Piece] = []
+        k = 0
+        while k < len(tried):
+            first = k
+            while k < len(tried) and passing[k]:
+                k += 1
+            if k > first:
+                low = tried[0][0] if first == 0 else self._end(place, tried[first], tried[first - 1])
+                high = tried[-1][0] if k == len(tried) else self._end(place, tried[k - 1], tried[k])
+                pieces.append((low, high))
+            k += 1
+        return pieces
+
+    def _pins(self, place: int) -> list[Value] | None:
+        """The only values that an equality leaves, in order; None where there is none, or it is void."""
+        pin = self.plan.admissions[place].pin
+        c = None if pin is None else self._coefficients(pin)
+        if c is None or all(x == 0 for x in c):
+            return None
+        low, high = self._box(place)
+        return sorted({r for r in roots(c, self.exact) if low <= r <= high})
+
+    def _interval(self, place: int) -> list[Piece]:
+        """Between limits that are linear in the input."""
+        box = low, high = self._box(place)
+        for limit in self.plan.admissions[place].limits:
+            c = self._coefficients((limit.offset, limit.slope))
+            if c is None or c[1] == 0:
+                continue
+            root = -c[0] / c[1]
+            if c[1] > 0 and root > low:
+                low = root
+            if c[1] < 0 and root < high:
+                high = root
+
+        def test(tried: float) -> bool:
+            return self._passes(place, tried)
+
+        least, most = float(box[0]), float(box[1])
+        first, last = min(float(low), most), max(float(high), least)
+        middle = first + (last - first) / 2
+        bottom = outermost(test, first, middle, most, least)
+        if bottom is None:
+            return []
+        top = outermost(test, max(last, bottom), middle, bottom, most)
+        assert top is not None, "the bottom passes"
+        return [(bottom, top)]
+
+    def _probes(self, place: int) -> list[tuple[Value, bool]]:
+        """Values to try, in order: the ends of the Box and the roots inside, which are critical, and one
+        value between each two of them.
+        """
+        low, high = self._box(place)
+        found = {low, high}
+        admission = self.plan.admissions[place]
+        for polynomial in (*admission.criticals, *((m.offset, m.slope) for m in admission.limits)):
+            c = self._coefficients(polynomial)
+            found.update(r for r in roots(c or [], self.exact) if low < r < high)
+        critical = sorted(found)
+        tried: list[tuple[Value, bool]] = [(critical[0], True)]
+        for a, b in pairwise(critical):
+            middle = a + (b - a) / 2
+            tried += [(middle, False)] if a < middle < b else []
+            tried.append((b, True))
+        return tried
+
+    def _nearby(self, place: int, tried: Sequence[tuple[Value, bool]], k: int) -> float | None:
+        """A value next to a root that passes, where none of its neighbours among those tried does."""
+        below, here, above = (ordinal(float(at)) for at, _ in tried[k - 1 : k + 2])
+        for step in (4**n for n in range(NEARBY)):
+            for number in (here - step, here + step):
+                if below < number < above and self._passes(place, from_ordinal(number)):
+                    return from_ordinal(number)
+        return None
+
+    def _end(self, place: int, inside: tuple[Value, bool], outside: tuple[Value, bool]) -> Value:
+        """The outermost passing value between a passing and a failing one, near the critical of the two."""
+        if self.exact:
+            return self._exact_end(place, inside, outside)
+
+        def test(tried: float) -> bool:
+            return self._passes(place, tried)
+
+        passing, failing = ordinal(float(inside[0])), ordinal(float(outside[0]))
+        if inside[1]:
+            return from_ordinal(edge(test, passing, failing))
+        last, there = bracket(test, failing, passing, True)
+        assert there is not None
+        return from_ordinal(bisected(test, there, last))
+
+    def _exact_end(self, place: int, inside: tuple[Value, bool], outside: tuple[Value, bool]) -> Value:
+        """A root that passes, or a value near one that does not."""
+        if inside[1]:
+            return inside[0]
+        distance = (inside[0] - outside[0]) / 2**60
+        while not self._passes(place, outside[0] + distance):
+            distance *= 2
+        return outside[0] + distance
 
 
-def _bracket(
-    test: Callable[[float], bool], here: int, limits: tuple[int, int], direction: int, wanted: bool
-) -> tuple[int, int | None]:
-    """The last value tried before the test becomes `wanted`, and the first one where it is."""
-    step = 1
-    while True:
-        there = min(max(here + direction * step, limits[0]), limits[1])
-        if there == here:
-            return here, None
-        if test(from_ordinal(there)) == wanted:
-            return here, there
-        here = there
-        step *= 2
+def roots(c: Sequence[Value], exact: bool) -> list[Value]:
+    """Where c0 + c1*u + c2*u^2 is zero; where it is nearest to zero if that is nowhere."""
+    c0, c1, c2 = (*c, *[Fraction(0)] * 3)[:3] if exact else (*map(float, c), 0.0, 0.0, 0.0)[:3]
+    if c2 == 0:
+        return [] if c1 == 0 else [-c0 / c1]
+    inner = c1 * c1 - 4 * c2 * c0
+    if not inner > 0:
+        return [_ratio(-c1, 2 * c2)]
+    root = square_root(inner) if exact else sqrt(inner)
+    sum_ = c1 - root if c1 < 0 else c1 + root
+    return [_ratio(-sum_, 2 * c2), _ratio(-2 * c0, sum_)]
 
 
-def _bisected(test: Callable[[float], bool], inside: int, outside: int) -> float:
-    """The passing value next to a failing one, between one of each."""
-    while abs(inside - outside) > 1:
-        distance = abs(inside - outside) // 2
-        middle = outside + (distance if inside > outside else -distance)
-        if test(from_ordinal(middle)):
-            inside = middle
-        else:
-            outside = middle
-    return from_ordinal(inside)
+def misses(c: Sequence[Value], exact: bool) -> bool:
+    """Whether a square has no root, not even one that rounding may have taken from it."""
+    if len(c) < 3 or c[2] == 0:
+        return False
+    square = c[1] * c[1]
+    return square - 4 * c[2] * c[0] < -square * (0 if exact else TOUCH)
 
 
-def ordinal(value: float) -> int:
-    """Doubles numbered in order: neighbours differ by one, both zeros are 0."""
-    (bits,) = struct.unpack("<q", struct.pack("<d", value))
-    return bits if bits >= 0 else -(bits & (2**63 - 1))
+def _ratio(a: Value, b: Value) -> Value:
+    return a / b if b != 0 else nan
 
 
-def from_ordinal(number: int) -> float:
-    (value,) = struct.unpack("<d", struct.pack("<q", abs(number)))
-    return math.copysign(value, number)
+def nearest(pieces: Sequence[Piece], wanted: Value) -> tuple[Piece, Value]:
+    """The value nearest to the one wanted, and its piece; the lower one of two, the lowest for a NaN."""
+    last = pieces[0]
+    if not wanted >= last[0]:
+        return last, last[0]
+    for piece in pieces:
+        low, high = piece
+        if wanted < low:
+            return (last, last[1]) if wanted - last[1] <= low - wanted else (piece, low)
+        if wanted <= high:
+            return piece, wanted
+        last = piece
+    return last, last[1]
 
 
-def rounded_up(value: Fraction) -> float:
-    """The least double that is not smaller."""
-    near = float(value)
-    return near if Fraction(near) >= value else math.nextafter(near, math.inf)
-
-
-def rounded_down(value: Fraction) -> float:
-    return -rounded_up(-value)
-
-
-def _passes(line: Line, env: State, key: str | None, value: Value, exact: bool) -> bool:
-    """Whether the tests that depend on input `key` alone (on no input for None) hold for a value of it."""
-    moved: dict[Symbol, Value | None] = dict(env)
-    depends: dict[Symbol, frozenset[str]] = {}
-    for statement in line:
-        match statement:
-            case Assign(name, term):
-                symbol = Symbol(name, "variable")
-                depends[symbol] = _dependence(term, depends)
-                try:
-                    moved[symbol] = evaluate(term, moved, exact)
-                except Undefined:
-                    moved[symbol] = None
-            case AssignAny(name, other):
-                symbol = Symbol(name, "variable")
-                depends[symbol] = frozenset({other})
-                moved[symbol] = value if other == key else None
-            case Test(formula):
-                wanted = frozenset({key}) if key else frozenset[str]()
-                for part in conjuncts(formula):
-                    if _dependence(part, depends) == wanted and not truth(part, moved, exact):
-                        return False
-            case Evolve():
-                raise AssertionError("the line ends before its flow")
-    return True
-
-
-def _dependence(part: Term | Formula, depends: Mapping[Symbol, frozenset[str]]) -> frozenset[str]:
-    """The inputs that decide the value of a term or formula."""
-    return frozenset[str]().union(*(depends.get(s, frozenset()) for s in symbols(part)))
-
-
-def _tests(line: Line, env: State, key: str) -> list[tuple[Compare, Callable[[Fraction], Fraction]]]:
-    """The atoms that depend on the input alone, each with its exact margin as a function of the value."""
-
-    def margin_of(atom: Compare, stop: int) -> Callable[[Fraction], Fraction]:
-        def margin(value: Fraction) -> Fraction:
-            moved: dict[Symbol, Value | None] = {
-                s: None if v is None else Fraction(v) for s, v in env.items()
-            }
-            for statement in line[:stop]:
-                if isinstance(statement, Assign):
-                    try:
-                        moved[Symbol(statement.variable, "variable")] = evaluate(statement.term, moved, True)
-                    except Undefined:
-                        moved[Symbol(statement.variable, "variable")] = None
-                elif isinstance(statement, AssignAny):
-                    moved[Symbol(statement.variable, "variable")] = value if statement.key == key else None
-            return Fraction(evaluate(atom.left, moved, True) - evaluate(atom.right, moved, True))
-
-        return margin
-
-    found: list[tuple[Compare, Callable[[Fraction], Fraction]]] = []
-    depends: dict[Symbol, frozenset[str]] = {}
-    for k, statement in enumerate(line):
-        if isinstance(statement, Assign):
-            depends[Symbol(statement.variable, "variable")] = _dependence(statement.term, depends)
-        elif isinstance(statement, AssignAny):
-            depends[Symbol(statement.variable, "variable")] = frozenset({statement.key})
-        elif isinstance(statement, Test):
-            for part in conjuncts(statement.formula):
-                if _dependence(part, depends) == frozenset({key}):
-                    found.append((_atom(part), margin_of(_atom(part), k)))
-    return found
-
-
-def _atom(part: Formula) -> Compare:
-    assert isinstance(part, Compare), "path enumeration refuses other tests of inputs"
-    return part
-
-
-def _root(atom: Compare, margin: Callable[[Fraction], Fraction]) -> tuple[Fraction | None, Fraction | None]:
-    """Lower and upper limit that an atom sets; none where it does not depend on the value after all."""
-    try:
-        at0, at1 = margin(Fraction(0)), margin(Fraction(1))
-    except Undefined:
-        return None, None
-    slope = at1 - at0
-    if slope == 0:
-        return None, None
-    rising = (slope > 0) == (atom.op in (">", ">="))
-    root = -at0 / slope
-    return (root, None) if rising else (None, root)
+def spread(pieces: Sequence[Piece], part: Value) -> tuple[Piece, Value]:
+    """The value so far along all pieces, from 0 to 1, and its piece. Single values have no length, and
+    are equally likely where there is nothing else.
+    """
+    total = sum((high - low for low, high in pieces), start=part * 0)
+    if not total > 0:
+        piece = pieces[min(int(part * len(pieces)), len(pieces) - 1)]
+        return piece, piece[0]
+    along, last = total * part, pieces[0]
+    for piece in pieces:
+        low, high = piece
+        if not high > low:
+            continue
+        last = piece
+        if along <= high - low:
+            return piece, min(low + along, high)
+        along -= high - low
+    return last, last[1]

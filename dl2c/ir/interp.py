@@ -11,22 +11,19 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TypeAlias, assert_never
 
-from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal, truth
+from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal
 from dl2c.ir.exact import Motion
-from dl2c.ir.inputs import Range, admissible
+from dl2c.ir.inputs import Inputs, nearest
 from dl2c.ir.judge import Happened, judge
 from dl2c.ir.lines import Line, Straight, choices, lines
-from dl2c.ir.model import Assign, AssignAny, Block, Evolve, Model, Number, Symbol, Term, Test
+from dl2c.ir.model import Assign, AssignAny, Block, Evolve, Model, Symbol, Term, Test
+from dl2c.ir.straight import Plan, passable, planned
 from dl2c.ir.transition import Draws, Failure, Openings, Request, Settings, Start, Step, Trial
 from dl2c.ir.watch import watches_of
 
 FlowFunction: TypeAlias = Callable[[int, Environment, bool, Value, Sequence[int]], Motion]
 """Follow flow number k from an environment, in doubles or exactly, for a part (0 to 1) of its
 longest duration, with an eye on the watches given (`follow` with the flow's plan)."""
-
-
-class Blocked(Exception):
-    """A test failed: this is no run."""
 
 
 @dataclass(slots=True)
@@ -38,6 +35,8 @@ class Interpreter:
     flow: FlowFunction
     exact: bool = False
     settings: Settings = field(default_factory=Settings)
+    plans: dict[tuple[Straight, ...], Plan] = field(default_factory=dict[tuple[Straight, ...], Plan])
+    """What was found out about lines."""
 
     def environment(self, state: Mapping[str, Value | None]) -> dict[Symbol, Value | None]:
         env: dict[Symbol, Value | None] = {Symbol(c, "constant"): v for c, v in self.constants.items()}
@@ -102,22 +101,19 @@ class Interpreter:
         """The first run from a cut point to the end, or to a failure, in the order of preference."""
         while True:
             enabled = [
-                (line, r)
+                (line, inputs)
                 for line in lines(block, trial.taken)
-                if (r := self._ranges(line, trial)) is not None
+                if (inputs := self._inputs(line, trial)) is not None
             ]
             width = max((len(line.decisions) for line, _ in enabled), default=0)
             enabled.sort(key=lambda item: self._rank(item[0], trial, request, width))
-            for line, ranges in enabled:
+            for line, inputs in enabled:
                 left = trial.left or any(
                     d.role == "agent" and request.choices[d.key] != d.alternative for d in line.decisions
                 )
                 if left and self.settings.on_blocked != "fallback":
                     return None
-                try:
-                    moved = self._execute(line, ranges, replace(trial, left=left), request)
-                except Blocked:
-                    continue
+                moved = self._execute(line, inputs, replace(trial, left=left), request)
                 if moved.failure or not line.rest:
                     if moved.failure or accepted(moved):
                         return moved
@@ -134,14 +130,15 @@ class Interpreter:
         is not followed beyond a while loop that an input may have decided, nor without end.
         """
         while True:
-            open_lines = [line for line in lines(block, trial.taken) if self._ranges(line, trial) is not None]
-            for line in open_lines:
+            found = [(line, self._inputs(line, trial)) for line in lines(block, trial.taken)]
+            open_lines = [(line, inputs) for line, inputs in found if inputs is not None]
+            for line, inputs in open_lines:
                 new = any(isinstance(s, AssignAny) and s.key not in trial.values for s in line.statements)
                 taken = {**trial.taken, **{d.key: d.alternative for d in line.decisions}}
                 if line.flows or new or not line.rest:
                     yield taken
                     continue
-                moved = self._execute(line, {}, trial, Request())
+                moved = self._execute(line, inputs, trial, Request())
                 if moved.failure:
                     yield taken
                 elif len(open_lines) == 1:
@@ -168,25 +165,24 @@ class Interpreter:
                 left = True
         return [*rank, *[0.0] * (width - len(rank))]
 
-    def _ranges(self, line: Line, trial: Trial) -> dict[str, Range] | None:
-        """The admissible range of each new input up to the first flow; None where the line is not enabled."""
-        return admissible(self._first_part(line, trial), trial.env, self.settings.limits, self.exact)
+    def _inputs(self, line: Line, trial: Trial) -> Inputs | None:
+        """The inputs of a line, whose last statement may be a flow with its domain as a test; None where
+        it is not enabled.
+        """
+        statements = tuple(
+            Test(self.model.flows[s.flow].domain, span=s.span) if isinstance(s, Evolve) else s
+            for s in line.statements
+        )
+        if not passable(statements, trial.env, self.exact):
+            return None
+        if statements not in self.plans:
+            self.plans[statements] = planned(statements, self.settings.limits)
+        met = {Symbol(key, "input"): value for key, value in trial.values.items()}
+        inputs = Inputs(self.plans[statements], frozenset(met), {**trial.env, **met}, self.exact)
+        return inputs if inputs.open() else None
 
-    def _first_part(self, line: Line, trial: Trial) -> tuple[Straight, ...]:
-        """A line with the domain of its flow as a test; inputs that were met before are assignments."""
-        part: list[Straight] = []
-        for statement in line.statements:
-            match statement:
-                case AssignAny(variable, key) if key in trial.values:
-                    part.append(Assign(variable, Number(Fraction(trial.values[key]))))
-                case Evolve(flow):
-                    part.append(Test(self.model.flows[flow].domain, span=statement.span))
-                case _:
-                    part.append(statement)
-        return tuple(part)
-
-    def _execute(self, line: Line, ranges: Mapping[str, Range], trial: Trial, request: Request) -> Trial:
-        """Execute a line. Raises `Blocked`."""
+    def _execute(self, line: Line, inputs: Inputs, trial: Trial, request: Request) -> Trial:
+        """Execute an enabled line: values of its inputs are given so that every test passes."""
         if line.enters and trial.entered == self.model.max_loop:
             return replace(trial, failure="diverged")
         env = dict(trial.env)
@@ -204,14 +200,11 @@ class Interpreter:
                     env[Symbol(variable, "variable")] = self._assigned(term, env)
                 case AssignAny(variable, key):
                     if key not in values:
-                        values[key] = self._value(statement, ranges[key], request)
+                        values[key] = self._value(statement, inputs, request)
                     env[Symbol(variable, "variable")] = values[key]
-                case Test(formula):
-                    if not truth(formula, env, self.exact):
-                        raise Blocked
+                case Test():
+                    pass
                 case Evolve(flow):
-                    if not truth(self.model.flows[flow].domain, env, self.exact):
-                        raise Blocked
                     if not all(in_range(v) for s, v in env.items() if s.kind == "variable"):
                         return so_far("numerical")
                     waiting = [w for w in self._watches if w not in failed | met]
@@ -246,16 +239,16 @@ class Interpreter:
             return one
         key = f"duration_{flow}"
         if key not in values:
-            values[key] = Range(one * 0, one).nearest(request.inputs[key])
+            _, values[key] = nearest([(one * 0, one)], request.inputs[key])
         return values[key]
 
-    def _value(self, statement: AssignAny, allowed: Range, request: Request) -> Value:
+    def _value(self, statement: AssignAny, inputs: Inputs, request: Request) -> Value:
         """The value of an input that is met for the first time."""
+        key = statement.key
         if statement.role == "agent":
-            return allowed.nearest(request.inputs[statement.key])
-        (place,) = request.draws[statement.key]
-        span = allowed.high - allowed.low
-        return allowed.nearest(allowed.low + span * literal(Fraction(place), self.exact))
+            return inputs.nearest(key, request.inputs[key])
+        (part,) = request.draws[key]
+        return inputs.spread(key, literal(Fraction(part), self.exact))
 
     def _assigned(self, term: Term, env: Environment) -> Value | None:
         try:

@@ -86,7 +86,8 @@ def _atom(atom: Compare, moves: Moves, depth: int) -> Formula:
         raise TooManyCases
     found = _kink(atom.left, moves, 1)
     if found is None:
-        margin = Compare(atom.op, _cleared(atom.left, moves), ZERO, span=atom.span)
+        cleared = _above(atom.left, moves) if atom.op in ("=", "!=") else _cleared(atom.left, moves)
+        margin = Compare(atom.op, cleared, ZERO, span=atom.span)
         return conjunction([*_defined(atom.left, moves), margin])
     call, direction = found
     branches = _branches(call)
@@ -144,6 +145,12 @@ def _opposite(direction: int | None) -> int | None:
 
 def _scaled(direction: int | None, positive: bool) -> int | None:
     return direction if positive else _opposite(direction)
+
+
+def _above(term: Term, moves: Moves) -> Term:
+    """A term that is zero where the term is, without divisors that move: n for n/d."""
+    above, _ = fraction(term, moves)
+    return above
 
 
 def _cleared(term: Term, moves: Moves) -> Term:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from dl2c.ir.inputs import from_ordinal, ordinal
+from dl2c.ir.doubles import from_ordinal, ordinal
 
 AT_ONCE = 2.0**-1074
 """Where a margin changes its sign that has the other sign from the start."""

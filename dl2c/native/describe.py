@@ -8,7 +8,7 @@ from typing import Any
 from dl2c.emit.cfile import place
 from dl2c.emit.judge_c import observation_limits, observed
 from dl2c.emit.plan import Environment
-from dl2c.ir.inputs import rounded_down, rounded_up
+from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import Bound, Constant, Role, Variable
 from dl2c.ir.printer import print_flow, print_number
 from dl2c.native.manifest import ChoiceSpec, FlowSpec, InputSpec, Manifest, PredicateSpec, Quantity

@@ -13,7 +13,6 @@ from typing import TypeVar, assert_never, get_args
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.ir.logic import (
-    atoms,
     conjunction,
     conjuncts,
     mapped,
@@ -21,33 +20,28 @@ from dl2c.ir.logic import (
     operands,
     oriented,
     substituted,
-    symbols,
 )
 from dl2c.ir.model import (
     FALSE,
-    ONE,
-    ZERO,
     Assign,
     AssignAny,
     Block,
     Choice,
-    Compare,
     Evolve,
     Formula,
     If,
     Model,
     Repeat,
     Role,
-    Sub,
     Symbol,
     Term,
     Test,
     While,
 )
-from dl2c.ir.polynomial import polynomial
 from dl2c.paths import errors
+from dl2c.paths.admitted import Meeting, admitted, early_inputs
 from dl2c.paths.limits import input_limits
-from dl2c.paths.path import END, Admission, Decision, Input, Limit, Path, Paths, duration_input
+from dl2c.paths.path import END, Decision, Input, Path, Paths, duration_input
 from dl2c.source import NOWHERE, Span
 
 MAX_PATHS = 4096
@@ -110,7 +104,8 @@ def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | Non
     sampled = flows if model.duration == "sample" else ()
     decisions = _by_role({d.key: d for d in _decisions(programs)})
     found: list[Diagnostic] = []
-    paths = tuple(_path(draft, decisions, inputs, found) for draft in drafts)
+    early = early_inputs(dict.fromkeys(Meeting(d.point, d.inputs, d.target) for d in drafts))
+    paths = tuple(_path(draft, decisions, inputs, early, found) for draft in drafts)
     if found:
         raise CompileError(found)
     return Paths(decisions, inputs, len(points), paths, starts.get("lead"), starts.get("prefix"), sampled)
@@ -310,10 +305,15 @@ def _size(term: Term, sizes: dict[Term, int]) -> int:
 
 
 def _path(
-    draft: _Draft, decisions: tuple[Decision, ...], inputs: tuple[Input, ...], found: list[Diagnostic]
+    draft: _Draft,
+    decisions: tuple[Decision, ...],
+    inputs: tuple[Input, ...],
+    early: Mapping[int, frozenset[str]],
+    found: list[Diagnostic],
 ) -> Path:
     """The path of a draft; tests of inputs that cannot be resolved go to `found`."""
-    guard, admissions = _split(draft, inputs, found)
+    before = early.get(draft.point, frozenset[str]())
+    guard, admissions = admitted(draft.tests, draft.inputs, inputs, before, found)
     chosen = {key: alternative for key, alternative, _ in draft.line.decisions}
     index = {d.key: k for k, d in enumerate(decisions)}
     return Path(
@@ -341,53 +341,3 @@ def _target(points: list[Block], rest: Block) -> int:
     if rest not in points:
         points.append(rest)
     return points.index(rest)
-
-
-def _split(
-    draft: _Draft, inputs: tuple[Input, ...], found: list[Diagnostic]
-) -> tuple[Formula, tuple[Admission, ...]]:
-    """Tests that no input decides, and for every input met those that it alone decides."""
-    keys = {i.key: k for k, i in enumerate(inputs)}
-    guard: list[Formula] = []
-    by_input: dict[int, list[Compare]] = {keys[key]: [] for key in draft.inputs}
-    for part in conjuncts(draft.tests):
-        used = sorted(keys[s.name] for s in symbols(part) if s.kind == "input")
-        if not used:
-            guard.append(part)
-        elif (problem := _unresolved(inputs, part, used)) is not None:
-            found.append(problem)
-        else:
-            assert isinstance(part, Compare)
-            by_input[used[0]].append(part)
-    admissions = tuple(
-        Admission(k, conjunction(parts), tuple(_limit(inputs[k], p) for p in parts))
-        for k, parts in by_input.items()
-    )
-    return conjunction(guard), admissions
-
-
-def _unresolved(inputs: tuple[Input, ...], part: Formula, used: list[int]) -> Diagnostic | None:
-    """Why a test of inputs cannot be resolved, if it cannot."""
-    variable = inputs[used[0]].variable
-    if not isinstance(part, Compare):
-        first, *_, last = (a.span for a in (*atoms(part), *atoms(part)))
-        return errors.disjunctive_test(variable, first.to(last) if first.source is last.source else first)
-    if len(used) > 1:
-        return errors.joint_test(tuple(inputs[k].variable for k in used), part.span)
-    if part.op in ("=", "!="):
-        return errors.single_value_test(variable, part.op, part.span)
-    margin = polynomial(_margin(part), {inputs[used[0]].symbol: (ZERO, ONE)})
-    if margin is None or len(margin) > 2:
-        return errors.nonlinear_test(variable, part.span)
-    return None
-
-
-def _margin(atom: Compare) -> Term:
-    return Sub(atom.right, atom.left) if atom.op in ("<", "<=") else Sub(atom.left, atom.right)
-
-
-def _limit(given: Input, atom: Compare) -> Limit:
-    margin = polynomial(_margin(atom), {given.symbol: (ZERO, ONE)})
-    assert margin is not None
-    offset, slope = (*margin, ZERO)[:2]
-    return Limit(offset, slope)

@@ -44,26 +44,22 @@ def too_large(variable: str, limit: int, span: Span) -> Diagnostic:
     )
 
 
-def disjunctive_test(variable: str, span: Span) -> Diagnostic:
-    advice = f"make a choice of it: `{{{variable} := *; ?...; ++ {variable} := *; ?...;}}`"
-    return _unresolved(variable, "a disjunction leaves no interval", span, advice)
-
-
 def joint_test(variables: tuple[str, ...], span: Span) -> Diagnostic:
-    names = " and ".join(variables)
-    advice = f"test {names} separately, or assign one of them a term"
-    return _unresolved(variables[-1], f"it depends on {names} together", span, advice)
+    *earlier, last = dict.fromkeys(variables)
+    names = " and ".join(earlier)
+    reason = f"for which {names} it leaves a {last} depends on terms of a higher degree than 2 in {names}"
+    return _unresolved(earlier[-1], reason, span, f"test {names} alone as well, or assign one of them a term")
 
 
-def single_value_test(variable: str, op: str, span: Span) -> Diagnostic:
-    equal = f"assign the value instead: `{variable} := e;`"
-    advice = equal if op == "=" else f"exclude the value on one side: `{variable} > e` or `{variable} < e`"
-    return _unresolved(variable, f"`{op}` leaves no interval", span, advice)
+def reused_input(variables: tuple[str, ...], span: Span) -> Diagnostic:
+    *earlier, last = dict.fromkeys(variables)
+    reason = f"{last} may have its value from earlier in the step, before that of {' and '.join(earlier)}"
+    return _unresolved(earlier[-1] if earlier else last, reason, span, "decide them in the same place")
 
 
-def nonlinear_test(variable: str, span: Span) -> Diagnostic:
-    advice = f"use comparisons that are linear in {variable}, e.g. `-b <= {variable} & {variable} <= A`"
-    return _unresolved(variable, f"it is not linear in {variable}", span, advice)
+def high_degree(variable: str, span: Span) -> Diagnostic:
+    advice = f"use comparisons of polynomials of degree 2 in {variable}, e.g. `{variable}^2 <= x`"
+    return _unresolved(variable, f"it is neither linear nor quadratic in {variable}", span, advice)
 
 
 def _unresolved(variable: str, reason: str, span: Span, advice: str) -> Diagnostic:

@@ -35,7 +35,8 @@ def input_limits(
     inputs: list[Input] = []
     for assignment in assignments:
         declared = bounds[assignment.variable]
-        low, high = _implied(model, assignment.key, declared, tests.get(assignment.key, []))
+        others = {a.key: _interval(bounds[a.variable], None) for a in assignments}
+        low, high = _implied(model, assignment.key, declared, tests.get(assignment.key, []), others)
         if default is not None:
             low, high = closed(low, high, default)
         if low is None or high is None:
@@ -48,7 +49,7 @@ def input_limits(
 
 
 def _implied(
-    model: Model, key: str, declared: Bound, tests: list[Formula]
+    model: Model, key: str, declared: Bound, tests: list[Formula], inputs: dict[str, Interval]
 ) -> tuple[Fraction | None, Fraction | None]:
     """The hull over all paths, inside the declared bound; None where a side stays open."""
     symbol = Symbol(key, "input")
@@ -56,7 +57,7 @@ def _implied(
     for test in tests:
         box = dict.fromkeys(symbols(test) | {symbol}, WHOLE)
         box |= {Symbol(c.name, "constant"): _interval(c.bound, c.value) for c in model.constants}
-        box[symbol] = _interval(declared, None)
+        box |= {Symbol(name, "input"): limits for name, limits in inputs.items()}
         inside = contract(test, box)
         if inside is not None:
             found = _hull(found, inside[symbol])

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
+from dl2c.ir.admission import Admission
 from dl2c.ir.model import Formula, Role, Symbol, Term
 from dl2c.source import NOWHERE, Span
 
@@ -47,23 +48,6 @@ class Input:
 def duration_input(flow: int) -> Input:
     """The agent's decision for what part of its longest duration a flow lasts."""
     return Input(f"duration_{flow}", "", "agent", Fraction(0), Fraction(1))
-
-
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """An atom `offset + slope*u >= 0` (or > 0) of an input u: where slope > 0 a lower limit, else upper."""
-
-    offset: Term
-    slope: Term
-
-
-@dataclass(frozen=True, slots=True)
-class Admission:
-    """The tests of one input on a path: `tests` must hold, and `limits` are where they change."""
-
-    input: int
-    tests: Formula
-    limits: tuple[Limit, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,9 @@ enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F
        NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 2, NCHOICE = 2, NENVCHOICE = 0, NMASK = 6,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2,
-NFREE = 3, NBOX = 1, NMARGIN = 9, NDEGREE = 1, NWATCH = 2, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES =
-0, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+NFREE = 3, NBOX = 1, NMARGIN = 9, NDEGREE = 1, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1,
+DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000,
+DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -742,20 +743,6 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
   }
 }
 
-/* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, real *low,
-                                real *high)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)low; (void)high;
-}
-
-/* Whether a value of an input passes the tests that it decides. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, real value)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)value;
-  return true;
-}
-
 /* Executes the assignments of a path from x into y. False where a value is undefined. */
 static inline bool model_update(int path, const real *x, const real *p, const real *u, real *y)
 {
@@ -827,6 +814,36 @@ static inline bool model_update(int path, const real *x, const real *p, const re
 static inline bool model_assign(int64_t path, const real *x, const real *p, real *y)
 {
   (void)path; (void)x; (void)p; (void)y;
+  return true;
+}
+
+/* Narrows the values of an input to those its tests leave, up to rounding. */
+static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                                real *low, real *high)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)low; (void)high;
+}
+
+/* Where the tests of an input may begin or cease to hold, in no order; how many. */
+static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
+                                  real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return 0;
+}
+
+/* The only values that an equality leaves to an input, up to its Box; -1 where none does. */
+static inline int model_pins(int path, int input, const real *x, const real *p, const real *u,
+                             real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return -1;
+}
+
+/* Whether the value of an input passes the tests of it and of no later input. */
+static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u;
   return true;
 }
 
@@ -989,37 +1006,37 @@ static const int32_t INPUT_DRAW[1] = {-1};
 static const int32_t FLOW_DRAW[2] = {-1, -1};
 static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0, 0};
-static const int16_t PATH0_INPUTS[] = {0};
+static const dl2c_input PATH0_INPUTS[] = {{0}};
 static const int16_t PATH1_MET[] = {0};
 static const int16_t PATH1_MARKED[] = {0, 0};
-static const int16_t PATH1_INPUTS[] = {0};
+static const dl2c_input PATH1_INPUTS[] = {{0}};
 static const int16_t PATH2_MET[] = {0};
 static const int16_t PATH2_MARKED[] = {0, 0};
-static const int16_t PATH2_INPUTS[] = {0};
+static const dl2c_input PATH2_INPUTS[] = {{0}};
 static const int16_t PATH3_MET[] = {0};
 static const int16_t PATH3_MARKED[] = {0, 0};
-static const int16_t PATH3_INPUTS[] = {0};
+static const dl2c_input PATH3_INPUTS[] = {{0}};
 static const int16_t PATH4_MET[] = {0};
 static const int16_t PATH4_MARKED[] = {0, 0};
-static const int16_t PATH4_INPUTS[] = {0};
+static const dl2c_input PATH4_INPUTS[] = {{0}};
 static const int16_t PATH5_MET[] = {0};
 static const int16_t PATH5_MARKED[] = {0, 0};
-static const int16_t PATH5_INPUTS[] = {0};
+static const dl2c_input PATH5_INPUTS[] = {{0}};
 static const int16_t PATH6_MET[] = {0};
 static const int16_t PATH6_MARKED[] = {1, 0};
-static const int16_t PATH6_INPUTS[] = {0};
+static const dl2c_input PATH6_INPUTS[] = {{0}};
 static const int16_t PATH7_MET[] = {0};
 static const int16_t PATH7_MARKED[] = {1, 0};
-static const int16_t PATH7_INPUTS[] = {0};
+static const dl2c_input PATH7_INPUTS[] = {{0}};
 static const int16_t PATH8_MET[] = {0, 1};
 static const int16_t PATH8_MARKED[] = {0, 0, 0};
-static const int16_t PATH8_INPUTS[] = {0};
+static const dl2c_input PATH8_INPUTS[] = {{0}};
 static const int16_t PATH9_MET[] = {0, 1};
 static const int16_t PATH9_MARKED[] = {0, 0, 0};
-static const int16_t PATH9_INPUTS[] = {0};
+static const dl2c_input PATH9_INPUTS[] = {{0}};
 static const int16_t PATH10_MET[] = {0};
 static const int16_t PATH10_MARKED[] = {0};
-static const int16_t PATH10_INPUTS[] = {0};
+static const dl2c_input PATH10_INPUTS[] = {{0}};
 static const dl2c_path PATHS[11] = {
   {0, 1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS, 0},
   {1, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS, 0},

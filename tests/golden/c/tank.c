@@ -11,8 +11,9 @@ enum { U_assign_f, NU }; /* inputs */
 enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 1, NENVINPUT = 0, NDECISION = 0, NCHOICE = 0, NENVCHOICE = 0, NMASK = 0,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
-NFREE = 3, NBOX = 4, NMARGIN = 5, NDEGREE = 1, NWATCH = 1, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES =
-0, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+NFREE = 3, NBOX = 4, NMARGIN = 5, NDEGREE = 1, NWATCH = 1, NCRITICAL = 0, DL2C_LOOPS = 1,
+DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000,
+DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -316,25 +317,6 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
     enabled[0 * stride + i] = (uint8_t)flags[i];
 }
 
-/* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, real *low,
-                                real *high)
-{
-  if (path == 0 && input == 0) {
-    dl2c_limit(0.8, 1.0, low, high);
-    dl2c_limit(0.8, -1.0, low, high);
-    dl2c_limit(x[X_x], p[P_ep], low, high);
-    dl2c_limit(path0_limit0_3_offset(x[X_x], p[P_H]), path0_limit0_3_slope(p[P_ep]), low, high);
-  }
-}
-
-/* Whether a value of an input passes the tests that it decides. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, real value)
-{
-  if (path == 0 && input == 0) return path0_admits0(x[X_x], p[P_ep], p[P_H], value);
-  return true;
-}
-
 /* Executes the assignments of a path from x into y. False where a value is undefined. */
 static inline bool model_update(int path, const real *x, const real *p, const real *u, real *y)
 {
@@ -356,6 +338,44 @@ static inline bool model_update(int path, const real *x, const real *p, const re
 static inline bool model_assign(int64_t path, const real *x, const real *p, real *y)
 {
   (void)path; (void)x; (void)p; (void)y;
+  return true;
+}
+
+/* Narrows the values of an input to those its tests leave, up to rounding. */
+static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                                real *low, real *high)
+{
+  (void)u;
+  if (path == 0 && input == 0) {
+    dl2c_limit(0.8, 1.0, low, high);
+    dl2c_limit(0.8, -1.0, low, high);
+    dl2c_limit(x[X_x], p[P_ep], low, high);
+    dl2c_limit(path0_limit0_3_offset(x[X_x], p[P_H]), path0_limit0_3_slope(p[P_ep]), low, high);
+  }
+}
+
+/* Where the tests of an input may begin or cease to hold, in no order; how many. */
+static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
+                                  real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return 0;
+}
+
+/* The only values that an equality leaves to an input, up to its Box; -1 where none does. */
+static inline int model_pins(int path, int input, const real *x, const real *p, const real *u,
+                             real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return -1;
+}
+
+/* Whether the value of an input passes the tests of it and of no later input. */
+static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+{
+  if (path == 0 && input == 0) {
+    return path0_admits0(x[X_x], p[P_ep], p[P_H], u[U_assign_f]);
+  }
   return true;
 }
 
@@ -475,7 +495,7 @@ static const int32_t INPUT_DRAW[1] = {-1};
 static const int32_t FLOW_DRAW[1] = {-1};
 static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0};
-static const int16_t PATH0_INPUTS[] = {0};
+static const dl2c_input PATH0_INPUTS[] = {{0, 1, -1, 1}};
 static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS, 0}};
 static const uint8_t WATCH_CUTS[1] = {1};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};

@@ -11,8 +11,9 @@ enum { U_assign_wind, U_assign_gust, U_prefix_assign_v, NU }; /* inputs */
 enum { F_inside_holds, F_near_holds, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 2, NDECISION = 3, NCHOICE = 2, NENVCHOICE = 1, NMASK = 5,
 NSTEPDRAW = 4, NDRAW = 6, NPRED = 2, NOBS = 5, NPOINT = 5, NPATH = 12, NFLOW = 2, NROOT = 1,
-NFREE = 5, NBOX = 1, NMARGIN = 1, NDEGREE = 1, NWATCH = 0, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES =
-0, DL2C_LOOKS_AHEAD = 1, DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3, DL2C_POINT_PREFIX = 4 };
+NFREE = 5, NBOX = 1, NMARGIN = 1, NDEGREE = 1, NWATCH = 0, NCRITICAL = 0, DL2C_LOOPS = 1,
+DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 1, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 50,
+DL2C_POINT_LEAD = 3, DL2C_POINT_PREFIX = 4 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -123,30 +124,6 @@ static inline bool path11_guard(real x_v)
   return x_v <= 8.0;
 }
 
-/* x - 1 + ... * wind */
-static inline real path9_limit0_1_offset(real x_v)
-{
-  return x_v - 1.0;
-}
-
-/* walk.kyx:42  0 <= assign_gust & assign_gust <= 1 */
-static inline bool path8_admits1(real assign_gust)
-{
-  return (assign_gust >= 0.0) & (assign_gust <= 1.0);
-}
-
-/* walk.kyx:35  -1 <= assign_wind & assign_wind <= x - 1 */
-static inline bool path9_admits0(real x_v, real assign_wind)
-{
-  return (assign_wind >= -1.0) & (assign_wind <= x_v - 1.0);
-}
-
-/* walk.kyx:31  0 <= prefix_assign_v & prefix_assign_v <= 1 */
-static inline bool path11_admits2(real prefix_assign_v)
-{
-  return (prefix_assign_v >= 0.0) & (prefix_assign_v <= 1.0);
-}
-
 /* walk.kyx:37  rest := rest - size */
 static inline real path1_set_rest(real rest, real size)
 {
@@ -181,6 +158,30 @@ static inline real path7_set_x(real x_v, real size)
 static inline real path8_set_x(real x_v, real assign_gust)
 {
   return x_v + assign_gust;
+}
+
+/* x - 1 + ... * wind */
+static inline real path9_limit0_1_offset(real x_v)
+{
+  return x_v - 1.0;
+}
+
+/* walk.kyx:42  0 <= assign_gust & assign_gust <= 1 */
+static inline bool path8_admits1(real assign_gust)
+{
+  return (assign_gust >= 0.0) & (assign_gust <= 1.0);
+}
+
+/* walk.kyx:35  -1 <= assign_wind & assign_wind <= x - 1 */
+static inline bool path9_admits0(real x_v, real assign_wind)
+{
+  return (assign_wind >= -1.0) & (assign_wind <= x_v - 1.0);
+}
+
+/* walk.kyx:31  0 <= prefix_assign_v & prefix_assign_v <= 1 */
+static inline bool path11_admits2(real prefix_assign_v)
+{
+  return (prefix_assign_v >= 0.0) & (prefix_assign_v <= 1.0);
 }
 
 /* walk.kyx:9  @safety inside: x <= 40, within tolerance */
@@ -466,35 +467,6 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
   }
 }
 
-/* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, real *low,
-                                real *high)
-{
-  (void)p;
-  if (path == 8 && input == 1) {
-    dl2c_limit(0.0, 1.0, low, high);
-    dl2c_limit(1.0, -1.0, low, high);
-  }
-  if (path == 9 && input == 0) {
-    dl2c_limit(1.0, 1.0, low, high);
-    dl2c_limit(path9_limit0_1_offset(x[X_x]), -1.0, low, high);
-  }
-  if (path == 11 && input == 2) {
-    dl2c_limit(0.0, 1.0, low, high);
-    dl2c_limit(1.0, -1.0, low, high);
-  }
-}
-
-/* Whether a value of an input passes the tests that it decides. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, real value)
-{
-  (void)p;
-  if (path == 8 && input == 1) return path8_admits1(value);
-  if (path == 9 && input == 0) return path9_admits0(x[X_x], value);
-  if (path == 11 && input == 2) return path11_admits2(value);
-  return true;
-}
-
 /* Executes the assignments of a path from x into y. False where a value is undefined. */
 static inline bool model_update(int path, const real *x, const real *p, const real *u, real *y)
 {
@@ -558,6 +530,57 @@ static inline bool model_update(int path, const real *x, const real *p, const re
 static inline bool model_assign(int64_t path, const real *x, const real *p, real *y)
 {
   (void)path; (void)x; (void)p; (void)y;
+  return true;
+}
+
+/* Narrows the values of an input to those its tests leave, up to rounding. */
+static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                                real *low, real *high)
+{
+  (void)p; (void)u;
+  if (path == 8 && input == 1) {
+    dl2c_limit(0.0, 1.0, low, high);
+    dl2c_limit(1.0, -1.0, low, high);
+  }
+  if (path == 9 && input == 0) {
+    dl2c_limit(1.0, 1.0, low, high);
+    dl2c_limit(path9_limit0_1_offset(x[X_x]), -1.0, low, high);
+  }
+  if (path == 11 && input == 2) {
+    dl2c_limit(0.0, 1.0, low, high);
+    dl2c_limit(1.0, -1.0, low, high);
+  }
+}
+
+/* Where the tests of an input may begin or cease to hold, in no order; how many. */
+static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
+                                  real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return 0;
+}
+
+/* The only values that an equality leaves to an input, up to its Box; -1 where none does. */
+static inline int model_pins(int path, int input, const real *x, const real *p, const real *u,
+                             real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return -1;
+}
+
+/* Whether the value of an input passes the tests of it and of no later input. */
+static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+{
+  (void)p;
+  if (path == 8 && input == 1) {
+    return path8_admits1(u[U_assign_gust]);
+  }
+  if (path == 9 && input == 0) {
+    return path9_admits0(x[X_x], u[U_assign_wind]);
+  }
+  if (path == 11 && input == 2) {
+    return path11_admits2(u[U_prefix_assign_v]);
+  }
   return true;
 }
 
@@ -695,40 +718,40 @@ static const int32_t INPUT_DRAW[3] = {2, 3, 4};
 static const int32_t FLOW_DRAW[2] = {-1, 5};
 static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0};
-static const int16_t PATH0_INPUTS[] = {0};
+static const dl2c_input PATH0_INPUTS[] = {{0}};
 static const int16_t PATH1_MET[] = {0};
 static const int16_t PATH1_MARKED[] = {0};
-static const int16_t PATH1_INPUTS[] = {0};
+static const dl2c_input PATH1_INPUTS[] = {{0}};
 static const int16_t PATH2_MET[] = {0, 1};
 static const int16_t PATH2_MARKED[] = {0, 0, 0};
-static const int16_t PATH2_INPUTS[] = {0};
+static const dl2c_input PATH2_INPUTS[] = {{0}};
 static const int16_t PATH3_MET[] = {0, 1};
 static const int16_t PATH3_MARKED[] = {0, 0, 0};
-static const int16_t PATH3_INPUTS[] = {0};
+static const dl2c_input PATH3_INPUTS[] = {{0}};
 static const int16_t PATH4_MET[] = {0, 1};
 static const int16_t PATH4_MARKED[] = {0, 0, 0};
-static const int16_t PATH4_INPUTS[] = {0};
+static const dl2c_input PATH4_INPUTS[] = {{0}};
 static const int16_t PATH5_MET[] = {0, 1};
 static const int16_t PATH5_MARKED[] = {0, 0, 0};
-static const int16_t PATH5_INPUTS[] = {0};
+static const dl2c_input PATH5_INPUTS[] = {{0}};
 static const int16_t PATH6_MET[] = {0, 1};
 static const int16_t PATH6_MARKED[] = {0, 0, 0};
-static const int16_t PATH6_INPUTS[] = {0};
+static const dl2c_input PATH6_INPUTS[] = {{0}};
 static const int16_t PATH7_MET[] = {0, 1};
 static const int16_t PATH7_MARKED[] = {0, 0, 0};
-static const int16_t PATH7_INPUTS[] = {0};
+static const dl2c_input PATH7_INPUTS[] = {{0}};
 static const int16_t PATH8_MET[] = {0};
 static const int16_t PATH8_MARKED[] = {0};
-static const int16_t PATH8_INPUTS[] = {1};
+static const dl2c_input PATH8_INPUTS[] = {{1, 1, -1, 1}};
 static const int16_t PATH9_MET[] = {2};
 static const int16_t PATH9_MARKED[] = {0, 0};
-static const int16_t PATH9_INPUTS[] = {0};
+static const dl2c_input PATH9_INPUTS[] = {{0, 1, -1, 1}};
 static const int16_t PATH10_MET[] = {2};
 static const int16_t PATH10_MARKED[] = {0, 0};
-static const int16_t PATH10_INPUTS[] = {0};
+static const dl2c_input PATH10_INPUTS[] = {{0}};
 static const int16_t PATH11_MET[] = {0};
 static const int16_t PATH11_MARKED[] = {0};
-static const int16_t PATH11_INPUTS[] = {2};
+static const dl2c_input PATH11_INPUTS[] = {{2, 1, -1, 1}};
 static const dl2c_path PATHS[12] = {
   {-1, 1, 0, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS, 0},
   {-1, 1, 0, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS, 1},

@@ -11,9 +11,9 @@ enum { NU }; /* inputs */
 enum { F_loopInv_holds, F_ensure_holds, F_ensure_due, F_ensure_failed, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 1, NCHOICE = 1, NENVCHOICE = 0, NMASK = 4,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT = 1,
-NFREE = 10, NBOX = 64, NMARGIN = 46, NDEGREE = 2, NWATCH = 2, DL2C_LOOPS = 1,
-DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
-DL2C_POINT_PREFIX = 0 };
+NFREE = 10, NBOX = 64, NMARGIN = 46, NDEGREE = 2, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1,
+DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000,
+DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -1657,20 +1657,6 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
     enabled[3 * stride + i] = (uint8_t)flags[i];
 }
 
-/* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, real *low,
-                                real *high)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)low; (void)high;
-}
-
-/* Whether a value of an input passes the tests that it decides. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, real value)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)value;
-  return true;
-}
-
 /* Executes the assignments of a path from x into y. False where a value is undefined. */
 static inline bool model_update(int path, const real *x, const real *p, const real *u, real *y)
 {
@@ -1706,6 +1692,36 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, real
   (void)x;
   y[X_ar] = dl2c_select((path == 2), p[P_A], dl2c_select((path == 0), path0_set_ar(p[P_b]), 0.0));
   y[X_t] = 0.0;
+  return true;
+}
+
+/* Narrows the values of an input to those its tests leave, up to rounding. */
+static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                                real *low, real *high)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)low; (void)high;
+}
+
+/* Where the tests of an input may begin or cease to hold, in no order; how many. */
+static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
+                                  real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return 0;
+}
+
+/* The only values that an equality leaves to an input, up to its Box; -1 where none does. */
+static inline int model_pins(int path, int input, const real *x, const real *p, const real *u,
+                             real *root)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
+  return -1;
+}
+
+/* Whether the value of an input passes the tests of it and of no later input. */
+static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+{
+  (void)path; (void)input; (void)x; (void)p; (void)u;
   return true;
 }
 
@@ -1867,16 +1883,16 @@ static const int32_t INPUT_DRAW[1] = {-1};
 static const int32_t FLOW_DRAW[1] = {-1};
 static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0, 0};
-static const int16_t PATH0_INPUTS[] = {0};
+static const dl2c_input PATH0_INPUTS[] = {{0}};
 static const int16_t PATH1_MET[] = {0};
 static const int16_t PATH1_MARKED[] = {0, 0};
-static const int16_t PATH1_INPUTS[] = {0};
+static const dl2c_input PATH1_INPUTS[] = {{0}};
 static const int16_t PATH2_MET[] = {0};
 static const int16_t PATH2_MARKED[] = {0, 0};
-static const int16_t PATH2_INPUTS[] = {0};
+static const dl2c_input PATH2_INPUTS[] = {{0}};
 static const int16_t PATH3_MET[] = {0};
 static const int16_t PATH3_MARKED[] = {0, 0};
-static const int16_t PATH3_INPUTS[] = {0};
+static const dl2c_input PATH3_INPUTS[] = {{0}};
 static const dl2c_path PATHS[4] = {
   {0, -1, 1, PATH0_MET, PATH0_MARKED, 0, PATH0_INPUTS, 0},
   {0, -1, 1, PATH1_MET, PATH1_MARKED, 0, PATH1_INPUTS, 0},
