@@ -138,6 +138,10 @@ def _notes(environment: Environment) -> tuple[str, ...]:
         notes.append(
             "the action mask does not see beyond a while loop that an input of the same step may decide"
         )
+    if any(a.solved for p in paths.paths for a in p.admissions):
+        notes.append(
+            "an equality that decides an input is solved: it counts as true at its root, which is rounded"
+        )
     if environment.sampling is None:
         notes.append('initial states cannot be drawn: give one, reset(options={"state": {...}})')
     return tuple(notes)
