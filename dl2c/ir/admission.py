@@ -249,7 +249,8 @@ def _criticals(
     made: list[tuple[Coefficients, ...]] = [()] * len(inputs)
     for k in reversed(range(len(inputs))):
         polynomials, failed = _of_input(k, inputs[k], margins, places)
-        problems += failed
+        if failed:
+            return made, problems + failed
         made[k] = tuple(polynomials)
         if not any(_used(c, places) for p in polynomials for c in p):
             continue
