@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
  * sampler.h -- initial states: a box by its share, a uniform point in it, then the rest of the precondition.
+ *
+ * Where equalities bend the set of initial states, a box belongs to a chart of it, which says what the
+ * drawn numbers are; a point is kept with a probability by the part of the set that it stands for.
  */
 #ifndef DL2C_SAMPLER_H
 #define DL2C_SAMPLER_H
@@ -22,8 +25,13 @@ static inline bool dl2c_draw(dl2c_rng *rng, real *x, real *p)
   }
   for (int k = 0; k < NFREE; k++)
     drawn[k] = dl2c_rng_uniform(rng, SAMPLE_LOW[box][k], SAMPLE_HIGH[box][k]);
-  model_initial(drawn, x, p);
-  return model_accept(x, p);
+  const int chart = SAMPLE_CHART[NCHART > 1 ? box : 0];
+  model_initial(chart, drawn, x, p);
+  if (DL2C_WEIGHTED) {
+    const real u = dl2c_rng_unit(rng);
+    if (!(u * u * SAMPLE_DENSITY[DL2C_WEIGHTED ? box : 0] <= model_density(chart, x, p))) return false;
+  }
+  return model_accept(chart, x, p);
 }
 
 /* Draws until one is admissible; false if none was. */

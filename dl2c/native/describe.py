@@ -75,6 +75,7 @@ def _observations(environment: Environment) -> tuple[Quantity, ...]:
 def _sampler(plan: SamplingPlan) -> dict[str, Any]:
     return {
         "boxes": len(plan.boxes),
+        "charts": len(plan.charts),
         "acceptance": plan.estimated_acceptance,
         "error_bound": plan.error_bound,
     }

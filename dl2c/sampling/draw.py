@@ -1,9 +1,10 @@
 """Draw initial states from a plan in Python: the reference for the generated sampler."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dl2c.sampling.arrays import Floats, completed, holds, uniform
-from dl2c.sampling.plan import SamplingPlan
+from dl2c.sampling.plan import SampleChart, SamplingPlan, by_chance
 
 LARGEST_BATCH = 2**16
 
@@ -29,9 +30,24 @@ def _accepted(plan: SamplingPlan, rng: np.random.Generator, count: int) -> dict[
     """What is accepted of `count` tries."""
     weights = np.array([box.weight for box in plan.boxes])
     chosen = rng.choice(len(plan.boxes), size=count, p=weights / weights.sum())
-    lows = np.array([box.low for box in plan.boxes])[chosen]
-    highs = np.array([box.high for box in plan.boxes])[chosen]
-    columns = {n: uniform(lows[:, k], highs[:, k], count, rng) for k, n in enumerate(plan.free)}
-    columns = completed(columns, plan.definitions, count)
-    accepted = holds(plan.acceptance, columns, count)
-    return {name: columns[name][accepted] for name in plan.names}
+    used = np.array([box.chart for box in plan.boxes])[chosen]
+    parts = [
+        _of_chart(plan, chart, chosen[used == k], rng)
+        for k, chart in enumerate(plan.charts)
+        if (used == k).any()
+    ]
+    order = rng.permutation(sum(len(p[plan.names[0]]) for p in parts)) if plan.names else None
+    return {name: np.concatenate([p[name] for p in parts])[order] for name in plan.names}
+
+
+def _of_chart(
+    plan: SamplingPlan, chart: SampleChart, chosen: NDArray[np.int64], rng: np.random.Generator
+) -> dict[str, Floats]:
+    """What is accepted of one try in each of the chosen boxes."""
+    boxes, count = [plan.boxes[k] for k in chosen], len(chosen)
+    lows, highs = np.array([b.low for b in boxes]), np.array([b.high for b in boxes])
+    columns = {n: uniform(lows[:, k], highs[:, k], count, rng) for k, n in enumerate(chart.free)}
+    columns = completed(columns, chart.definitions, count)
+    kept = by_chance(chart, np.array([b.squared_density for b in boxes]), columns, count, rng)
+    kept &= holds(chart.acceptance, columns, count)
+    return {name: columns[name][kept] for name in plan.names}

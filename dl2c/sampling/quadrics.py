@@ -1,0 +1,148 @@
+"""Equalities that are linear or quadratic in some names, solved for each of these in turn.
+
+An equality comes in; charts go out: in each one name is a term of the others, and it is the name to
+whose changes the equality is most sensitive. So its changes are at most as large as those of the
+other names that could have been solved for. The charts cover all solutions but singular points, and
+meet only in their boundaries.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import isqrt
+
+from dl2c.ir.logic import folded, symbols
+from dl2c.ir.model import (
+    ONE,
+    ZERO,
+    Add,
+    Call,
+    Compare,
+    Div,
+    Formula,
+    Mul,
+    Neg,
+    Number,
+    Pow,
+    Sub,
+    Symbol,
+    Term,
+)
+from dl2c.ir.normal import Normal, normal_form
+from dl2c.sampling.algebra import coefficients, fraction, polynomial_derivative, term_of
+
+TWO, FOUR = Number(Fraction(2)), Number(Fraction(4))
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """How a name that is no affine function follows the others: `symbol` changes by minus the sum
+    of `slopes` times the changes of their names; `gentle` slopes are at most 1 in size."""
+
+    symbol: Symbol
+    slopes: Mapping[Symbol, Term]
+    gentle: frozenset[Symbol] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """The equality, `form` = 0, is solved by `symbol = term` where the `conditions` hold."""
+
+    symbol: Symbol
+    term: Term
+    conditions: tuple[Formula, ...]
+    row: Row
+    form: Normal
+
+
+def branches_of(equality: Compare, names: Sequence[Symbol]) -> tuple[Branch, ...]:
+    """Charts of the solutions over `names`; none where no name is solved for or terms are too long."""
+    parts = fraction(Sub(equality.left, equality.right))
+    form = None if parts is None else normal_form(parts[0])
+    if parts is None or form is None:
+        return ()
+    solvable = [s for s in names if _degree(form, s) in (1, 2)]
+    try:
+        found = [b for s in solvable for b in _charts(form, s, solvable)]
+    except _TooLong:
+        return ()
+    divisor = () if parts[1] == ONE else (Compare("!=", parts[1], ZERO, span=equality.span),)
+    return tuple(
+        Branch(b.symbol, b.term, (*divisor, *_placed(b.conditions, equality)), b.row, form) for b in found
+    )
+
+
+class _TooLong(Exception):
+    """A polynomial has too many monomials."""
+
+
+def _placed(conditions: Sequence[Formula], equality: Compare) -> Iterator[Formula]:
+    for c in conditions:
+        yield Compare(c.op, c.left, c.right, span=equality.span) if isinstance(c, Compare) else c
+
+
+def _degree(form: Normal, symbol: Symbol) -> int:
+    return max(coefficients(form, symbol), default=0)
+
+
+def _charts(form: Normal, symbol: Symbol, solvable: Sequence[Symbol]) -> Iterator[Branch]:
+    known = {(s.kind, s.name): s for s in _symbols(form)}
+    by_power = coefficients(form, symbol)
+    c0, c1, c2 = (term_of(by_power.get(k, {}), known) for k in range(3))
+    slope = term_of(polynomial_derivative(form, symbol), known)
+    steepness = _expanded(Pow(slope, 2) if c2 == ZERO else _discriminant(c0, c1, c2))
+    others = {o: term_of(polynomial_derivative(form, o), known) for o in known.values() if o != symbol}
+    conditions = tuple(
+        Compare(">=", _expanded(Sub(steepness, Pow(others[o], 2))), ZERO) for o in solvable if o != symbol
+    )
+    row = Row(
+        symbol,
+        {o: folded(Div(g, slope)) for o, g in others.items()},
+        frozenset(o for o in solvable if o != symbol),
+    )
+    for term in _roots(c0, c1, c2):
+        yield Branch(symbol, term, conditions, row, form)
+
+
+def _roots(c0: Term, c1: Term, c2: Term) -> tuple[Term, ...]:
+    """The solutions s of c0 + c1*s + c2*s^2 = 0."""
+    if c2 == ZERO:
+        return (_expanded_quotient(folded(Neg(c0)), c1),)
+    if c1 == ZERO:
+        root = _root(_expanded_quotient(_expanded(Neg(c0)), c2))
+        return (root, folded(Neg(root)))
+    root = _root(_expanded(_discriminant(c0, c1, c2)))
+    below = folded(Mul(TWO, c2))
+    return Div(Sub(root, c1), below), Div(Neg(Add(root, c1)), below)
+
+
+def _discriminant(c0: Term, c1: Term, c2: Term) -> Term:
+    product = Mul(FOUR, Mul(c2, c0))
+    return folded(Neg(product)) if c1 == ZERO else Sub(Pow(c1, 2), product)
+
+
+def _root(radicand: Term) -> Term:
+    """The square root, exact where it is a number."""
+    if isinstance(radicand, Number) and (value := radicand.value) >= 0:
+        above, below = isqrt(value.numerator), isqrt(value.denominator)
+        if above**2 == value.numerator and below**2 == value.denominator:
+            return Number(Fraction(above, below))
+    return Call("sqrt", (radicand,))
+
+
+def _expanded(term: Term) -> Term:
+    """The polynomial multiplied out, so that equal parts cancel. Raises `_TooLong`."""
+    form = normal_form(term)
+    if form is None:
+        raise _TooLong
+    return term_of(form, {(s.kind, s.name): s for s in symbols(term)})
+
+
+def _expanded_quotient(above: Term, below: Term) -> Term:
+    quotient = folded(Div(above, below))
+    return _expanded(quotient) if isinstance(below, Number) else quotient
+
+
+def _symbols(form: Normal) -> set[Symbol]:
+    names = {(kind, name) for monomial in form for kind, name, _ in monomial}
+    return {Symbol(name, kind) for kind, name in sorted(names) if kind in ("variable", "constant")}
