@@ -80,12 +80,8 @@ def polynomial_derivative(form: Normal, symbol: Symbol) -> Normal:
 def remainder(form: Normal, divisor: Normal, symbol: Symbol) -> Normal | None:
     """A multiple of the polynomial less a multiple of the divisor, of lower degree in the name than that
     (pseudo-division); None where it has too many monomials."""
-    known = {
-        (k, n): Symbol(n, "constant" if k == "constant" else "variable")
-        for f in (form, divisor)
-        for m in f
-        for k, n, _ in m
-    }
+    names = {(k, n) for f in (form, divisor) for m in f for k, n, _ in m}
+    known = {(k, n): Symbol(n, "constant" if k == "constant" else "variable") for k, n in names}
     by_power = coefficients(divisor, symbol)
     degree = max(by_power)
     leading, whole = term_of(by_power[degree], known), term_of(divisor, known)

@@ -29,7 +29,7 @@ MORE = 4
 ROUNDS = 2
 """Contraction rounds of a half: its parent was contracted before."""
 
-NODES_PER_SECOND = 100_000
+NODES_PER_SECOND = 50_000
 """Assumed speed of contraction, so that a time limit means the same work on every machine."""
 
 Widths: TypeAlias = Mapping[Symbol, float]

@@ -29,7 +29,7 @@ from dl2c.ir.model import (
     Term,
 )
 from dl2c.ir.normal import Normal, normal_form
-from dl2c.sampling.algebra import coefficients, fraction, polynomial_derivative, term_of
+from dl2c.sampling.algebra import coefficients, fraction, polynomial_derivative, remainder, term_of
 
 TWO, FOUR = Number(Fraction(2)), Number(Fraction(4))
 
@@ -92,16 +92,28 @@ def _charts(form: Normal, symbol: Symbol, solvable: Sequence[Symbol]) -> Iterato
     slope = term_of(polynomial_derivative(form, symbol), known)
     steepness = _expanded(Pow(slope, 2) if c2 == ZERO else _discriminant(c0, c1, c2))
     others = {o: term_of(polynomial_derivative(form, o), known) for o in known.values() if o != symbol}
-    conditions = tuple(
-        Compare(">=", _expanded(Sub(steepness, Pow(others[o], 2))), ZERO) for o in solvable if o != symbol
-    )
+    conditions: list[Formula] = []
+    for other in (o for o in solvable if o != symbol):
+        if not _always_equal(Sub(Pow(slope, 2), Pow(others[other], 2)), form, symbol):
+            conditions.append(Compare(">=", _expanded(Sub(steepness, Pow(others[other], 2))), ZERO))
+        elif solvable.index(other) < solvable.index(symbol):
+            return
     row = Row(
         symbol,
         {o: folded(Div(g, slope)) for o, g in others.items()},
         frozenset(o for o in solvable if o != symbol),
     )
     for term in _roots(c0, c1, c2):
-        yield Branch(symbol, term, conditions, row, form)
+        yield Branch(symbol, term, tuple(conditions), row, form)
+
+
+def _always_equal(difference: Term, form: Normal, symbol: Symbol) -> bool:
+    """Whether the difference vanishes wherever `form` does."""
+    expanded = normal_form(difference)
+    rest = None if expanded is None else remainder(expanded, form, symbol)
+    if rest is None:
+        raise _TooLong
+    return not rest
 
 
 def _roots(c0: Term, c1: Term, c2: Term) -> tuple[Term, ...]:
@@ -143,6 +155,6 @@ def _expanded_quotient(above: Term, below: Term) -> Term:
     return _expanded(quotient) if isinstance(below, Number) else quotient
 
 
-def _symbols(form: Normal) -> set[Symbol]:
+def _symbols(form: Normal) -> list[Symbol]:
     names = {(kind, name) for monomial in form for kind, name, _ in monomial}
-    return {Symbol(name, kind) for kind, name in sorted(names) if kind in ("variable", "constant")}
+    return [Symbol(name, kind) for kind, name in sorted(names) if kind in ("variable", "constant")]

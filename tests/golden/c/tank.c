@@ -11,8 +11,9 @@ enum { U_assign_f, NU }; /* inputs */
 enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 1, NENVINPUT = 0, NDECISION = 0, NCHOICE = 0, NENVCHOICE = 0, NMASK = 0,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
-NFREE = 3, NBOX = 4, NMARGIN = 5, NDEGREE = 1, NWATCH = 1, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES =
-0, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, NBOX = 4, NMARGIN = 5, NDEGREE = 1, NWATCH = 1,
+DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000,
+DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -450,8 +451,9 @@ DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, i
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */
-static inline void model_initial(const real *drawn, real *x, real *p)
+static inline void model_initial(int chart, const real *drawn, real *x, real *p)
 {
+  (void)chart;
   x[X_x] = drawn[0];
   p[P_ep] = drawn[1];
   p[P_H] = drawn[2];
@@ -459,9 +461,18 @@ static inline void model_initial(const real *drawn, real *x, real *p)
   x[X_f] = 0.0;
 }
 
-/* What is left of the precondition, with room for rounding: true in doubles proves it. */
-static inline bool model_accept(const real *x, const real *p)
+/* The square of how much of the initial states a unit of drawn volume stands for. */
+static inline real model_density(int chart, const real *x, const real *p)
 {
+  (void)x; (void)p;
+  (void)chart;
+  return 1.0;
+}
+
+/* What is left of the precondition, with room for rounding: true in doubles proves it. */
+static inline bool model_accept(int chart, const real *x, const real *p)
+{
+  (void)chart;
   return initial_accepted(x[X_x], p[P_H]);
 }
 
@@ -500,5 +511,7 @@ static const real SAMPLE_SHARE[4] = {
   0.9523809523809524,
 };
 static const int32_t SAMPLE_ALIAS[4] = {3, 3, 2, 2};
+static const int32_t SAMPLE_CHART[1] = {0};
+static const real SAMPLE_DENSITY[1] = {1.0};
 
 #include "batch.h" /* the runtime, compiled with this model as one unit */
