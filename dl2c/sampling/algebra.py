@@ -4,7 +4,7 @@ Terms of the IR come in; polynomials in normal form, their coefficients and deri
 again go out. All arithmetic is exact, over the reals.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import reduce
 from typing import assert_never
@@ -102,7 +102,15 @@ def is_affine(term: Term) -> bool:
 def term_of(form: Normal, known: Mapping[tuple[str, str], Symbol]) -> Term:
     """The polynomial as a term, over symbols found by kind and name."""
     parts = [_monomial(m, c, known) for m, c in sorted(form.items(), key=lambda i: (-len(i[0]), i[0]))]
-    return reduce(_joined, parts) if parts else ZERO
+    return _balanced(parts) if parts else ZERO
+
+
+def _balanced(parts: Sequence[Term]) -> Term:
+    """The sum as a shallow tree, of which intervals are propagated faster."""
+    if len(parts) <= 3:
+        return reduce(_joined, parts)
+    middle = len(parts) // 2
+    return Add(_balanced(parts[:middle]), _balanced(parts[middle:]))
 
 
 def _monomial(monomial: Monomial, value: Fraction, known: Mapping[tuple[str, str], Symbol]) -> Term:
@@ -152,6 +160,11 @@ def derivative(term: Term, symbol: Symbol) -> Term:
 
 def _lowered(base: Term, exponent: int) -> Term:
     return base if exponent == 2 else Pow(base, exponent - 1)
+
+
+def size_of(term: Term) -> int:
+    """Numbers, names and operations."""
+    return 1 + sum(size_of(t) for t in operands(term))
 
 
 def product(a: Term, b: Term) -> Term:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TypeAlias, assert_never
 
 from dl2c.interval.arithmetic import Box, evaluate, magnitude
-from dl2c.ir.logic import folded, operands, substituted, symbols
+from dl2c.ir.logic import folded, substituted, symbols
 from dl2c.ir.model import (
     ONE,
     ZERO,
@@ -27,7 +27,7 @@ from dl2c.ir.model import (
     Term,
 )
 from dl2c.ir.normal import normal_form
-from dl2c.sampling.algebra import derivative, fraction, is_affine
+from dl2c.sampling.algebra import derivative, fraction, is_affine, size_of
 
 MODERATE = 16.0
 """Slopes up to this are not avoided."""
@@ -54,7 +54,7 @@ def rank(s: Solution, names: Sequence[Symbol]) -> Rank:
     steep = s.slope > MODERATE
     affine = is_affine(s.term)
     variable = s.symbol.kind == "variable"
-    return not is_number, not affine, steep, s.divided, not variable, _size(s.term), names.index(s.symbol)
+    return not is_number, not affine, steep, s.divided, not variable, size_of(s.term), names.index(s.symbol)
 
 
 def solutions(equality: Compare, names: Sequence[Symbol], box: Box) -> Iterator[Solution]:
@@ -135,10 +135,6 @@ def is_tautology(equality: Compare) -> bool:
             return False
         rest = parts[1]
     return folded(rest) == ZERO
-
-
-def _size(term: Term) -> int:
-    return 1 + sum(_size(t) for t in operands(term))
 
 
 def _linear(term: Term, symbol: Symbol) -> tuple[Term, Term] | None:

@@ -14,8 +14,9 @@ from typing import TypeAlias
 
 from dl2c.interval.arithmetic import Box, Interval
 from dl2c.interval.contract import contract
-from dl2c.ir.logic import atoms, operands, symbols
-from dl2c.ir.model import Formula, Symbol, Term
+from dl2c.ir.logic import atoms, symbols
+from dl2c.ir.model import Formula, Symbol
+from dl2c.sampling.algebra import size_of
 
 ENOUGH = 0.95
 """An acceptance that more boxes need not improve."""
@@ -142,11 +143,7 @@ def _directions(root: Root) -> list[Symbol]:
 
 
 def _nodes(root: Root) -> int:
-    return sum(_size(a.left) + _size(a.right) for a in atoms(root.formula))
-
-
-def _size(term: Term) -> int:
-    return 1 + sum(_size(t) for t in operands(term))
+    return sum(size_of(a.left) + size_of(a.right) for a in atoms(root.formula))
 
 
 def _best_split(

@@ -29,7 +29,7 @@ from dl2c.ir.model import (
     Term,
 )
 from dl2c.ir.normal import Normal, normal_form
-from dl2c.sampling.algebra import coefficients, fraction, polynomial_derivative, remainder, term_of
+from dl2c.sampling.algebra import coefficients, fraction, polynomial_derivative, remainder, size_of, term_of
 
 TWO, FOUR = Number(Fraction(2)), Number(Fraction(4))
 
@@ -95,7 +95,7 @@ def _charts(form: Normal, symbol: Symbol, solvable: Sequence[Symbol]) -> Iterato
     conditions: list[Formula] = []
     for other in (o for o in solvable if o != symbol):
         if not _always_equal(Sub(Pow(slope, 2), Pow(others[other], 2)), form, symbol):
-            conditions.append(Compare(">=", _expanded(Sub(steepness, Pow(others[other], 2))), ZERO))
+            conditions.append(_at_least(steepness, Pow(others[other], 2)))
         elif solvable.index(other) < solvable.index(symbol):
             return
     row = Row(
@@ -105,6 +105,14 @@ def _charts(form: Normal, symbol: Symbol, solvable: Sequence[Symbol]) -> Iterato
     )
     for term in _roots(c0, c1, c2):
         yield Branch(symbol, term, tuple(conditions), row, form)
+
+
+def _at_least(large: Term, small: Term) -> Compare:
+    """`large >= small`, in its shorter form: equal parts cancel if they are multiplied out."""
+    expanded = _expanded(Sub(large, small))
+    if size_of(expanded) <= size_of(large) + size_of(small):
+        return Compare(">=", expanded, ZERO)
+    return Compare(">=", large, small)
 
 
 def _always_equal(difference: Term, form: Normal, symbol: Symbol) -> bool:
