@@ -150,6 +150,12 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
     return model, enumerate_paths(model, options.default_bound)
 
 
+def drawn_model(source: Source, options: Options) -> "Model":
+    """The model whose initial states are drawn: limited by the default bound. Raises `CompileError`."""
+    problem, options, _ = _front(source, options)
+    return _lowered(problem, options)[1]
+
+
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:
     """Parse and resolve; `@episode` completes the options."""
     archive, warnings = parse_archive(source)

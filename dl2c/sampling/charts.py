@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TypeAlias
 
-from dl2c.diagnostics import CompileError
+from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import INF, Box, Interval, enclosure, meet
 from dl2c.interval.contract import contract
 from dl2c.ir.logic import conjunction, conjuncts, mapped, negation, oriented, relaxed
@@ -67,7 +67,7 @@ def charts_of(formula: Formula, items: Items, box: Box) -> tuple[Chart, ...]:
         raise CompileError(unsolved(open_.atom))
     kept = [[c for c in charts if c.dimension == highest] for charts in found]
     if not any(kept):
-        raise CompileError(_impossible(found, formula, items, box))
+        raise CompileError(_impossible(formula, items, box))
     return tuple(_apart(kept, cases, box))
 
 
@@ -139,7 +139,7 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
         return None
     if endless := [items[s] for s in free if not _is_finite(around[s])]:
         raise CompileError(unbounded(endless))
-    inside = {s: meet(around[s], _inward(items[s].bound)) for s in free}
+    inside = {s: meet(around[s], inward(items[s].bound)) for s in free}
     if any(i.empty for i in inside.values()):
         return None
     return Chart(
@@ -153,10 +153,10 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
     )
 
 
-def _impossible(found: Sequence[Sequence[Chart]], formula: Formula, items: Items, box: Box):
+def _impossible(formula: Formula, items: Items, box: Box) -> Diagnostic:
     """Why no case has a chart."""
     for symbol, item in items.items():
-        if meet(box[symbol], _inward(item.bound)).empty:
+        if meet(box[symbol], inward(item.bound)).empty:
             return beyond_doubles(item)
     return without_sample(formula)
 
@@ -193,7 +193,8 @@ def _within(bound: Bound, term: Symbol | Number) -> Formula:
     return conjunction(sides)
 
 
-def _inward(bound: Bound) -> Interval:
+def inward(bound: Bound) -> Interval:
+    """From the first to the last double inside a bound."""
     low = -INF if bound.low is None else enclosure(bound.low).high
     high = INF if bound.high is None else enclosure(bound.high).low
     return Interval(low, high)

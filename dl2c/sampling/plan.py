@@ -8,7 +8,7 @@ over the reals; only solved equalities can be off, by `error_bound`.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,7 +20,7 @@ from dl2c.ir.logic import conjunction, symbols
 from dl2c.ir.model import ONE, Formula, Model, Term
 from dl2c.sampling.acceptance import acceptance
 from dl2c.sampling.arrays import Bools, Columns, Floats, completed, holds, uniform, values
-from dl2c.sampling.charts import Chart
+from dl2c.sampling.charts import Chart, inward
 from dl2c.sampling.measure import largest_squared, steep_names
 from dl2c.sampling.paving import Leaf, Root, pave
 from dl2c.sampling.problem import Problem, problem_of
@@ -81,6 +81,8 @@ class SamplingPlan:
     certificate: Literal["exact", "witness"]
     error_bound: float
     estimated_acceptance: float
+    around: Mapping[str, tuple[float, float]]
+    """The doubles inside the bounds of each free name, where it has any."""
 
     @property
     def weighted(self) -> bool:
@@ -128,6 +130,7 @@ def plan_sampling(
         certificate="witness" if error_bound > 0 else "exact",
         error_bound=error_bound,
         estimated_acceptance=sum(accepted) / total,
+        around=_around(problem),
     )
 
 
@@ -176,6 +179,12 @@ def by_chance(
 
 def _by_name(chart: Chart) -> tuple[tuple[str, Term], ...]:
     return tuple((symbol.name, term) for symbol, term in chart.definitions)
+
+
+def _around(problem: Problem) -> dict[str, tuple[float, float]]:
+    free = {s for chart in problem.charts for s in chart.free}
+    limits = {s.name: inward(item.bound) for s, item in problem.items.items() if s in free}
+    return {n: (i.low, i.high) for n, i in limits.items() if math.isfinite(i.low) and math.isfinite(i.high)}
 
 
 def _sample_chart(
