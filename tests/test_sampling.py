@@ -91,7 +91,7 @@ MODELS = [
     model("x == max(y, z) or x == abs(y)", {"x": "-1:1", "y": "-1:1", "z": "-1:1"}),
     model("x >= y and x <= y", {"x": "0:1", "y": "0:1"}),
     model("x*x - 3*x*y + y*y == z and z*x + y*y <= 1", {"x": "-1:1", "y": "-1:1", "z": "-1:1"}),
-    model("u*u + v*v == 1 and r*w == z and x == u*r", {n: "-2:2" for n in "uvrwxz"}),
+    model("u*u + v*v == 1 and r*w == z and x == u*r", dict.fromkeys("uvrwxz", "-2:2")),
 ]
 
 

@@ -113,7 +113,7 @@ CASES = {
         5,
     ),
     "sphere": (
-        model("x*x + y*y + z*z == 1 and x + z >= -0.5", {n: "-2:2" for n in "xyz"}),
+        model("x*x + y*y + z*z == 1 and x + z >= -0.5", dict.fromkeys("xyz", "-2:2")),
         ("x", "y", "z"),
         sphere,
         3,
@@ -128,7 +128,7 @@ CASES = {
     "disjunctive": (
         model(
             "x < 1 and y > x or x > 5 and x < 7 and y*z < 4 or x > 9 and z > 8",
-            {n: "0:10" for n in "xyz"},
+            dict.fromkeys("xyz", "0:10"),
         ),
         ("x", "y", "z"),
         components,

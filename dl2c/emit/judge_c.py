@@ -46,7 +46,7 @@ def fact_names(model: Model) -> list[str]:
 
 
 def _precondition(environment: Environment, leaves: Leaves) -> str:
-    """What a given state must satisfy: P, its equalities within the tolerance where doubles may not meet them."""
+    """What a given state must satisfy: P, equalities within the tolerance where doubles may miss them."""
     plan, formula = environment.sampling, environment.model.precondition
     rounded = plan is None or plan.certificate == "witness"
     about = "The problem's P, strict."

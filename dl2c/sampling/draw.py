@@ -44,7 +44,7 @@ def _of_chart(
     plan: SamplingPlan, chart: SampleChart, chosen: NDArray[np.int64], rng: np.random.Generator
 ) -> dict[str, Floats]:
     """What is accepted of one try in each of the chosen boxes."""
-    boxes, count = [plan.boxes[k] for k in chosen], len(chosen)
+    boxes, count = [plan.boxes[int(k)] for k in chosen], len(chosen)
     lows, highs = np.array([b.low for b in boxes]), np.array([b.high for b in boxes])
     columns = {n: uniform(lows[:, k], highs[:, k], count, rng) for k, n in enumerate(chart.free)}
     columns = completed(columns, chart.definitions, count)

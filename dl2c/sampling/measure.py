@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
 
-from dl2c.interval.arithmetic import INF, Box, evaluate, magnitude
+from dl2c.interval.arithmetic import INF, Box, enclosure, evaluate, magnitude
 from dl2c.interval.rounding import add_up, mul_up
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import ONE, ZERO, Number, Symbol, Term
@@ -49,7 +49,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """The density is `scale * sqrt(squared)`. `rows` bound `squared`, row by row, by Hadamard's inequality."""
+    """The density is `scale * sqrt(squared)`; `rows` bound it one by one (Hadamard's inequality)."""
 
     scale: float
     squared: Term
@@ -79,15 +79,14 @@ def largest_squared(measure: Measure, box: Box) -> float:
     """An upper bound of `squared` on a box of all names; may be infinite."""
     result = 1.0
     for row in measure.rows:
-        sizes = {z: _size(entries, box) for z, entries in row.items()}
-        plain = 0.0
-        for size in sizes.values():
-            plain = add_up(plain, mul_up(size, size))
-        refined = 0.0
-        for a in sizes:
-            for b in sizes:
-                share = abs(float(_at(measure.inverse, a, b))) * (1 + 1e-12)
-                refined = add_up(refined, 0.0 if share == 0 else mul_up(share, mul_up(sizes[a], sizes[b])))
+        sizes = [(z, _size(entries, box)) for z, entries in row.items()]
+        plain, refined = 0.0, 0.0
+        for a, first in sizes:
+            plain = add_up(plain, mul_up(first, first))
+            for b, second in sizes:
+                if share := abs(_at(measure.inverse, a, b)):
+                    part = mul_up(enclosure(share).high, mul_up(first, second))
+                    refined = add_up(refined, part)
         result = mul_up(result, min(plain, refined))
     return result if not math.isnan(result) else INF
 
@@ -105,7 +104,7 @@ def _size(entries: Sequence[Entry], box: Box) -> float:
         value = evaluate(entry.term, box)
         size = INF if value.empty else magnitude(value).high
         limit = min(size, 1.0) if entry.gentle else size
-        around = add_up(around, mul_up(magnitude(evaluate(Number(entry.scale), {})).high, limit))
+        around = add_up(around, mul_up(enclosure(abs(entry.scale)).high, limit))
     return around
 
 

@@ -40,8 +40,8 @@ Widths: TypeAlias = Mapping[Symbol, float]
 @dataclass(frozen=True, slots=True)
 class Root:
     """One chart. `density` bounds the density of the states on a box from above; `estimate` says how much
-    of a box is accepted, between 0 and 1, by points of this law. `bent` names influence the density; those that leave it without a bound on a
-    box are `steep` there."""
+    of a box is accepted, between 0 and 1, by points of this law. `bent` names influence the density;
+    those that leave it without a bound on a box are `steep` there."""
 
     formula: Formula
     box: Mapping[Symbol, Interval]
