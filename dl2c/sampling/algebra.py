@@ -93,6 +93,28 @@ def remainder(form: Normal, divisor: Normal, symbol: Symbol) -> Normal | None:
     return rest
 
 
+def content(form: Normal) -> set[tuple[str, str]]:
+    """The names that every monomial contains, by kind and name."""
+    common: set[tuple[str, str]] = set()
+    for number, monomial in enumerate(form):
+        names = {(k, n) for k, n, _ in monomial}
+        common = names if number == 0 else common & names
+    return common
+
+
+def without_content(form: Normal, nonzero: set[tuple[str, str]]) -> Normal:
+    """The polynomial divided by such powers of these names as divide it; none of them is zero."""
+    for name in sorted(content(form) & nonzero):
+        least = min(e for m in form for k, n, e in m if (k, n) == name)
+        form = {_lower(m, name, least): c for m, c in form.items()}
+    return form
+
+
+def _lower(monomial: Monomial, name: tuple[str, str], by: int) -> Monomial:
+    lowered = ((k, n, e - by if (k, n) == name else e) for k, n, e in monomial)
+    return tuple(f for f in lowered if f[2])
+
+
 def is_affine(term: Term) -> bool:
     """Whether the term is a polynomial of degree at most one."""
     form = normal_form(term)

@@ -134,6 +134,8 @@ def _reduced(equality: Compare, branch: Branch) -> tuple[Compare, tuple[Formula,
     form = None if parts is None else normal_form(parts[0])
     if parts is None or form is None or (rest := remainder(form, branch.form, branch.symbol)) is None:
         return equality, ()
+    if any(rest) and len(rest) > len(form):
+        return equality, ()
     known = {(s.kind, s.name): s for s in symbols(equality) | symbols(branch.term) | {branch.symbol}}
     divisor = () if parts[1] == ONE else (Compare("!=", parts[1], ZERO, span=equality.span),)
     return Compare("=", term_of(rest, known), ZERO, span=equality.span), divisor
@@ -164,7 +166,10 @@ def _with_numbers(
         tuple(mapped(c, lambda t: replaced(t, numbers)) for c in rest),
         tuple(
             Row(
-                r.symbol, {s: replaced(t, numbers) for s, t in r.slopes.items() if s not in numbers}, r.gentle
+                r.symbol,
+                {s: replaced(t, numbers) for s, t in r.slopes.items() if s not in numbers},
+                r.gentle,
+                {s: replaced(t, numbers) for s, t in r.limits.items()},
             )
             for r in rows
             if r.symbol not in numbers

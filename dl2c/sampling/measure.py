@@ -40,11 +40,11 @@ class TooEntangled(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One slope: it is `scale * term`, and `term` is at most 1 in size where `gentle`."""
+    """One slope: it is `scale * term`, and `term` is at most `limit` in size, where there is one."""
 
     scale: Fraction
     term: Term
-    gentle: bool
+    limit: Term | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,10 +101,9 @@ def _size(entries: Sequence[Entry], box: Box) -> float:
     """The largest size of a sum of slopes."""
     around = 0.0
     for entry in entries:
-        value = evaluate(entry.term, box)
-        size = INF if value.empty else magnitude(value).high
-        limit = min(size, 1.0) if entry.gentle else size
-        around = add_up(around, mul_up(enclosure(abs(entry.scale)).high, limit))
+        bounds = [evaluate(t, box) for t in (entry.term, entry.limit) if t is not None]
+        size = min(INF if b.empty else magnitude(b).high for b in bounds)
+        around = add_up(around, mul_up(enclosure(abs(entry.scale)).high, size))
     return around
 
 
@@ -127,12 +126,13 @@ def _symbol(kind: str, name: str) -> Symbol:
 
 def _entries(row: Row, affine: Mapping[Symbol, Affine]) -> dict[Symbol, tuple[Entry, ...]]:
     """The row over names that are no affine functions; its own name has the entry 1."""
-    found: dict[Symbol, tuple[Entry, ...]] = {row.symbol: (Entry(Fraction(1), ONE, True),)}
+    found: dict[Symbol, tuple[Entry, ...]] = {row.symbol: (Entry(Fraction(1), ONE, None),)}
     for symbol, slope in row.slopes.items():
         if slope == ZERO:
             continue
+        limit = ONE if symbol in row.gentle else row.limits.get(symbol)
         for z, share in affine.get(symbol, {symbol: Fraction(1)}).items():
-            found[z] = (*found.get(z, ()), Entry(share, slope, symbol in row.gentle))
+            found[z] = (*found.get(z, ()), Entry(share, slope, limit))
     return found
 
 

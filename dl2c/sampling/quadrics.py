@@ -7,7 +7,7 @@ meet only in their boundaries.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from math import isqrt
 
@@ -28,8 +28,18 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
-from dl2c.ir.normal import Normal, normal_form
-from dl2c.sampling.algebra import coefficients, fraction, polynomial_derivative, remainder, size_of, term_of
+from dl2c.ir.normal import Monomial, Normal, normal_form
+from dl2c.sampling.algebra import (
+    coefficients,
+    content,
+    fraction,
+    polynomial_derivative,
+    remainder,
+    size_of,
+    term_of,
+    total,
+    without_content,
+)
 
 TWO, FOUR = Number(Fraction(2)), Number(Fraction(4))
 
@@ -37,11 +47,13 @@ TWO, FOUR = Number(Fraction(2)), Number(Fraction(4))
 @dataclass(frozen=True, slots=True)
 class Row:
     """How a name that is no affine function follows the others: `symbol` changes by minus the sum
-    of `slopes` times the changes of their names; `gentle` slopes are at most 1 in size."""
+    of `slopes` times the changes of their names; `gentle` slopes are at most 1 in size, others at most
+    their term of `limits`, where they have one."""
 
     symbol: Symbol
     slopes: Mapping[Symbol, Term]
     gentle: frozenset[Symbol] = frozenset()
+    limits: Mapping[Symbol, Term] = field(default_factory=dict[Symbol, Term])
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +73,8 @@ def branches_of(equality: Compare, names: Sequence[Symbol]) -> tuple[Branch, ...
     form = None if parts is None else normal_form(parts[0])
     if parts is None or form is None:
         return ()
+    below = normal_form(parts[1])
+    form = without_content(form, set() if below is None else content(below))
     solvable = [s for s in names if _degree(form, s) in (1, 2)]
     try:
         found = [b for s in solvable for b in _charts(form, s, solvable)]
@@ -98,13 +112,40 @@ def _charts(form: Normal, symbol: Symbol, solvable: Sequence[Symbol]) -> Iterato
             conditions.append(_at_least(steepness, Pow(others[other], 2)))
         elif solvable.index(other) < solvable.index(symbol):
             return
+    steps = [polynomial_derivative(form, s) for s in solvable]
+    limits = {o: _limit(polynomial_derivative(form, o), steps, known) for o in others if o not in solvable}
     row = Row(
         symbol,
         {o: folded(Div(g, slope)) for o, g in others.items()},
         frozenset(o for o in solvable if o != symbol),
+        {o: limit for o, limit in limits.items() if limit is not None},
     )
     for term in _roots(c0, c1, c2):
         yield Branch(symbol, term, tuple(conditions), row, form)
+
+
+def _limit(form: Normal, steps: Sequence[Normal], known: Mapping[tuple[str, str], Symbol]) -> Term | None:
+    """A bound of the polynomial relative to the steepest of the `steps`: each of its monomials is divided
+    by one of them that is a monomial too; None where that does not go."""
+    bound: Term = ZERO
+    for monomial, value in form.items():
+        quotients = [q for s in steps if len(s) == 1 and (q := _divided(monomial, value, s)) is not None]
+        if not quotients:
+            return None
+        shortest = min(quotients, key=lambda q: len(next(iter(q))))
+        bound = total(bound, Call("abs", (term_of(shortest, known),)))
+    return bound
+
+
+def _divided(monomial: Monomial, value: Fraction, divisor: Normal) -> Normal | None:
+    """The quotient of two monomials, where it is one."""
+    ((below, factor),) = divisor.items()
+    powers = {(k, n): e for k, n, e in monomial}
+    for kind, name, exponent in below:
+        powers[kind, name] = powers.get((kind, name), 0) - exponent
+    if any(e < 0 for e in powers.values()):
+        return None
+    return {tuple(sorted((k, n, e) for (k, n), e in powers.items() if e)): value / factor}
 
 
 def _at_least(large: Term, small: Term) -> Compare:
