@@ -8,11 +8,11 @@ BIN := .venv/bin
 READY := .venv/.ready
 WORKERS ?= 2
 
-.PHONY: help demo test test-slow lint bench clean
+.PHONY: help demo test test-slow lint bench sampling-report clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | test | test-slow | lint | bench | clean"
+	@echo "make demo | test | test-slow | lint | bench | sampling-report | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -32,6 +32,10 @@ lint: $(READY)
 bench: $(READY)
 	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000
 	$(BIN)/dl2c bench examples/dubins.kyx --integrator cvodes --rtol 1e-6 --atol 1e-6 --require batch1024=30
+
+# Needs the public models beside the checkout.
+sampling-report: $(READY)
+	$(BIN)/python -m tests.sampling_report
 
 clean:
 	rm -rf .venv dist .pytest_cache .ruff_cache .hypothesis

@@ -152,8 +152,13 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
 
 def drawn_model(source: Source, options: Options) -> "Model":
     """The model whose initial states are drawn: limited by the default bound. Raises `CompileError`."""
-    problem, options, _ = _front(source, options)
-    return _lowered(problem, options)[1]
+    archive, _ = parse_archive(source)
+    return drawn_model_of(entry_of(archive, options), options)
+
+
+def drawn_model_of(entry: Entry, options: Options) -> "Model":
+    """The same for one entry of an archive."""
+    return _lowered(*_completed_problem(entry, options))[1]
 
 
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:

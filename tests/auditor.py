@@ -7,6 +7,7 @@ where the difference of its sides is enclosed around 0 within 2**-120 of their s
 """
 
 from fractions import Fraction
+from itertools import product
 from math import isqrt
 
 from dl2c.ir.model import (
@@ -152,6 +153,12 @@ def audited_witness(
             return "no"
         ranges[symbol] = exact
     return _inside(f, bounds, ranges)
+
+
+def definitions_of(plan):
+    """The definitions of all combinations of one chart of each block."""
+    chosen = product(*([c.definitions for c in block.charts] for block in plan.blocks))
+    return [[d for definitions in parts for d in definitions] for parts in chosen]
 
 
 def _inside(f: Formula, bounds: Bounds, ranges: dict[Symbol, Range]) -> str:

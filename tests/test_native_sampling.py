@@ -15,7 +15,7 @@ from dl2c.pipeline import compile_model
 from dl2c.resolve.problem import resolve
 from dl2c.sampling.plan import plan_sampling
 from dl2c.source import Source
-from tests.auditor import audited, audited_witness
+from tests.auditor import audited, audited_witness, definitions_of
 from tests.test_uniform import CELLS, circle_and_products, counts, cuts_of, p_value
 
 WAYPOINT = Source.read(Path(__file__).resolve().parent.parent / "examples" / "waypoint.kyx")
@@ -64,7 +64,7 @@ def audit_all(source, names, rows, manifest):
     symbols |= {c.name: Symbol(c.name, "constant") for c in model.constants}
     bounds = {symbols[v.name]: (v.bound.low, v.bound.high) for v in model.variables if v.initial == "sampled"}
     bounds |= {symbols[c.name]: (c.bound.low, c.bound.high) for c in model.constants if c.value is None}
-    charts = [[(symbols[n], t) for n, t in c.definitions] for c in plan.charts]
+    charts = [[(symbols[n], t) for n, t in d] for d in definitions_of(plan)]
     for row in rows.tolist():
         state = {symbols[n]: Fraction(v) for n, v in zip(names, row, strict=True)}
         if manifest.certificate == "exact":

@@ -20,8 +20,8 @@ def run(*words):
 
 
 def boxes_of(plan):
-    free = plan.charts[0].free
-    return [dict(zip(free, zip(b.low, b.high, strict=True), strict=True)) for b in plan.boxes]
+    free = plan.blocks[-1].charts[0].free
+    return [dict(zip(free, zip(b.low, b.high, strict=True), strict=True)) for b in plan.blocks[-1].boxes]
 
 
 @pytest.fixture
@@ -59,13 +59,13 @@ def test_a_corner_plot_is_written(robot, tmp_path):
 def test_z3_proves_the_papers_boxes():
     result = run("check", "example:waypoint", "--prove-coverage")
     assert result.exit_code == 0, result.output
-    assert "no initial state lies outside of the 64 boxes" in result.stdout
+    assert "no initial state lies outside of the 65 boxes" in result.stdout
 
 
 def test_a_missing_box_is_noticed():
     plan = planned(PAPER)
     assert isinstance(coverage(PAPER, plan.around, boxes_of(plan)), Covered)
-    heaviest = int(np.argmax([b.weight for b in plan.boxes]))
+    heaviest = int(np.argmax([b.weight for b in plan.blocks[-1].boxes]))
     boxes = [b for k, b in enumerate(boxes_of(plan)) if k != heaviest]
     assert isinstance(coverage(PAPER, plan.around, boxes), Outside)
 

@@ -21,7 +21,7 @@ from dl2c.sampling.acceptance import NoErrorBound, acceptance, error_bound
 from dl2c.sampling.arrays import holds as holds_on_arrays
 from dl2c.sampling.draw import draw, draw_many
 from dl2c.sampling.plan import NoSampler, SamplingPlan, plan_sampling
-from tests.auditor import audited, audited_witness
+from tests.auditor import audited, audited_witness, definitions_of
 from tests.ir_builder import PAPER, formula, model, term
 from tests.ir_oracle import SYMBOLS, exact, formulas, holds, terms
 
@@ -57,7 +57,7 @@ def audit(m, plan, columns):
         if plan.certificate == "exact":
             assert audited(m.precondition, bounds, state) == "yes"
             continue
-        charts = [[(by_name[n], t) for n, t in chart.definitions] for chart in plan.charts]
+        charts = [[(by_name[n], t) for n, t in d] for d in definitions_of(plan)]
         found = [audited_witness(m.precondition, bounds, state, c, plan.error_bound) for c in charts]
         assert "yes" in found, found
 
@@ -219,12 +219,12 @@ def test_paving_raises_the_papers_acceptance():
     assert planned(PAPER, boxes=1).estimated_acceptance == pytest.approx(0.06, rel=0.2)
     plan = planned(PAPER, boxes=64)
     assert plan.estimated_acceptance > 0.28
-    assert len(plan.boxes) == 64
-    assert math.fsum(b.weight for b in plan.boxes) == pytest.approx(1)
+    assert len(plan.blocks[-1].boxes) == 64
+    assert math.fsum(b.weight for b in plan.blocks[-1].boxes) == pytest.approx(1)
 
 
 def test_boxes_do_not_overlap():
-    boxes = planned(PAPER, boxes=32).boxes
+    boxes = planned(PAPER, boxes=32).blocks[-1].boxes
     for k, a in enumerate(boxes):
         for b in boxes[:k]:
             gaps = zip(a.low, a.high, b.low, b.high, strict=True)
@@ -263,13 +263,14 @@ def test_equalities_become_definitions(text, definitions, certificate):
     m = model(text, {"x": "-5:5", "y": "-5:5", "z": "-5:5"}, {}, {"c": "1.5"})
     plan = planned(m)
     assert plan.certificate == certificate
-    assert set(plan.charts[0].free) | {n for n, _ in plan.charts[0].definitions} == set(plan.names)
-    seen = set(plan.charts[0].free)
-    for name, definition in plan.charts[0].definitions:
+    (found,) = definitions_of(plan)
+    seen = {n for c in plan.charts for n in c.free}
+    assert seen | {n for n, _ in found} == set(plan.names)
+    for name, definition in found:
         assert {s for s in "xyz" if Symbol(s, "variable") in leaves_of(definition)} <= seen
         seen.add(name)
     if definitions is not None:
-        assert dict(plan.charts[0].definitions) == {n: term(t) for n, t in definitions.items()}
+        assert dict(found) == {n: term(t) for n, t in definitions.items()}
     audit(m, plan, draw_many(plan, np.random.default_rng(8), 500))
 
 

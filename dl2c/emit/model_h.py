@@ -64,7 +64,7 @@ def _sizes(environment: Environment) -> str:
         "NFREE": free_names(sampling),
         "NCHART": 0 if sampling is None else len(sampling.charts),
         "DL2C_WEIGHTED": int(sampling is not None and sampling.weighted),
-        "NBOX": 0 if sampling is None else len(sampling.boxes),
+        "NBLOCK": 0 if sampling is None else len(sampling.blocks),
         "NMARGIN": max(1, margin_count(environment)),
         "NDEGREE": max(1, margin_degree(environment)),
         "NWATCH": len(watches_of(model)),

@@ -22,7 +22,7 @@ def sampler_functions(environment: Environment, leaves: Leaves) -> list[str]:
     return [
         _by_chart(
             "void model_initial(int chart, const real *drawn, real *x, real *p)",
-            [_initial(environment.model, c, leaves, _suffix(k, charts)) for k, c in enumerate(charts)],
+            [_initial(environment, c, leaves, _suffix(k, charts)) for k, c in enumerate(charts)],
             "The state that a draw stands for: free names as drawn, the others from them.",
         ),
         _by_chart(
@@ -46,7 +46,7 @@ def _suffix(k: int, charts: Sequence[SampleChart]) -> str:
 
 def _by_chart(head: str, bodies: Sequence[Sequence[str]], about: str, otherwise: str = "") -> str:
     """A function that does something else for each chart."""
-    if len(bodies) == 1:
+    if bodies and all(body == bodies[0] for body in bodies):
         return function(f"static inline {head}", ["(void)chart;", *bodies[0]], about)
     lines = ["switch (chart) {"]
     for k, body in enumerate(bodies):
@@ -56,19 +56,26 @@ def _by_chart(head: str, bodies: Sequence[Sequence[str]], about: str, otherwise:
     return function(f"static inline {head}", [*lines, last, "}"], about)
 
 
-def _initial(model: Model, chart: SampleChart, leaves: Leaves, suffix: str) -> list[str]:
+def _initial(environment: Environment, chart: SampleChart, leaves: Leaves, suffix: str) -> list[str]:
+    """What is fixed is set with the first block."""
+    model, plan = environment.model, environment.sampling
     symbols = {s.name: s for s in _symbols(model)}
     body = [f"{_target(symbols[n])} = drawn[{k}];" for k, n in enumerate(chart.free)]
-    body += [f"{_target(Symbol(v.name, 'variable'))} = 0.0;" for v in model.variables if v.initial == "zero"]
-    body += [
-        f"{_target(Symbol(c.name, 'constant'))} = {number(float(c.value))};"
-        for c in model.constants
-        if c.value is not None
-    ]
+    if plan is not None and chart in plan.blocks[0].charts:
+        body += _fixed(model)
     for name, term in chart.definitions:
         value = leaves.term(f"initial_set_{name}{suffix}", term, f"{name} = {print_term(term)}")
         body.append(f"{_target(symbols[name])} = {value};")
     return body
+
+
+def _fixed(model: Model) -> list[str]:
+    zeros = [Symbol(v.name, "variable") for v in model.variables if v.initial == "zero"]
+    given = [(Symbol(c.name, "constant"), c.value) for c in model.constants if c.value is not None]
+    return [
+        *(f"{_target(s)} = 0.0;" for s in zeros),
+        *(f"{_target(s)} = {number(float(value))};" for s, value in given),
+    ]
 
 
 def _density(chart: SampleChart, leaves: Leaves, suffix: str) -> str:
@@ -83,25 +90,45 @@ def _accepted(chart: SampleChart, leaves: Leaves, suffix: str) -> str:
 
 
 def sampler_tables(environment: Environment) -> list[str]:
-    """Boxes and their alias table (Walker): box k is kept with its share, else its alias is taken."""
+    """Boxes of all blocks, and their alias tables (Walker): box k is kept with its share, else its alias
+    is taken."""
     plan = environment.sampling
-    boxes = plan.boxes if plan is not None else ()
+    blocks = plan.blocks if plan is not None else ()
+    boxes = [box for block in blocks for box in block.boxes]
     n, width = max(1, len(boxes)), free_names(plan)
     lows = [row(number(v) for v in _padded(box.low, width)) for box in boxes]
     highs = [row(number(v) for v in _padded(box.high, width)) for box in boxes]
-    share, alias = alias_table([box.weight for box in boxes])
-    charts = [str(box.chart) for box in boxes] if plan is not None and len(plan.charts) > 1 else ["0"]
+    starts = [0]
+    charts: list[str] = []
+    share: list[str] = []
+    alias: list[str] = []
+    first_chart = 0
+    for block in blocks:
+        shares, others = alias_table([box.weight for box in block.boxes])
+        share += [number(s) for s in shares]
+        alias += [str(starts[-1] + k) for k in others]
+        charts += [str(first_chart + box.chart) for box in block.boxes]
+        starts.append(starts[-1] + len(block.boxes))
+        first_chart += len(block.charts)
+    several = first_chart > 1
     largest = (
         [number(box.squared_density) for box in boxes] if plan is not None and plan.weighted else ["1.0"]
     )
     return [
+        table("int32_t", "SAMPLE_START", f"[{len(starts)}]", [str(s) for s in starts]),
         table("real", "SAMPLE_LOW", f"[{n}][{max(1, width)}]", lows or ["{0.0}"]),
         table("real", "SAMPLE_HIGH", f"[{n}][{max(1, width)}]", highs or ["{0.0}"]),
-        table("real", "SAMPLE_SHARE", f"[{n}]", [number(s) for s in share] or ["1.0"]),
-        table("int32_t", "SAMPLE_ALIAS", f"[{n}]", [str(a) for a in alias] or ["0"]),
-        table("int32_t", "SAMPLE_CHART", f"[{len(charts)}]", charts),
+        table("real", "SAMPLE_SHARE", f"[{n}]", share or ["1.0"]),
+        table("int32_t", "SAMPLE_ALIAS", f"[{n}]", alias or ["0"]),
+        table("int32_t", "SAMPLE_CHART", f"[{n if several else 1}]", charts if several else ["0"]),
+        table("int32_t", "SAMPLE_FREE", f"[{max(1, first_chart)}]", _counts(plan)),
         table("real", "SAMPLE_DENSITY", f"[{len(largest)}]", largest),
     ]
+
+
+def _counts(plan: SamplingPlan | None) -> list[str]:
+    """How many names each chart draws."""
+    return ["0"] if plan is None else [str(len(c.free)) for c in plan.charts]
 
 
 def free_names(plan: SamplingPlan | None) -> int:

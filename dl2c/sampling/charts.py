@@ -16,11 +16,11 @@ from dl2c.ir.logic import conjunction, conjuncts, mapped, negation, oriented, re
 from dl2c.ir.model import Bound, Compare, Constant, Formula, Number, Sub, Symbol, Term, Variable
 from dl2c.ir.normal import normal_form
 from dl2c.sampling.acceptance import LARGEST
-from dl2c.sampling.cases import Conjuncts, TooMany, alternatives, resolved
+from dl2c.sampling.cases import Conjuncts, TooMany, alternatives
 from dl2c.sampling.equalities import Elimination, Unsolved, eliminate
 from dl2c.sampling.linear import replaced
 from dl2c.sampling.measure import Measure, TooEntangled, measure_of
-from dl2c.sampling.refusal import beyond_doubles, entangled, unbounded, unsolved, without_sample
+from dl2c.sampling.refusal import beyond_doubles, entangled, unsolved, without_sample
 
 Items: TypeAlias = Mapping[Symbol, Variable | Constant]
 """The names to sample, in the order of `Model.sampled`, with their declarations."""
@@ -33,7 +33,7 @@ APART = Fraction(1, 10**9)
 class Chart:
     """Some of the initial states, each given by its `free` names.
 
-    These are finite in `box`, whose ends are doubles inside their bounds; `definitions` give all other
+    The ends of `box` are doubles inside their bounds; `definitions` give all other
     names, in order. `rest` is what else must hold, and for each defined name the condition of
     `bounds`; `formula` says the same with equalities, to contract boxes with.
     """
@@ -47,6 +47,11 @@ class Chart:
     measure: Measure
 
     @property
+    def endless(self) -> tuple[Symbol, ...]:
+        """Free names without finite limits."""
+        return tuple(s for s in self.free if not _is_finite(self.box[s]))
+
+    @property
     def dimension(self) -> int:
         """How many names can vary."""
         return sum(self.box[s].low < self.box[s].high for s in self.free)
@@ -58,7 +63,7 @@ def charts_of(formula: Formula, items: Items, box: Box) -> tuple[Chart, ...]:
     Raises `CompileError` with the reason where there are none.
     """
     try:
-        cases = tuple(map(_with_implied, alternatives(resolved(without_numbers(formula)), box)))
+        cases = tuple(map(_with_implied, alternatives(formula, box)))
         found, open_ = _solved_cases(cases, items, box)
     except (TooMany, TooEntangled) as exc:
         raise CompileError(entangled(formula, isinstance(exc, TooMany))) from None
@@ -137,8 +142,6 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
     around = contract(formula, box)
     if around is None:
         return None
-    if endless := [items[s] for s in free if not _is_finite(around[s])]:
-        raise CompileError(unbounded(endless))
     inside = {s: meet(around[s], inward(items[s].bound)) for s in free}
     if any(i.empty for i in inside.values()):
         return None

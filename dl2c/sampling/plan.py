@@ -17,7 +17,7 @@ import numpy as np
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import Box, hull_of
 from dl2c.ir.logic import conjunction, symbols
-from dl2c.ir.model import ONE, Formula, Model, Term
+from dl2c.ir.model import ONE, TRUE, Formula, Model, Term
 from dl2c.sampling.acceptance import acceptance
 from dl2c.sampling.arrays import Bools, Columns, Floats, completed, holds, uniform, values
 from dl2c.sampling.charts import Chart, inward
@@ -52,7 +52,7 @@ class SampleChart:
 
 @dataclass(frozen=True, slots=True)
 class SampleBox:
-    """Limits of the free names of a chart, in their order, the probability of the box, and the largest
+    """Limits of the free names of a chart of its block, in their order, its probability, and the largest
     value of the chart's `squared_density` in it."""
 
     chart: int
@@ -63,10 +63,19 @@ class SampleBox:
 
 
 @dataclass(frozen=True, slots=True)
-class SamplingPlan:
-    """How to draw an initial state.
+class SampleBlock:
+    """Names that are drawn apart from all others, and the part of their draws that is kept."""
 
-    Choose a box by weight; draw each free name of its chart as `low + u * (high - low)`, u uniform on
+    charts: tuple[SampleChart, ...]
+    boxes: tuple[SampleBox, ...]
+    estimated_acceptance: float
+
+
+@dataclass(frozen=True, slots=True)
+class SamplingPlan:
+    """How to draw an initial state: for each block in turn, until a draw is accepted,
+
+    choose a box by weight; draw each free name of its chart as `low + u * (high - low)`, u uniform on
     [0, 1), not above `high`; compute the definitions; where the plan is weighted, draw another u and
     start again unless `u * u * box.squared_density <= chart.squared_density`; accept if the chart's
     `acceptance` holds in doubles, where an atom with an undefined subterm is false; else start again.
@@ -76,13 +85,26 @@ class SamplingPlan:
     """
 
     names: tuple[str, ...]
-    charts: tuple[SampleChart, ...]
-    boxes: tuple[SampleBox, ...]
+    blocks: tuple[SampleBlock, ...]
     certificate: Literal["exact", "witness"]
     error_bound: float
-    estimated_acceptance: float
     around: Mapping[str, tuple[float, float]]
     """The doubles inside the bounds of each free name, where it has any."""
+
+    @property
+    def estimated_acceptance(self) -> float:
+        """The part of draws that is kept, of the block of which least is."""
+        return min((b.estimated_acceptance for b in self.blocks), default=1.0)
+
+    @property
+    def charts(self) -> tuple[SampleChart, ...]:
+        """Those of all blocks."""
+        return tuple(c for block in self.blocks for c in block.charts)
+
+    @property
+    def boxes(self) -> tuple[SampleBox, ...]:
+        """Those of all blocks."""
+        return tuple(b for block in self.blocks for b in block.boxes)
 
     @property
     def weighted(self) -> bool:
@@ -100,7 +122,7 @@ class NoSampler:
 def plan_sampling(
     model: Model, *, boxes: int = 64, time_limit_s: float = 10.0, decision: Decision | None = None
 ) -> SamplingPlan | NoSampler:
-    """Tables for drawing initial states, with at most `boxes` boxes, or one for each chart.
+    """Tables for drawing initial states; in each block at most `boxes` boxes, or one for each chart.
 
     `decision` is what `decide(model)` said, where that is known already. The time limit bounds Z3
     in seconds, and the paving by as much work as takes about that long.
@@ -108,39 +130,45 @@ def plan_sampling(
     decision = decide(model, time_limit_s) if decision is None else decision
     try:
         problem = problem_of(model, decision)
-        leaves = _paved(problem, boxes, time_limit_s)
-        charts = [_sample_chart(problem, chart, leaves, k) for k, chart in enumerate(problem.charts)]
+        share = time_limit_s / max(1, sum(any(c.formula != TRUE for c in b) for b in problem.blocks))
+        planned = [_block(problem, charts, boxes, share) for charts in problem.blocks]
     except CompileError as refusal:
         return NoSampler(refusal.diagnostics[0])
-    points = min(TRIALS, COORDINATES // len(model.sampled)) // len(leaves) if model.sampled else TRIALS
-    accepted = [
-        leaf.mass
-        * _accepted(problem.charts[leaf.chart], charts[leaf.chart][0], leaf.box, leaf.density, points)
-        for leaf in leaves
-    ]
-    if sum(accepted) == 0:
+    if not all(block.estimated_acceptance > 0 for block, _ in planned):
         thin = without_sample(problem.formula)
         return NoSampler(diagnose(decision) if isinstance(decision, Unknown) else thin)
-    total = math.fsum(leaf.mass for leaf in leaves)
-    error_bound = max(error for _, error in charts)
+    error_bound = max((error for _, error in planned), default=0.0)
     return SamplingPlan(
         names=model.sampled,
-        charts=tuple(chart for chart, _ in charts),
-        boxes=tuple(_sample_box(leaf, problem.charts[leaf.chart], total) for leaf in leaves),
+        blocks=tuple(block for block, _ in planned),
         certificate="witness" if error_bound > 0 else "exact",
         error_bound=error_bound,
-        estimated_acceptance=sum(accepted) / total,
         around=_around(problem),
     )
 
 
-def _paved(problem: Problem, boxes: int, time_limit_s: float) -> tuple[Leaf, ...]:
-    leaves = pave([_root(chart) for chart in problem.charts], boxes=boxes, time_limit_s=time_limit_s)
+def _block(
+    problem: Problem, charts: Sequence[Chart], boxes: int, time_limit_s: float
+) -> tuple[SampleBlock, float]:
+    """The tables of a block, and a bound of the error of its defined names."""
+    leaves = pave([_root(chart) for chart in charts], boxes=boxes, time_limit_s=time_limit_s)
     if not leaves:
         raise CompileError(without_sample(problem.formula))
     if not all(math.isfinite(leaf.density) for leaf in leaves):
         raise CompileError(unbounded_density(problem.formula))
-    return leaves
+    tested = [_sample_chart(problem, chart, leaves, k) for k, chart in enumerate(charts)]
+    points = min(TRIALS, COORDINATES // max(1, len(charts[0].box))) // len(leaves)
+    accepted = [
+        leaf.mass * _accepted(charts[leaf.chart], tested[leaf.chart][0], leaf.box, leaf.density, points)
+        for leaf in leaves
+    ]
+    total = math.fsum(leaf.mass for leaf in leaves)
+    block = SampleBlock(
+        charts=tuple(chart for chart, _ in tested),
+        boxes=tuple(_sample_box(leaf, charts[leaf.chart], total) for leaf in leaves),
+        estimated_acceptance=sum(accepted) / total,
+    )
+    return block, max(error for _, error in tested)
 
 
 def _root(chart: Chart) -> Root:
@@ -182,7 +210,7 @@ def _by_name(chart: Chart) -> tuple[tuple[str, Term], ...]:
 
 
 def _around(problem: Problem) -> dict[str, tuple[float, float]]:
-    free = {s for chart in problem.charts for s in chart.free}
+    free = {s for charts in problem.blocks for chart in charts for s in chart.free}
     limits = {s.name: inward(item.bound) for s, item in problem.items.items() if s in free}
     return {n: (i.low, i.high) for n, i in limits.items() if math.isfinite(i.low) and math.isfinite(i.high)}
 

@@ -26,9 +26,11 @@ from dl2c.ir.model import (
     Term,
     Variable,
 )
-from dl2c.sampling.charts import Chart, Items, charts_of
+from dl2c.sampling.blocks import groups_of
+from dl2c.sampling.cases import resolved
+from dl2c.sampling.charts import Chart, Items, charts_of, without_numbers
 from dl2c.sampling.linear import replaced
-from dl2c.sampling.refusal import transcendental
+from dl2c.sampling.refusal import transcendental, unbounded
 from dl2c.smt.precondition import Decision, Satisfiable, Unsatisfiable, diagnose, parts
 
 ALGEBRAIC = ("abs", "min", "max", "sqrt")
@@ -37,13 +39,14 @@ ALGEBRAIC = ("abs", "min", "max", "sqrt")
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """`formula` is the precondition without fixed constants; it holds only inside `box`. The charts hold
-    every initial state once, but for a set of lower dimension."""
+    """`formula` is the precondition without fixed constants; it holds only inside `box`. The initial
+    states are all combinations of one state of each block; the charts of a block hold each of its states
+    once, but for a set of lower dimension."""
 
     items: Items
     formula: Formula
     box: Mapping[Symbol, Interval]
-    charts: tuple[Chart, ...]
+    blocks: tuple[tuple[Chart, ...], ...]
 
 
 def problem_of(model: Model, decision: Decision) -> Problem:
@@ -52,8 +55,15 @@ def problem_of(model: Model, decision: Decision) -> Problem:
     formula = _precondition(model, items)
     box = _feasible_box(model, formula, items, decision)
     _check_functions(formula)
-    charts = charts_of(_possible(formula, box), items, box)
-    return Problem(items, formula, box, charts)
+    prepared = resolved(without_numbers(_possible(formula, box)))
+    blocks = [
+        charts_of(group.formula, {n: items[n] for n in group.names}, {n: box[n] for n in group.names})
+        for group in groups_of(prepared, list(items))
+    ]
+    endless = {s for charts in blocks for chart in charts for s in chart.endless}
+    if endless:
+        raise CompileError(unbounded([item for s, item in items.items() if s in endless]))
+    return Problem(items, formula, box, tuple(blocks))
 
 
 def _items(model: Model) -> dict[Symbol, Variable | Constant]:

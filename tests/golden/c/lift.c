@@ -12,7 +12,7 @@ enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F
        NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 2, NCHOICE = 2, NENVCHOICE = 0, NMASK = 6,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2,
-NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, NBOX = 1, NMARGIN = 9, NDEGREE = 1, NWATCH = 2,
+NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, NBLOCK = 1, NMARGIN = 9, NDEGREE = 1, NWATCH = 2,
 DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_MAX_LOOP = 10000,
 DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
@@ -1048,11 +1048,13 @@ static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};
 static const int32_t FLOW_MARGINS[2] = {9, 5};
+static const int32_t SAMPLE_START[2] = {0, 1};
 static const real SAMPLE_LOW[1][3] = {{0.0, 0.0, 0.5}};
 static const real SAMPLE_HIGH[1][3] = {{3.0, 1.0, 2.0}};
 static const real SAMPLE_SHARE[1] = {1.0};
 static const int32_t SAMPLE_ALIAS[1] = {0};
 static const int32_t SAMPLE_CHART[1] = {0};
+static const int32_t SAMPLE_FREE[1] = {3};
 static const real SAMPLE_DENSITY[1] = {1.0};
 
 #include "batch.h" /* the runtime, compiled with this model as one unit */
