@@ -1,5 +1,6 @@
 """Initial states of compiled models: valid by an audit with fractions, uniform, the same in any batch."""
 
+import time
 from fractions import Fraction
 from pathlib import Path
 
@@ -104,3 +105,22 @@ def test_a_witness_can_be_set_again():
         state = env.state
         env.reset(options={"state": state})
         assert env.state == state
+
+
+def test_a_reset_costs_little_more_than_random_numbers():
+    """Filling the same doubles is numpy's; the least of several times each, in one run."""
+    library = compile_model(WAYPOINT, Options()).library
+    count, width = 20_000, len(library.manifest.variables) + len(library.manifest.constants)
+    batch, rng = library.batch(count), np.random.default_rng(0)
+    numbers = np.empty((count, width))
+    seeds = np.arange(count, dtype=np.uint64)
+    resets = min(elapsed(lambda: batch.reset(seeds=seeds)) for _ in range(7))
+    fills = min(elapsed(lambda: rng.random(out=numbers)) for _ in range(7))
+    print(f"{count / resets:,.0f} resets/s, {resets / fills:.1f} times filling")
+    assert resets <= 40 * fills
+
+
+def elapsed(work):
+    begun = time.perf_counter()
+    work()
+    return time.perf_counter() - begun
