@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo test test-slow lint bench corpus fuzz clean
+.PHONY: help demo test test-slow lint bench corpus sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | test | test-slow | lint | bench | corpus | fuzz | clean"
+	@echo "make demo | test | test-slow | lint | bench | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -43,6 +43,10 @@ fuzz: $(READY)
 	@$(BIN)/python -c 'import atheris' 2>/dev/null || $(BIN)/python -m pip install -q -e '.[fuzz]' || \
 	  { echo "make fuzz: atheris cannot be installed for $$($(BIN)/python -V); set PYTHON=" >&2; exit 1; }
 	$(BIN)/python tests/fuzz/models.py $(FUZZ_SECONDS)
+
+# Needs the public models beside the checkout.
+sampling-report: $(READY)
+	$(BIN)/python -m tests.sampling_report
 
 clean:
 	rm -rf .venv dist .pytest_cache .ruff_cache .hypothesis

@@ -132,6 +132,9 @@ def check(
         bool,
         typer.Option("--list-codes", callback=_list_codes, is_eager=True, help="Print what is looked for."),
     ] = False,
+    prove_coverage: Annotated[
+        bool, typer.Option("--prove-coverage", help="Ask Z3 too whether sampling misses initial states.")
+    ] = False,
     json: Json = False,
     *,
     options: Mapping[str, Any],
@@ -152,6 +155,11 @@ def check(
     if not (json or quiet()):
         made = f"{corrections} correction{'s' * (corrections != 1)}, " if fix else ""
         print(f"{model}: {made}no errors, {len(found)} warning{'s' * (len(found) != 1)}")
+    if prove_coverage:
+        from dl2c.commands.sample import report_coverage
+
+        if not report_coverage(model, options, json):
+            raise typer.Exit(1)
 
 
 @app.command()
@@ -205,6 +213,26 @@ def emit(
 
     text = emitted(source_of(model), stage, resolve_options(options))
     print(to_json({"stage": stage, "text": text}) if json else text.rstrip("\n"))
+
+
+@app.command()
+@model_options
+def sample(
+    model: Model,
+    count: Annotated[int, typer.Option("-n", "--count", min=1, help="How many states.")] = 10_000,
+    seed: Seed = 0,
+    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every state to this file.")] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="Picture of all pairs of names.")] = None,
+    json: Json = False,
+    *,
+    options: Mapping[str, Any],
+) -> None:
+    """Draw initial states and say what is proved of them and how fast they are."""
+    from dl2c.commands.sample import draw, present
+
+    with _working(f"sampling {model}"):
+        drawn = draw(model, options, count, seed)
+    present(drawn, csv_file, plot, json)
 
 
 @app.command()

@@ -22,6 +22,7 @@ Integrator: TypeAlias = Literal["auto", "exact", "cvodes"]
 Stiff: TypeAlias = Literal["auto", "true", "false"]
 Provider: TypeAlias = Literal["casadi", "system"]
 ProgressFailure: TypeAlias = Literal["due", "literal"]
+InitialDistribution: TypeAlias = Literal["uniform", "z3"]
 
 LARGEST = 10**300
 MAX_LENGTH = 400
@@ -64,6 +65,7 @@ class Options:
     stall_limit: int = 0
     duration: Duration = "max"
     safety_check: SafetyCheck = "auto"
+    initial_distribution: InitialDistribution = "uniform"
     integrator: Integrator = "auto"
     stiff: Stiff = "auto"
     rtol: Fraction = Fraction(1, 10**9)

@@ -150,6 +150,17 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
     return model, enumerate_paths(model, options.default_bound)
 
 
+def drawn_model(source: Source, options: Options) -> "Model":
+    """The model whose initial states are drawn: limited by the default bound. Raises `CompileError`."""
+    archive, _ = parse_archive(source)
+    return drawn_model_of(entry_of(archive, options), options)
+
+
+def drawn_model_of(entry: Entry, options: Options) -> "Model":
+    """The same for one entry of an archive."""
+    return _lowered(*_completed_problem(entry, options))[1]
+
+
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:
     """Parse and resolve; `@episode` completes the options."""
     archive, warnings = parse_archive(source)

@@ -8,8 +8,8 @@
  * count work on lanes: value k of environment i is x[k*stride + i], i < count.
  *
  *   enum { NX, NP, NU, NINPUT, NENVINPUT, NDECISION, NCHOICE, NENVCHOICE, NMASK, NSTEPDRAW, NDRAW,
- *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NBOX, NMARGIN,
- *          NDEGREE, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
+ *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NCHART, DL2C_WEIGHTED, NBLOCK,
+ *          NMARGIN, NDEGREE, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
  *          DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
  *   typedef float dl2c_obs;                      one observation entry, or double
@@ -19,7 +19,9 @@
  *   static const int32_t MASK_START[];           (NCHOICE + 1) first mask entry of each decision
  *   static const int32_t CHOICE_DRAW[], INPUT_DRAW[], FLOW_DRAW[];   first number drawn for it, or -1
  *   static const double INPUT_LOW[], INPUT_HIGH[];
+ *   static const int32_t SAMPLE_START[];         (NBLOCK + 1) first box of each block
  *   static const double SAMPLE_LOW[][], SAMPLE_HIGH[][], SAMPLE_SHARE[]; static const int32_t SAMPLE_ALIAS[];
+ *   static const int32_t SAMPLE_CHART[], SAMPLE_FREE[]; static const double SAMPLE_DENSITY[];   one each where they do not matter
  *
  * The NDECISION discrete decisions are in this order: NCHOICE of the agent, NENVCHOICE of the
  * environment, then those of the program before the loop; so are the NU inputs, NINPUT and NENVINPUT
@@ -57,8 +59,9 @@
  *   void model_judge(x, p, stride, count, facts, row, dl2c_judgement *judged)   rewards and endings
  *   bool model_precondition(x, p)
  *   void model_observe(x, p, stride, count, row, dl2c_obs *obs, uint8_t *saturated)   obs: (NOBS, row)
- *   void model_initial(const real *drawn, real *x, real *p)      a state from the drawn values
- *   bool model_accept(x, p)                                      and whether it is admissible
+ *   void model_initial(int chart, const real *drawn, real *x, real *p)   a state from the drawn values
+ *   real model_density(int chart, x, p)                          how much of all states it stands for, squared
+ *   bool model_accept(int chart, x, p)                           and whether it is admissible
  */
 #ifndef DL2C_MODEL_H
 #define DL2C_MODEL_H

@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
  * sampler.h -- initial states: a box by its share, a uniform point in it, then the rest of the precondition.
+ *
+ * Names that have nothing to do with each other are blocks, and drawn apart. Where equalities bend the set of initial states, a box belongs to a chart of it, which says what the
+ * drawn numbers are; a point is kept with a probability by the part of the set that it stands for.
  */
 #ifndef DL2C_SAMPLER_H
 #define DL2C_SAMPLER_H
@@ -10,28 +13,37 @@
 /* Draws that may fail before a reset gives up, and states without a run that may be drawn. */
 enum { DL2C_MAX_DRAWS = 10000000, DL2C_MAX_DEADLOCKS = 1000 };
 
-/* One draw; false if it is not admissible. */
-static inline bool dl2c_draw(dl2c_rng *rng, real *x, real *p)
+/* One draw of the names of a block; false if it is not admissible. */
+static inline bool dl2c_draw(dl2c_rng *rng, int block, real *x, real *p)
 {
   real drawn[NFREE + 1];
-  int box = 0;
-  if (NBOX > 1) {
-    const real place = dl2c_rng_unit(rng) * (real)NBOX;
-    box = (int)place;
-    if (place - (real)box >= SAMPLE_SHARE[box]) box = SAMPLE_ALIAS[box];
+  int box = SAMPLE_START[block];
+  const int count = SAMPLE_START[block + 1] - box;
+  if (count > 1) {
+    const real place = dl2c_rng_unit(rng) * (real)count;
+    box += (int)place;
+    if (place - (real)(int)place >= SAMPLE_SHARE[box]) box = SAMPLE_ALIAS[box];
   }
-  for (int k = 0; k < NFREE; k++)
+  const int chart = SAMPLE_CHART[NCHART > 1 ? box : 0];
+  for (int k = 0; k < SAMPLE_FREE[chart]; k++)
     drawn[k] = dl2c_rng_uniform(rng, SAMPLE_LOW[box][k], SAMPLE_HIGH[box][k]);
-  model_initial(drawn, x, p);
-  return model_accept(x, p);
+  model_initial(chart, drawn, x, p);
+  if (DL2C_WEIGHTED) {
+    const real u = dl2c_rng_unit(rng);
+    if (!(u * u * SAMPLE_DENSITY[DL2C_WEIGHTED ? box : 0] <= model_density(chart, x, p))) return false;
+  }
+  return model_accept(chart, x, p);
 }
 
-/* Draws until one is admissible; false if none was. */
+/* Draws until each block is admissible; false if one never was. */
 static bool dl2c_sample(dl2c_rng *rng, real *x, real *p)
 {
-  for (int k = 0; k < DL2C_MAX_DRAWS && NBOX > 0; k++)
-    if (dl2c_draw(rng, x, p)) return true;
-  return false;
+  for (int block = 0; block < NBLOCK; block++) {
+    int tries = 0;
+    while (!dl2c_draw(rng, block, x, p))
+      if (++tries >= DL2C_MAX_DRAWS) return false;
+  }
+  return NBLOCK > 0;
 }
 
 #endif

@@ -14,6 +14,7 @@ from dl2c.emit.cfile import FLAGS, LANES, each_flag, each_lane, function, place,
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import lane
 from dl2c.emit.plan import Environment
+from dl2c.ir.logic import equalities_relaxed
 from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Symbol, Term, Trigger
 from dl2c.ir.printer import print_formula, print_term
 from dl2c.ir.watch import watches_of
@@ -31,7 +32,7 @@ def judge_functions(environment: Environment, leaves: Leaves) -> list[str]:
         _facts(model, leaves),
         _revise(model),
         _judge(model, leaves),
-        _precondition(model, leaves),
+        _precondition(environment, leaves),
         _observe(environment, leaves),
     ]
 
@@ -44,11 +45,16 @@ def fact_names(model: Model) -> list[str]:
     return [*names, "F_postcondition"]
 
 
-def _precondition(model: Model, leaves: Leaves) -> str:
-    holds = leaves.condition("problem_precondition", model.precondition, print_formula(model.precondition))
-    return function(
-        f"static inline bool model_precondition({STATE})", [f"return {holds};"], "The problem's P, strict."
-    )
+def _precondition(environment: Environment, leaves: Leaves) -> str:
+    """What a given state must satisfy: P, equalities within the tolerance where doubles may miss them."""
+    plan, formula = environment.sampling, environment.model.precondition
+    rounded = plan is None or plan.certificate == "witness"
+    about = "The problem's P, strict."
+    if rounded:
+        formula = equalities_relaxed(formula, environment.options.tolerance)
+        about = "The problem's P, equalities within the tolerance, all else strict."
+    holds = leaves.condition("problem_precondition", formula, print_formula(formula))
+    return function(f"static inline bool model_precondition({STATE})", [f"return {holds};"], about)
 
 
 def _facts(model: Model, leaves: Leaves) -> str:

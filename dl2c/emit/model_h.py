@@ -11,6 +11,7 @@ from dl2c.emit.names import file_stem, index
 from dl2c.emit.paths_c import steps_in_lanes
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import root_count
+from dl2c.emit.sampler_c import free_names
 from dl2c.emit.watch_c import margin_count, margin_degree
 from dl2c.ir.model import Symbol
 from dl2c.ir.watch import watches_of
@@ -61,8 +62,10 @@ def _sizes(environment: Environment) -> str:
         "NPATH": max(1, len(paths.paths)),
         "NFLOW": len(model.flows),
         "NROOT": root_count(environment),
-        "NFREE": 0 if sampling is None else len(sampling.free),
-        "NBOX": 0 if sampling is None else len(sampling.boxes),
+        "NFREE": free_names(sampling),
+        "NCHART": 0 if sampling is None else len(sampling.charts),
+        "DL2C_WEIGHTED": int(sampling is not None and sampling.weighted),
+        "NBLOCK": 0 if sampling is None else len(sampling.blocks),
         "NMARGIN": max(1, margin_count(environment)),
         "NDEGREE": max(1, margin_degree(environment)),
         "NWATCH": len(watches_of(model)),

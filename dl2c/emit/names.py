@@ -24,19 +24,9 @@ C_WORDS = frozenset(
         *("tgamma", "trunc", "y0", "y1", "yn"),
         *("BUFSIZ", "DBL_MAX", "EOF", "I", "INFINITY", "NAN", "NULL", "errno", "linux", "stderr", "stdin"),
         *("stdout", "unix"),
-        *("NBOX", "NCHOICE", "NFACT", "NFLOW", "NFREE", "NMASK", "NOBS", "NP", "NPATH", "NPOINT", "NPRED"),
-        *(
-            "NCRITICAL",
-            "NDECISION",
-            "NDEGREE",
-            "NDRAW",
-            "NENVCHOICE",
-            "NENVINPUT",
-            "NINPUT",
-            "NMARGIN",
-            "NROOT",
-        ),
-        *("NCRITICAL", "NSTEPDRAW", "NU", "NWATCH", "NX", "p", "real", "u", "x", "y"),
+        *("NBLOCK", "NBOX", "NCHART", "NCHOICE", "NCRITICAL", "NDECISION", "NDEGREE", "NDRAW", "NENVCHOICE"),
+        *("NENVINPUT", "NFACT", "NFLOW", "NFREE", "NINPUT", "NMARGIN", "NMASK", "NOBS", "NP", "NPATH"),
+        *("NPOINT", "NPRED", "NROOT", "NSTEPDRAW", "NU", "NWATCH", "NX", "p", "real", "u", "x", "y"),
     ]
 )
 """Words that C, its library or the runtime already use."""

@@ -18,6 +18,7 @@ from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin
 from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
 from dl2c.env.state import state_line
+from dl2c.env.targeted import check_uniform
 
 
 class Dl2cVecEnv(VecEnv):
@@ -34,6 +35,7 @@ class Dl2cVecEnv(VecEnv):
         self._source, self._render_mode = source_of(model), render_mode
         library = open_library(self._source, options)
         self.manifest = library.manifest
+        check_uniform(self.manifest)
         self.batch = library.batch(num_envs, autoreset="same_step", **batch_options(self.manifest))
         self.encoding = encoding(self.manifest, flat_format(self.manifest))
         self._reasons = reason_names(self.manifest)

@@ -16,6 +16,7 @@ from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import SEEDS, draw_seed
 from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
 from dl2c.env.state import check_reset_options, read_drawn, read_state, reset_state, state_line
+from dl2c.env.targeted import Targeted
 from dl2c.native.binding import OUTCOME
 
 if TYPE_CHECKING:
@@ -36,7 +37,9 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
     encoding of the action space), `duration` and `time` in seconds, `postcondition`, `saturated`; with
     discrete decisions `action_mask` (int8); with decisions of the environment `environment`, what it
     decided by key (-1 or NaN for what it did not meet); at the end `is_success`. `info` of a reset:
-    `action_mask`, `initial_state_certificate` (what is proved of sampled initial states).
+    `action_mask`, `initial_state_certificate` (what is proved of sampled initial states; `checked` where
+    the precondition was only evaluated in doubles), `initial_state_target` (with
+    `initial_distribution="z3"`: `nearest`, or why the state was drawn uniformly).
 
     Pickling or copying an environment gives a fresh one of the same model and options.
     """
@@ -54,6 +57,8 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         self._encoding = encoding(self.manifest)
         self.observation_space = observation_space(self.manifest)
         self.action_space = action_space(self._encoding)
+        targeted = self.manifest.options.get("initial_distribution") == "z3"
+        self._targeted = Targeted(self._source, self.manifest) if targeted else None
         self._seeded = False
         self._act: Callable[[Any], Step] = _not_running
         """What a step does now."""
@@ -123,14 +128,20 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         check_reset_options(options or {}, ("state",))
         if seed is None and not self._seeded:
             seed = draw_seed(self.np_random)
-        if options and "state" in options:
-            reset_state(
-                self.manifest, self._batch, 0, None if seed is None else seed % SEEDS, options["state"]
-            )
-        else:
-            self._batch.reset(seeds=None if seed is None else np.array([seed % SEEDS], np.uint64))
-        self._seeded, self._act = True, self._transition
         info: dict[str, Any] = {"initial_state_certificate": self.manifest.certificate}
+        stream = None if seed is None else seed % SEEDS
+        begun = False
+        if options and "state" in options:
+            reset_state(self.manifest, self._batch, 0, stream, options["state"])
+            begun = True
+        elif self._targeted is not None:
+            found = self._targeted.reset(self.manifest, self._batch, stream, self.np_random)
+            info["initial_state_target"], begun = found, found == "nearest"
+            if begun:
+                info["initial_state_certificate"] = "checked"
+        if not begun:
+            self._batch.reset(seeds=None if stream is None else np.array([stream], np.uint64))
+        self._seeded, self._act = True, self._transition
         if self.manifest.choices:
             info["action_mask"] = self._fresh_mask()
         return self._obs.copy(), info

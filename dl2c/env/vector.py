@@ -18,6 +18,7 @@ from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin, spread
 from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
 from dl2c.env.state import check_reset_options, read_drawn, read_state, state_line
+from dl2c.env.targeted import check_uniform
 
 Bools: TypeAlias = NDArray[np.bool_]
 Infos: TypeAlias = dict[str, Any]
@@ -59,6 +60,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         self._source = source_of(model)
         library = open_library(self._source, options)
         self.manifest = library.manifest
+        check_uniform(self.manifest)
         self.batch = library.batch(
             num_envs, autoreset=_MODES[self.autoreset_mode], **batch_options(self.manifest)
         )

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import Literal, TypeAlias, assert_never
 
 from dl2c.interval.rounding import (
@@ -166,6 +167,7 @@ def _decided(op: Comparison, a: Interval, b: Interval) -> tuple[bool, bool]:
 # Sets and numbers -------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=4096)
 def enclosure(value: Fraction) -> Interval:
     """The tightest interval around an exact number."""
     try:

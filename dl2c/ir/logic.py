@@ -182,6 +182,19 @@ def relaxed(formula: Formula, tolerance: Fraction) -> Formula:
             assert_never(formula)
 
 
+def equalities_relaxed(formula: Formula, tolerance: Fraction) -> Formula:
+    """Only the equalities widened, as by `relaxed`."""
+    match formula:
+        case Compare("="):
+            return relaxed(formula, tolerance)
+        case And(children):
+            return And(tuple(equalities_relaxed(c, tolerance) for c in children))
+        case Or(children):
+            return Or(tuple(equalities_relaxed(c, tolerance) for c in children))
+        case _:
+            return formula
+
+
 def delta(formula: Formula) -> Term | None:
     """The signed distance to satisfaction (paper eq. 4-5; & is min, | is max, != is |e1-e2|).
 

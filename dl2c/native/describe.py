@@ -17,7 +17,7 @@ from dl2c.paths.path import END
 from dl2c.sampling.plan import SamplingPlan
 
 ABI_VERSION = 3
-STREAM_VERSION = 1
+STREAM_VERSION = 2
 """Of cgen/include/dl2c.h; a test holds them together."""
 
 
@@ -74,7 +74,9 @@ def _observations(environment: Environment) -> tuple[Quantity, ...]:
 
 def _sampler(plan: SamplingPlan) -> dict[str, Any]:
     return {
+        "blocks": len(plan.blocks),
         "boxes": len(plan.boxes),
+        "charts": len(plan.charts),
         "acceptance": plan.estimated_acceptance,
         "error_bound": plan.error_bound,
     }

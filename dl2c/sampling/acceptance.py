@@ -10,6 +10,7 @@ operation contributes half a unit in the last place of the largest possible resu
 Assumes round to nearest, numbers rounded once, the operation order of the tree.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -21,7 +22,6 @@ from dl2c.interval.rounding import add_down, add_up, div_up, mul_up, sqrt_down, 
 from dl2c.ir.logic import conjunction, disjunction, operands
 from dl2c.ir.model import (
     FALSE,
-    ONE,
     ZERO,
     Add,
     And,
@@ -39,6 +39,7 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
+from dl2c.sampling.running import NoErrorBound, running_error
 
 Errors: TypeAlias = Mapping[Symbol, float]
 
@@ -47,18 +48,8 @@ SMALLEST = 2.0**-1074
 LARGEST = 1e300
 """Magnitudes beyond this count as overflow."""
 
-
-class Unbounded(Exception):
-    """No bound exists for the rounding error of an atom or of a defined name: a divisor may
-    come close to zero, or a value overflows."""
-
-    def __init__(self, subject: Compare | Symbol) -> None:
-        super().__init__(subject)
-        self.subject = subject
-
-
-class _NoErrorBound(ArithmeticError):
-    """A term may divide by zero, or overflow."""
+ALLOWED_ERROR = 2.0**-42
+"""Of a computed name, relative to its range; what is drawn where rounding costs more is rejected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,22 +68,42 @@ def acceptance(
 ) -> Acceptance:
     """A test for `formula`, the definedness of the definitions and the bounds of what they define.
 
-    `box` limits the drawn names. Raises `Unbounded`.
+    `box` limits the drawn names, and where no initial state is lost by it the defined ones.
     """
-    ranges, errors = dict(box), dict.fromkeys(box, 0.0)
+    defined = dict(definitions)
+    ranges = {s: i for s, i in box.items() if s not in defined}
+    errors = dict.fromkeys(ranges, 0.0)
     tests: list[Formula] = []
     for symbol, term in definitions:
+        limits = [bounds[symbol]]
         try:
-            errors[symbol] = error_bound(term, ranges, errors)
-        except _NoErrorBound:
-            raise Unbounded(symbol) from None
-        tests += _defined(term, ranges, errors)
+            errors[symbol] = _moderate(error_bound(term, ranges, errors), box[symbol])
+            tests += _defined(term, ranges, errors)
+        except NoErrorBound:
+            errors[symbol] = ALLOWED_ERROR * max(1.0, magnitude(box[symbol]).high)
+            running = running_error(term, errors)
+            tests += [*running.conditions, Compare("<=", running.error, Number(Fraction(errors[symbol])))]
+            limits += _inside(symbol, box[symbol])
         ranges[symbol] = evaluate(term, ranges)
-        tests.append(_proved(bounds[symbol], ranges, errors))
-        if (limited := contract(bounds[symbol], ranges)) is None:
-            return Acceptance(FALSE, errors)
-        ranges = limited
+        for limit in limits:
+            tests.append(_proved(limit, ranges, errors))
+            if ranges[symbol].empty or (limited := contract(limit, ranges)) is None:
+                return Acceptance(FALSE, {**dict.fromkeys(defined, 0.0), **errors})
+            ranges = limited
     return Acceptance(conjunction([*tests, _proved(formula, ranges, errors)]), errors)
+
+
+def _moderate(error: float, around: Interval) -> float:
+    if error > ALLOWED_ERROR * max(1.0, magnitude(around).high):
+        raise NoErrorBound
+    return error
+
+
+def _inside(symbol: Symbol, around: Interval) -> Iterator[Formula]:
+    if math.isfinite(around.low):
+        yield Compare(">=", symbol, Number(Fraction(around.low)))
+    if math.isfinite(around.high):
+        yield Compare("<=", symbol, Number(Fraction(around.high)))
 
 
 def _proved(formula: Formula, box: Box, errors: Errors) -> Formula:
@@ -113,15 +124,14 @@ def _proved(formula: Formula, box: Box, errors: Errors) -> Formula:
 
 def _proved_atom(atom: Compare, box: Box, errors: Errors) -> Formula:
     atom = _descending(atom)
-    conditions = [f for side in (atom.left, atom.right) for f in _defined(side, box, errors)]
     try:
+        conditions = [f for side in (atom.left, atom.right) for f in _defined(side, box, errors)]
         return conjunction([*conditions, _separated(atom, box, errors)])
-    except _NoErrorBound:
-        pass
-    try:
-        return conjunction([*conditions, *(_separated(a, box, errors) for a in _without_division(atom))])
-    except _NoErrorBound:
-        raise Unbounded(atom) from None
+    except NoErrorBound:
+        difference = _difference(atom)
+        running = running_error(difference, errors)
+        distance = Call("abs", (difference,)) if atom.op == "!=" else difference
+        return conjunction([*running.conditions, Compare(">", distance, running.error, span=atom.span)])
 
 
 def _descending(atom: Compare) -> Compare:
@@ -138,10 +148,14 @@ def _separated(atom: Compare, box: Box, errors: Errors) -> Compare:
     slack = add_up(error_bound(atom.left, box, errors), error_bound(atom.right, box, errors))
     if slack == 0:
         return atom
-    difference = atom.left if atom.right == ZERO else Sub(atom.left, atom.right)
+    difference = _difference(atom)
     distance = Call("abs", (difference,)) if atom.op == "!=" else difference
     assert atom.op != "=", "equalities are solved before"
     return Compare(">", distance, Number(Fraction(slack)), span=atom.span)
+
+
+def _difference(atom: Compare) -> Term:
+    return atom.left if atom.right == ZERO else Sub(atom.left, atom.right)
 
 
 def _defined(term: Term, box: Box, errors: Errors) -> Iterator[Formula]:
@@ -153,59 +167,6 @@ def _defined(term: Term, box: Box, errors: Errors) -> Iterator[Formula]:
             yield _proved(Compare(">=", arg, ZERO), box, errors)
         case _:
             pass
-
-
-def _without_division(atom: Compare) -> tuple[Compare, ...]:
-    """The atom multiplied by the square of its divisors, none of which may be zero."""
-    quotient = _fraction(Sub(atom.left, atom.right))
-    if quotient is None or quotient[1] == ONE:
-        raise _NoErrorBound
-    numerator, divisor = quotient
-    apart = Compare("!=", divisor, ZERO, span=atom.span)
-    scaled = Compare(atom.op, Mul(numerator, divisor), ZERO, span=atom.span)
-    return (apart, scaled) if atom.op == ">=" else (scaled,)
-
-
-def _fraction(term: Term) -> tuple[Term, Term] | None:
-    """(n, d) without divisions outside of function calls: where d is not zero, and only there,
-    the term is defined and is n / d. None where a function stands above a division."""
-    match term:
-        case Neg(child):
-            parts = _fraction(child)
-            return None if parts is None else (Neg(parts[0]), parts[1])
-        case Pow(base, exponent):
-            parts = _fraction(base)
-            return None if parts is None else (Pow(parts[0], exponent), _power(parts[1], exponent))
-        case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
-            a, b = _fraction(left), _fraction(right)
-            if a is None or b is None:
-                return None
-            match term:
-                case Mul():
-                    return _times(a[0], b[0]), _times(a[1], b[1])
-                case Div():
-                    return _times(_times(a[0], b[1]), b[1]), _times(_times(a[1], b[0]), b[1])
-                case Add() | Sub():
-                    sides = _times(a[0], b[1]), _times(b[0], a[1])
-                    return type(term)(*sides), _times(a[1], b[1])
-        case Number() | Symbol():
-            return term, ONE
-        case Call(_, args):
-            return (term, ONE) if not any(_divides(a) for a in args) else None
-        case _:
-            assert_never(term)
-
-
-def _divides(term: Term) -> bool:
-    return isinstance(term, Div) or any(_divides(t) for t in operands(term))
-
-
-def _times(a: Term, b: Term) -> Term:
-    return b if a == ONE else a if b == ONE else Mul(a, b)
-
-
-def _power(base: Term, exponent: int) -> Term:
-    return ONE if base == ONE else Pow(base, exponent)
 
 
 # Rounding errors --------------------------------------------------------------
@@ -239,14 +200,14 @@ def error_bound(term: Term, box: Box, errors: Errors) -> float:
             a, b = error_bound(left, box, errors), error_bound(right, box, errors)
             nearest = add_down(_size(right, box).low, -b)
             if nearest <= 0:
-                raise _NoErrorBound
+                raise NoErrorBound
             return _rounded(term, div_up(add_up(a, mul_up(_size(term, box).high, b)), nearest), box)
         case Call("sqrt", (arg,)):
             a, low = error_bound(arg, box, errors), sqrt_down(max(evaluate(arg, box).low, 0.0))
             inherited = sqrt_up(a) if low == 0 else min(sqrt_up(a), div_up(a, low))
             return _rounded(term, inherited, box)
         case Call():
-            raise _NoErrorBound
+            raise NoErrorBound
         case _:
             assert_never(term)
 
@@ -261,14 +222,14 @@ def _rounded(term: Term, inherited: float, box: Box) -> float:
     """The error after rounding a result whose operands caused an `inherited` one."""
     size = add_up(_size(term, box).high, inherited)
     if size > LARGEST:
-        raise _NoErrorBound
+        raise NoErrorBound
     return add_up(inherited, add_up(mul_up(size, UNIT_ROUNDOFF), SMALLEST))
 
 
 def _size(term: Term, box: Box) -> Interval:
     around = evaluate(term, box)
     if around.empty:
-        raise _NoErrorBound
+        raise NoErrorBound
     return magnitude(around)
 
 
@@ -276,4 +237,4 @@ def _representation_error(value: Fraction) -> float:
     try:
         return enclosure(abs(Fraction(float(value)) - value)).high
     except OverflowError:
-        raise _NoErrorBound from None
+        raise NoErrorBound from None

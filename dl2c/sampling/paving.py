@@ -1,118 +1,178 @@
 """Cover the initial states with boxes, so that few draws are rejected.
 
-A formula and a box come in; disjoint boxes go out that together hold every point of
-the box satisfying the formula. Regions are dropped only where interval arithmetic
-proves that nothing satisfies it, so drawing from the boxes by volume and rejecting
-stays exactly uniform. Best first: the box that wastes most volume is halved, along the
-direction that leaves least volume after contraction.
+Charts of the initial states come in, each a formula over a box and a density; disjoint boxes of each
+chart go out that together hold every point satisfying the formula. Regions are dropped only where
+interval arithmetic proves that nothing satisfies it, so drawing from the boxes by volume times the
+largest density and rejecting stays exactly uniform. Best first: the box that wastes most is halved,
+along the direction that leaves least after contraction.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from dl2c.interval.arithmetic import Box, Interval
 from dl2c.interval.contract import contract
-from dl2c.ir.logic import atoms, operands, symbols
-from dl2c.ir.model import Formula, Symbol, Term
+from dl2c.ir.logic import atoms, symbols
+from dl2c.ir.model import Formula, Symbol
+from dl2c.sampling.algebra import size_of
 
 ENOUGH = 0.95
 """An acceptance that more boxes need not improve."""
 
+CANDIDATES = 12
+"""Directions in which a box is tried to be halved: those of its relatively longest edges."""
+
+MORE = 4
+"""So many times more boxes there may be as long as the density has no bound on one."""
+
 ROUNDS = 2
 """Contraction rounds of a half: its parent was contracted before."""
 
-NODES_PER_SECOND = 100_000
+NODES_PER_SECOND = 50_000
 """Assumed speed of contraction, so that a time limit means the same work on every machine."""
 
-Estimate = Callable[[Box], float]
-"""The part of a box that satisfies the formula, between 0 and 1."""
+Widths: TypeAlias = Mapping[Symbol, float]
+"""What one unit of each name is, so that volumes of different charts compare."""
+
+
+@dataclass(frozen=True, slots=True)
+class Root:
+    """One chart. `density` bounds the density of the states on a box from above; `estimate` says how much
+    of a box is accepted, between 0 and 1, by points of this law. `bent` names influence the density;
+    those that leave it without a bound on a box are `steep` there."""
+
+    formula: Formula
+    box: Mapping[Symbol, Interval]
+    free: tuple[Symbol, ...]
+    bent: frozenset[Symbol]
+    steep: Callable[[Box], set[Symbol]]
+    density: Callable[[Box], float]
+    estimate: Callable[[Box, float], float]
 
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """A box, its volume relative to the whole, and how much of it is estimated to be accepted."""
+    """A box of a chart, its share of all draws before division by their sum (`mass`: volume times largest
+    density), that density, and how much of it is estimated to be accepted."""
 
+    chart: int
     box: Mapping[Symbol, Interval]
-    volume: float
+    mass: float
+    density: float
     accepted: float
 
     @property
     def waste(self) -> float:
-        return self.volume * (1 - self.accepted)
+        return self.mass * (1 - self.accepted)
 
 
-def pave(
-    formula: Formula,
-    box: Box,
-    free: Sequence[Symbol],
-    estimate: Estimate,
-    *,
-    boxes: int,
-    time_limit_s: float,
-) -> tuple[Leaf, ...]:
-    """At most `boxes` boxes that split `box` along `free`, which has finite limits there."""
-    wide = [s for s in free if box[s].low < box[s].high]
-    scale = {s: box[s].high - box[s].low for s in wide}
-    relevant = [s for s in wide if s in symbols(formula)]
-    leaves = [Leaf(box, 1.0, estimate(box))]
+def pave(roots: Sequence[Root], *, boxes: int, time_limit_s: float) -> tuple[Leaf, ...]:
+    """At most `boxes` boxes, or one per chart, that split the charts along their free names."""
+    widths = _widths(roots)
+    leaves = [_leaf(roots, k, r.box, widths) for k, r in enumerate(roots)]
     final: list[Leaf] = []
-    splits = _affordable_splits(formula, len(relevant), time_limit_s)
-    while leaves and splits > 0 and len(leaves) + len(final) < boxes:
-        if _acceptance(leaves + final) >= ENOUGH:
-            break
+    directions = [_directions(root) for root in roots]
+    nodes = max(
+        (_nodes(r) * min(len(d), CANDIDATES) for r, d in zip(roots, directions, strict=True)), default=1
+    )
+    splits = int(time_limit_s * NODES_PER_SECOND / (2 * ROUNDS * nodes + 1))
+    while leaves and splits > 0:
         worst = max(leaves, key=lambda leaf: leaf.waste)
+        endless = not math.isfinite(worst.density)
+        if len(leaves) + len(final) >= (boxes * MORE if endless else boxes):
+            break
+        if acceptance_of(leaves + final) >= ENOUGH:
+            break
         leaves.remove(worst)
-        halves = _best_split(formula, worst, relevant, scale)
+        root, wide = roots[worst.chart], directions[worst.chart]
+        if endless and (steep := root.steep(worst.box)):
+            wide = [s for s in wide if s in steep] or wide
+        wide = sorted(wide, key=lambda s: -_edge(worst.box, s, widths))[:CANDIDATES]
+        halves = _best_split(root, worst, wide, widths)
         splits -= 1
         if halves is None:
             final.append(worst)
         else:
-            leaves += [Leaf(half, volume, estimate(half)) for half, volume in halves]
-    return tuple(leaves + final)
+            leaves += [_leaf(roots, worst.chart, half, widths) for half in halves]
+    return tuple(leaf for leaf in leaves + final if leaf.mass > 0)
 
 
-def _acceptance(leaves: Sequence[Leaf]) -> float:
-    total = math.fsum(leaf.volume for leaf in leaves)
-    return math.fsum(leaf.volume * leaf.accepted for leaf in leaves) / total if total > 0 else 0.0
+def acceptance_of(leaves: Sequence[Leaf]) -> float:
+    """The part of all draws that is accepted."""
+    total = math.fsum(leaf.mass for leaf in leaves)
+    if not math.isfinite(total) or total <= 0:
+        return 0.0
+    return math.fsum(leaf.mass * leaf.accepted for leaf in leaves) / total
 
 
-def _affordable_splits(formula: Formula, directions: int, time_limit_s: float) -> int:
-    nodes = sum(_size(a.left) + _size(a.right) for a in atoms(formula))
-    return int(time_limit_s * NODES_PER_SECOND / (2 * ROUNDS * nodes * directions + 1))
+def _widths(roots: Sequence[Root]) -> dict[Symbol, float]:
+    widths: dict[Symbol, float] = {}
+    for root in roots:
+        for symbol in root.free:
+            width = root.box[symbol].high - root.box[symbol].low
+            widths[symbol] = max(width, widths.get(symbol, 0.0))
+    return widths
 
 
-def _size(term: Term) -> int:
-    return 1 + sum(_size(t) for t in operands(term))
+def _leaf(roots: Sequence[Root], chart: int, box: Mapping[Symbol, Interval], widths: Widths) -> Leaf:
+    root = roots[chart]
+    density = root.density(box)
+    mass = _volume(root, box, widths) * density * _unit(roots, root, widths)
+    return Leaf(chart, box, mass, density, root.estimate(box, density))
 
 
-Halves = list[tuple[dict[Symbol, Interval], float]]
+def _volume(root: Root, box: Box, widths: Widths) -> float:
+    """In units of the widths."""
+    return math.prod((box[s].high - box[s].low) / widths[s] for s in _wide(root))
+
+
+def _unit(roots: Sequence[Root], root: Root, widths: Widths) -> float:
+    """How large the unit volume of a chart is, compared with that of the first one."""
+    sizes = [math.fsum(math.log(widths[s]) for s in _wide(r)) for r in (root, roots[0])]
+    return math.exp(sizes[0] - sizes[1])
+
+
+def _wide(root: Root) -> list[Symbol]:
+    return [s for s in root.free if root.box[s].low < root.box[s].high]
+
+
+def _directions(root: Root) -> list[Symbol]:
+    return [s for s in _wide(root) if s in root.bent or s in symbols(root.formula)]
+
+
+def _nodes(root: Root) -> int:
+    return sum(size_of(a.left) + size_of(a.right) for a in atoms(root.formula))
 
 
 def _best_split(
-    formula: Formula, leaf: Leaf, directions: Sequence[Symbol], scale: Mapping[Symbol, float]
-) -> Halves | None:
-    """The contracted halves with the least volume; among equals, those of the relatively longest edge."""
-    best: tuple[float, Halves] | None = None
+    root: Root, leaf: Leaf, directions: Sequence[Symbol], widths: Widths
+) -> list[dict[Symbol, Interval]] | None:
+    """The contracted halves with the least mass; among equals, those of the relatively longest edge."""
+    best: tuple[float, list[dict[Symbol, Interval]]] | None = None
+    before = _volume(root, leaf.box, widths)
     for symbol in directions:
         edge = leaf.box[symbol]
         middle = edge.low + (edge.high - edge.low) / 2
         if not edge.low < middle < edge.high:
             continue
         parts = (Interval(edge.low, middle), Interval(middle, edge.high))
-        halves = [_contracted(formula, {**leaf.box, symbol: part}, scale) for part in parts]
-        kept = [h for h in halves if h is not None and h[1] > 0]
-        left = math.fsum(volume for _, volume in kept) / leaf.volume
-        score = left - 1e-3 * (edge.high - edge.low) / scale[symbol]
+        halves = [contract(root.formula, {**leaf.box, symbol: part}, ROUNDS) for part in parts]
+        kept = [h for h in halves if h is not None and _volume(root, h, widths) > 0]
+        left = math.fsum(_volume(root, h, widths) * _relative(root, h, leaf) for h in kept) / before
+        score = left - 1e-3 * _edge(leaf.box, symbol, widths)
         if best is None or score < best[0]:
             best = score, kept
     return None if best is None else best[1]
 
 
-def _contracted(
-    formula: Formula, box: Box, scale: Mapping[Symbol, float]
-) -> tuple[dict[Symbol, Interval], float] | None:
-    kept = contract(formula, box, ROUNDS)
-    if kept is None:
-        return None
-    return kept, math.prod((kept[s].high - kept[s].low) / width for s, width in scale.items())
+def _edge(box: Box, symbol: Symbol, widths: Widths) -> float:
+    return (box[symbol].high - box[symbol].low) / widths[symbol]
+
+
+def _relative(root: Root, box: Box, leaf: Leaf) -> float:
+    """The largest density on a part of a leaf, relative to the leaf's."""
+    if not root.bent or not math.isfinite(leaf.density):
+        return 1.0
+    return root.density(box) / leaf.density

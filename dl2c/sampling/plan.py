@@ -1,13 +1,14 @@
 """From a precondition to tables for drawing initial states.
 
 A model comes in; boxes, definitions and an acceptance test go out, or the reason that
-its initial states cannot be drawn. The law is uniform: names that equalities determine
-are computed from the others, which are uniform on the set where the precondition holds
-(up to the rounding slack of the test). Every accepted state satisfies the precondition
+its initial states cannot be drawn. The law is uniform on the set of states in which the
+precondition holds: where equalities leave a curve or a surface of them, by its length or
+area (up to the rounding slack of the test). Every accepted state satisfies the precondition
 over the reals; only solved equalities can be off, by `error_bound`.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,13 +16,16 @@ import numpy as np
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import Box, hull_of
-from dl2c.ir.logic import conjunction
-from dl2c.ir.model import Formula, Model, Symbol, Term
-from dl2c.sampling.acceptance import Acceptance, Unbounded, acceptance
-from dl2c.sampling.arrays import completed, holds, uniform
-from dl2c.sampling.paving import Leaf, pave
+from dl2c.ir.logic import conjunction, symbols
+from dl2c.ir.model import ONE, TRUE, Formula, Model, Term
+from dl2c.sampling.acceptance import acceptance
+from dl2c.sampling.arrays import Bools, Columns, Floats, completed, holds, uniform, values
+from dl2c.sampling.charts import Chart, inward
+from dl2c.sampling.measure import largest_squared, steep_names
+from dl2c.sampling.paving import Leaf, Root, pave
 from dl2c.sampling.problem import Problem, problem_of
-from dl2c.sampling.refusal import no_error_bound, without_sample
+from dl2c.sampling.refusal import imprecise, unbounded_density, without_sample
+from dl2c.sampling.running import NoErrorBound
 from dl2c.smt.precondition import Decision, Unknown, decide, diagnose
 
 SEED = 20240229
@@ -36,33 +40,76 @@ COORDINATES = 2**24
 
 
 @dataclass(frozen=True, slots=True)
-class SampleBox:
-    """Limits of the free names, in their order, and the probability of the box."""
+class SampleChart:
+    """`free` names are drawn, `definitions` computed in order from them. A draw is kept if `acceptance`
+    holds in doubles and, with probability sqrt(`squared_density` / the box's), by chance."""
 
+    free: tuple[str, ...]
+    definitions: tuple[tuple[str, Term], ...]
+    acceptance: Formula
+    squared_density: Term
+
+
+@dataclass(frozen=True, slots=True)
+class SampleBox:
+    """Limits of the free names of a chart of its block, in their order, its probability, and the largest
+    value of the chart's `squared_density` in it."""
+
+    chart: int
     low: tuple[float, ...]
     high: tuple[float, ...]
     weight: float
+    squared_density: float
+
+
+@dataclass(frozen=True, slots=True)
+class SampleBlock:
+    """Names that are drawn apart from all others, and the part of their draws that is kept."""
+
+    charts: tuple[SampleChart, ...]
+    boxes: tuple[SampleBox, ...]
+    estimated_acceptance: float
 
 
 @dataclass(frozen=True, slots=True)
 class SamplingPlan:
-    """How to draw an initial state.
+    """How to draw an initial state: for each block in turn, until a draw is accepted,
 
-    Choose a box by weight; draw each free name as `low + u * (high - low)`, u uniform on [0, 1),
-    not above `high`; compute the definitions in order; accept if `acceptance` holds in doubles,
-    where an atom with an undefined subterm is false; else start again. `names` are all names of
-    the state, `Model.sampled`. `certificate` is "exact" where the doubles satisfy the whole
-    precondition, "witness" where a state does whose defined names differ by at most `error_bound`.
+    choose a box by weight; draw each free name of its chart as `low + u * (high - low)`, u uniform on
+    [0, 1), not above `high`; compute the definitions; where the plan is weighted, draw another u and
+    start again unless `u * u * box.squared_density <= chart.squared_density`; accept if the chart's
+    `acceptance` holds in doubles, where an atom with an undefined subterm is false; else start again.
+    `names` are all names of the state, `Model.sampled`. `certificate` is "exact" where the doubles
+    satisfy the whole precondition, "witness" where a state does whose defined names differ by at most
+    `error_bound`.
     """
 
     names: tuple[str, ...]
-    free: tuple[str, ...]
-    boxes: tuple[SampleBox, ...]
-    definitions: tuple[tuple[str, Term], ...]
-    acceptance: Formula
+    blocks: tuple[SampleBlock, ...]
     certificate: Literal["exact", "witness"]
     error_bound: float
-    estimated_acceptance: float
+    around: Mapping[str, tuple[float, float]]
+    """The doubles inside the bounds of each free name, where it has any."""
+
+    @property
+    def estimated_acceptance(self) -> float:
+        """The part of draws that is kept, of the block of which least is."""
+        return min((b.estimated_acceptance for b in self.blocks), default=1.0)
+
+    @property
+    def charts(self) -> tuple[SampleChart, ...]:
+        """Those of all blocks."""
+        return tuple(c for block in self.blocks for c in block.charts)
+
+    @property
+    def boxes(self) -> tuple[SampleBox, ...]:
+        """Those of all blocks."""
+        return tuple(b for block in self.blocks for b in block.boxes)
+
+    @property
+    def weighted(self) -> bool:
+        """Whether draws are kept by chance."""
+        return any(c.squared_density != ONE for c in self.charts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +122,7 @@ class NoSampler:
 def plan_sampling(
     model: Model, *, boxes: int = 64, time_limit_s: float = 10.0, decision: Decision | None = None
 ) -> SamplingPlan | NoSampler:
-    """Tables for drawing initial states, with at most `boxes` boxes.
+    """Tables for drawing initial states; in each block at most `boxes` boxes, or one for each chart.
 
     `decision` is what `decide(model)` said, where that is known already. The time limit bounds Z3
     in seconds, and the paving by as much work as takes about that long.
@@ -83,63 +130,112 @@ def plan_sampling(
     decision = decide(model, time_limit_s) if decision is None else decision
     try:
         problem = problem_of(model, decision)
-        leaves = _paved(problem, boxes, time_limit_s)
-        test = _test(problem, leaves)
+        share = time_limit_s / max(1, sum(any(c.formula != TRUE for c in b) for b in problem.blocks))
+        planned = [_block(problem, charts, boxes, share) for charts in problem.blocks]
     except CompileError as refusal:
         return NoSampler(refusal.diagnostics[0])
-    total = sum(leaf.volume for leaf in leaves)
-    points = min(TRIALS, COORDINATES // len(model.sampled)) // len(leaves) if model.sampled else TRIALS
-    accepted = [leaf.volume * _accepted(problem, test.formula, leaf.box, points) for leaf in leaves]
-    if sum(accepted) == 0:
+    if not all(block.estimated_acceptance > 0 for block, _ in planned):
         thin = without_sample(problem.formula)
         return NoSampler(diagnose(decision) if isinstance(decision, Unknown) else thin)
-    error_bound = max((test.errors[s] for s, _ in problem.definitions), default=0.0)
+    error_bound = max((error for _, error in planned), default=0.0)
     return SamplingPlan(
         names=model.sampled,
-        free=tuple(s.name for s in problem.free),
-        boxes=tuple(_sample_box(leaf, problem.free, total) for leaf in leaves),
-        definitions=_by_name(problem),
-        acceptance=test.formula,
+        blocks=tuple(block for block, _ in planned),
         certificate="witness" if error_bound > 0 else "exact",
         error_bound=error_bound,
-        estimated_acceptance=sum(accepted) / total,
+        around=_around(problem),
     )
 
 
-def _paved(problem: Problem, boxes: int, time_limit_s: float) -> tuple[Leaf, ...]:
-    wanted = conjunction([problem.rest, *problem.bounds.values()])
-    leaves = pave(
-        problem.formula,
-        problem.box,
-        problem.free,
-        lambda part: _accepted(problem, wanted, part, PROBES),
-        boxes=boxes,
-        time_limit_s=time_limit_s,
-    )
+def _block(
+    problem: Problem, charts: Sequence[Chart], boxes: int, time_limit_s: float
+) -> tuple[SampleBlock, float]:
+    """The tables of a block, and a bound of the error of its defined names."""
+    leaves = pave([_root(chart) for chart in charts], boxes=boxes, time_limit_s=time_limit_s)
     if not leaves:
         raise CompileError(without_sample(problem.formula))
-    return leaves
+    if not all(math.isfinite(leaf.density) for leaf in leaves):
+        raise CompileError(unbounded_density(problem.formula))
+    tested = [_sample_chart(problem, chart, leaves, k) for k, chart in enumerate(charts)]
+    points = min(TRIALS, COORDINATES // max(1, len(charts[0].box))) // len(leaves)
+    accepted = [
+        leaf.mass * _accepted(charts[leaf.chart], tested[leaf.chart][0], leaf.box, leaf.density, points)
+        for leaf in leaves
+    ]
+    total = math.fsum(leaf.mass for leaf in leaves)
+    block = SampleBlock(
+        charts=tuple(chart for chart, _ in tested),
+        boxes=tuple(_sample_box(leaf, charts[leaf.chart], total) for leaf in leaves),
+        estimated_acceptance=sum(accepted) / total,
+    )
+    return block, max(error for _, error in tested)
 
 
-def _accepted(problem: Problem, test: Formula, box: Box, points: int) -> float:
-    """How much of a box passes a test, estimated from so many points."""
+def _root(chart: Chart) -> Root:
+    wanted = conjunction([chart.rest, *chart.bounds.values()])
+    plain = SampleChart(tuple(s.name for s in chart.free), _by_name(chart), wanted, chart.measure.squared)
+    return Root(
+        chart.formula,
+        chart.box,
+        chart.free,
+        frozenset(symbols(chart.measure.squared)),
+        lambda box: steep_names(chart.measure, box),
+        lambda box: chart.measure.scale * math.sqrt(largest_squared(chart.measure, box)),
+        lambda box, density: _accepted(chart, plain, box, density, PROBES),
+    )
+
+
+def _accepted(chart: Chart, sample: SampleChart, box: Box, density: float, points: int) -> float:
+    """How much of a box is accepted, estimated from so many points."""
     rng = np.random.default_rng(SEED)
-    columns = {s.name: uniform(box[s].low, box[s].high, points, rng) for s in problem.free}
-    return float(np.mean(holds(test, completed(columns, _by_name(problem), points), points)))
+    columns = {s.name: uniform(box[s].low, box[s].high, points, rng) for s in chart.free}
+    columns = completed(columns, sample.definitions, points)
+    largest = (density / chart.measure.scale) ** 2
+    kept = by_chance(sample, np.full(points, largest), columns, points, rng)
+    return float(np.mean(kept & holds(sample.acceptance, columns, points)))
 
 
-def _by_name(problem: Problem) -> tuple[tuple[str, Term], ...]:
-    return tuple((symbol.name, term) for symbol, term in problem.definitions)
+def by_chance(
+    chart: SampleChart, largest: Floats, columns: Columns, count: int, rng: np.random.Generator
+) -> Bools:
+    """Which draws from boxes with these largest squared densities are kept, whatever the acceptance says."""
+    if chart.squared_density == ONE:
+        return np.full(count, True)
+    u = rng.random(count)
+    return u * u * largest <= values(chart.squared_density, columns, count)
 
 
-def _test(problem: Problem, leaves: Sequence[Leaf]) -> Acceptance:
-    around = {s: hull_of(leaf.box[s] for leaf in leaves) for s in problem.free}
+def _by_name(chart: Chart) -> tuple[tuple[str, Term], ...]:
+    return tuple((symbol.name, term) for symbol, term in chart.definitions)
+
+
+def _around(problem: Problem) -> dict[str, tuple[float, float]]:
+    free = {s for charts in problem.blocks for chart in charts for s in chart.free}
+    limits = {s.name: inward(item.bound) for s, item in problem.items.items() if s in free}
+    return {n: (i.low, i.high) for n, i in limits.items() if math.isfinite(i.low) and math.isfinite(i.high)}
+
+
+def _sample_chart(
+    problem: Problem, chart: Chart, leaves: Sequence[Leaf], k: int
+) -> tuple[SampleChart, float]:
+    """A chart with its test, and a bound of the error of its defined names."""
+    own = [leaf.box for leaf in leaves if leaf.chart == k] or [chart.box]
+    around = {s: hull_of(box[s] for box in own) for s in chart.box}
     try:
-        return acceptance(problem.rest, problem.definitions, problem.bounds, around)
-    except Unbounded as exc:
-        raise CompileError(no_error_bound(exc.subject, problem.items)) from None
+        test = acceptance(chart.rest, chart.definitions, chart.bounds, around)
+    except NoErrorBound:
+        raise CompileError(imprecise(problem.formula)) from None
+    error = max((test.errors[s] for s, _ in chart.definitions), default=0.0)
+    free = tuple(s.name for s in chart.free)
+    return SampleChart(free, _by_name(chart), test.formula, chart.measure.squared), error
 
 
-def _sample_box(leaf: Leaf, free: Sequence[Symbol], total: float) -> SampleBox:
-    limits = [leaf.box[s] for s in free]
-    return SampleBox(tuple(i.low for i in limits), tuple(i.high for i in limits), leaf.volume / total)
+def _sample_box(leaf: Leaf, chart: Chart, total: float) -> SampleBox:
+    limits = [leaf.box[s] for s in chart.free]
+    return SampleBox(
+        chart=leaf.chart,
+        low=tuple(i.low for i in limits),
+        high=tuple(i.high for i in limits),
+        weight=leaf.mass / total,
+        squared_density=(leaf.density / chart.measure.scale) ** 2,
+    )

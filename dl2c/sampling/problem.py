@@ -1,18 +1,17 @@
 """What is to be sampled: the precondition of a model, made ready.
 
-A model and what Z3 said about it come in; the names to draw and those that equalities
-define, the formula over the reals, and a box around all initial states go out.
+A model and what Z3 said about it come in; the formula over the reals, a box around all initial
+states, and charts of them go out.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TypeAlias
 
 from dl2c.diagnostics import CompileError
-from dl2c.interval.arithmetic import INF, Box, Interval, enclosure, meet, truth
+from dl2c.interval.arithmetic import INF, Box, Interval, enclosure, truth
 from dl2c.interval.contract import contract
-from dl2c.ir.logic import atoms, conjunction, conjuncts, disjunction, mapped, operands
+from dl2c.ir.logic import atoms, conjunction, disjunction, mapped, operands
 from dl2c.ir.model import (
     And,
     Bound,
@@ -27,33 +26,27 @@ from dl2c.ir.model import (
     Term,
     Variable,
 )
-from dl2c.sampling.acceptance import LARGEST
-from dl2c.sampling.equalities import Elimination, Unsolved, eliminate, replaced
-from dl2c.sampling.refusal import beyond_doubles, transcendental, unbounded, unsolved
+from dl2c.sampling.blocks import groups_of
+from dl2c.sampling.cases import resolved
+from dl2c.sampling.charts import Chart, Items, charts_of, without_numbers
+from dl2c.sampling.linear import replaced
+from dl2c.sampling.refusal import transcendental, unbounded
 from dl2c.smt.precondition import Decision, Satisfiable, Unsatisfiable, diagnose, parts
 
 ALGEBRAIC = ("abs", "min", "max", "sqrt")
 """The functions that may occur in a precondition."""
 
-Items: TypeAlias = Mapping[Symbol, Variable | Constant]
-"""The names to sample, in the order of `Model.sampled`, with their declarations."""
-
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """`formula` is the precondition without fixed constants; all of it holds only inside `box`.
-
-    For the `free` names the box has finite doubles inside their bounds. The others are computed by
-    `definitions`, in order; `rest` and their `bounds` then remain to be checked.
-    """
+    """`formula` is the precondition without fixed constants; it holds only inside `box`. The initial
+    states are all combinations of one state of each block; the charts of a block hold each of its states
+    once, but for a set of lower dimension."""
 
     items: Items
     formula: Formula
-    box: Box
-    free: tuple[Symbol, ...]
-    definitions: tuple[tuple[Symbol, Term], ...]
-    rest: Formula
-    bounds: Mapping[Symbol, Formula]
+    box: Mapping[Symbol, Interval]
+    blocks: tuple[tuple[Chart, ...], ...]
 
 
 def problem_of(model: Model, decision: Decision) -> Problem:
@@ -61,20 +54,16 @@ def problem_of(model: Model, decision: Decision) -> Problem:
     items = _items(model)
     formula = _precondition(model, items)
     box = _feasible_box(model, formula, items, decision)
-    solved = _solved(formula, items, box)
-    defined = dict(solved.definitions)
-    free = tuple(s for s in items if s not in defined)
-    if endless := [items[s] for s in free if not _is_finite(box[s])]:
-        raise CompileError(unbounded(endless))
-    return Problem(
-        items=items,
-        formula=formula,
-        box=_drawable(box, free, items),
-        free=free,
-        definitions=solved.definitions,
-        rest=conjunction(solved.rest),
-        bounds={s: _within(items[s].bound, t if isinstance(t, Number) else s) for s, t in defined.items()},
-    )
+    _check_functions(formula)
+    prepared = resolved(without_numbers(_possible(formula, box)))
+    blocks = [
+        charts_of(group.formula, {n: items[n] for n in group.names}, {n: box[n] for n in group.names})
+        for group in groups_of(prepared, list(items))
+    ]
+    endless = {s for charts in blocks for chart in charts for s in chart.endless}
+    if endless:
+        raise CompileError(unbounded([item for s, item in items.items() if s in endless]))
+    return Problem(items, formula, box, tuple(blocks))
 
 
 def _items(model: Model) -> dict[Symbol, Variable | Constant]:
@@ -94,15 +83,6 @@ def _precondition(model: Model, items: Items) -> Formula:
         if item.bound.low is not None and item.bound.low == item.bound.high
     ]
     return conjunction([formula, *points])
-
-
-def _within(bound: Bound, term: Symbol | Number) -> Formula:
-    sides: list[Formula] = []
-    if bound.low is not None:
-        sides.append(Compare(">=", term, Number(bound.low)))
-    if bound.high is not None:
-        sides.append(Compare("<=", term, Number(bound.high)))
-    return conjunction(sides)
 
 
 def _feasible_box(model: Model, formula: Formula, items: Items, decision: Decision) -> dict[Symbol, Interval]:
@@ -134,33 +114,11 @@ def _outward(bound: Bound) -> Interval:
     return Interval(low, high)
 
 
-def _inward(bound: Bound) -> Interval:
-    low = -INF if bound.low is None else enclosure(bound.low).high
-    high = INF if bound.high is None else enclosure(bound.high).low
-    return Interval(low, high)
-
-
-def _is_finite(interval: Interval) -> bool:
-    return interval.low >= -LARGEST and interval.high <= LARGEST
-
-
-def _drawable(box: Box, free: Sequence[Symbol], items: Items) -> dict[Symbol, Interval]:
-    """The box with only such values of the free names as are doubles inside their bounds."""
-    inside = {s: meet(box[s], _inward(items[s].bound)) for s in free}
-    for symbol in (s for s in free if inside[s].empty):
-        raise CompileError(beyond_doubles(items[symbol]))
-    return {**box, **inside}
-
-
-def _solved(formula: Formula, items: Items, box: Box) -> Elimination:
+def _check_functions(formula: Formula) -> None:
     for atom in atoms(formula):
         for call in (c for side in (atom.left, atom.right) for c in _calls(side)):
             if call.function not in ALGEBRAIC:
                 raise CompileError(transcendental(call, atom))
-    solved = eliminate(conjuncts(_possible(formula, box)), list(items), box)
-    if isinstance(solved, Unsolved):
-        raise CompileError(unsolved(solved.atom))
-    return solved
 
 
 def _calls(term: Term) -> Iterator[Call]:

@@ -1,9 +1,9 @@
 """Why initial states of a model cannot be drawn, as messages."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from dl2c.diagnostics import Diagnostic, error
-from dl2c.ir.model import Call, Compare, Constant, Formula, Symbol, Variable
+from dl2c.ir.model import Call, Compare, Constant, Formula, Variable
 from dl2c.smt.precondition import span_of, text_of
 from dl2c.source import NOWHERE, Span
 
@@ -37,18 +37,27 @@ def transcendental(call: Call, atom: Compare) -> Diagnostic:
 
 
 def unsolved(atom: Compare) -> Diagnostic:
-    """An equality that is not linear in any name with a coefficient known not to vanish."""
-    label = f"`{text_of(atom)}` determines no name: it must be a conjunct that is linear in one"
+    """An equality that is neither linear nor quadratic in a name that no other one determines."""
+    label = f"`{text_of(atom)}` determines no name: it must be linear or quadratic in one"
     return _refused(atom.span, label)
 
 
-def no_error_bound(subject: Compare | Symbol, items: Mapping[Symbol, Variable | Constant]) -> Diagnostic:
-    """An atom, or the value an equality gives a name, that doubles cannot approximate."""
-    advice = f"tighten the bounds so that no divisor can be zero, {GIVE_STATE}"
-    if isinstance(subject, Compare):
-        return _refused(subject.span, f"a divisor in `{text_of(subject)}` may come close to zero", advice)
-    label = f"the equality that determines `{subject.name}` may divide by zero"
-    return _refused(items[subject].span, label, advice)
+def entangled(precondition: Formula, alternatives: bool) -> Diagnostic:
+    """Equalities that stand in too many alternatives, or of which too many have names in common."""
+    many = "stand in too many alternatives" if alternatives else "depend on each other in too many ways"
+    return _refused(span_of(precondition), f"its equalities {many}")
+
+
+def imprecise(atom: Formula) -> Diagnostic:
+    """Numbers that no double represents."""
+    return _refused(span_of(atom), "it has numbers beyond floating-point arithmetic")
+
+
+def unbounded_density(precondition: Formula) -> Diagnostic:
+    """Equalities whose solutions have, near some point, no largest slope."""
+    return _refused(
+        span_of(precondition), "the states that its equalities leave are infinitely steep somewhere"
+    )
 
 
 def beyond_doubles(item: Variable | Constant) -> Diagnostic:

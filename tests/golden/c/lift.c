@@ -12,9 +12,9 @@ enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F
        NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 2, NCHOICE = 2, NENVCHOICE = 0, NMASK = 6,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2,
-NFREE = 3, NBOX = 1, NMARGIN = 9, NDEGREE = 1, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1,
-DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000,
-DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, NBLOCK = 1, NMARGIN = 9, NDEGREE = 1, NWATCH = 2,
+NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS
+= 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -965,8 +965,9 @@ DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, i
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */
-static inline void model_initial(const real *drawn, real *x, real *p)
+static inline void model_initial(int chart, const real *drawn, real *x, real *p)
 {
+  (void)chart;
   x[X_h] = drawn[0];
   x[X_load] = drawn[1];
   p[P_speed] = drawn[2];
@@ -977,10 +978,19 @@ static inline void model_initial(const real *drawn, real *x, real *p)
   x[X_v] = 0.0;
 }
 
-/* What is left of the precondition, with room for rounding: true in doubles proves it. */
-static inline bool model_accept(const real *x, const real *p)
+/* The square of how much of the initial states a unit of drawn volume stands for. */
+static inline real model_density(int chart, const real *x, const real *p)
 {
   (void)x; (void)p;
+  (void)chart;
+  return 1.0;
+}
+
+/* What is left of the precondition, with room for rounding: true in doubles proves it. */
+static inline bool model_accept(int chart, const real *x, const real *p)
+{
+  (void)x; (void)p;
+  (void)chart;
   return true;
 }
 
@@ -1054,9 +1064,13 @@ static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};
 static const int32_t FLOW_MARGINS[2] = {9, 5};
+static const int32_t SAMPLE_START[2] = {0, 1};
 static const real SAMPLE_LOW[1][3] = {{0.0, 0.0, 0.5}};
 static const real SAMPLE_HIGH[1][3] = {{3.0, 1.0, 2.0}};
 static const real SAMPLE_SHARE[1] = {1.0};
 static const int32_t SAMPLE_ALIAS[1] = {0};
+static const int32_t SAMPLE_CHART[1] = {0};
+static const int32_t SAMPLE_FREE[1] = {3};
+static const real SAMPLE_DENSITY[1] = {1.0};
 
 #include "batch.h" /* the runtime, compiled with this model as one unit */

@@ -11,9 +11,9 @@ enum { U_assign_f, NU }; /* inputs */
 enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 1, NENVINPUT = 0, NDECISION = 0, NCHOICE = 0, NENVCHOICE = 0, NMASK = 0,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
-NFREE = 3, NBOX = 4, NMARGIN = 5, NDEGREE = 1, NWATCH = 1, NCRITICAL = 0, DL2C_LOOPS = 1,
-DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000,
-DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+NFREE = 2, NCHART = 2, DL2C_WEIGHTED = 0, NBLOCK = 2, NMARGIN = 5, NDEGREE = 1, NWATCH = 1,
+NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS
+= 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -146,7 +146,7 @@ static inline bool problem_precondition(real x_v, real f, real H)
 }
 
 /* H >= x */
-static inline bool initial_accepted(real x_v, real H)
+static inline bool initial_accepted_1(real x_v, real H)
 {
   return x_v <= H;
 }
@@ -470,19 +470,40 @@ DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, i
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */
-static inline void model_initial(const real *drawn, real *x, real *p)
+static inline void model_initial(int chart, const real *drawn, real *x, real *p)
 {
-  x[X_x] = drawn[0];
-  p[P_ep] = drawn[1];
-  p[P_H] = drawn[2];
-  x[X_t] = 0.0;
-  x[X_f] = 0.0;
+  switch (chart) {
+  case 0:
+    p[P_ep] = drawn[0];
+    x[X_t] = 0.0;
+    x[X_f] = 0.0;
+    break;
+  case 1:
+    x[X_x] = drawn[0];
+    p[P_H] = drawn[1];
+    break;
+  default: break;
+  }
+}
+
+/* The square of how much of the initial states a unit of drawn volume stands for. */
+static inline real model_density(int chart, const real *x, const real *p)
+{
+  (void)x; (void)p;
+  (void)chart;
+  return 1.0;
 }
 
 /* What is left of the precondition, with room for rounding: true in doubles proves it. */
-static inline bool model_accept(const real *x, const real *p)
+static inline bool model_accept(int chart, const real *x, const real *p)
 {
-  return initial_accepted(x[X_x], p[P_H]);
+  switch (chart) {
+  case 0:
+    return true;
+  case 1:
+    return initial_accepted_1(x[X_x], p[P_H]);
+  default: return false;
+  }
 }
 
 static const int32_t POINT_START[2] = {0, 1};
@@ -501,24 +522,19 @@ static const uint8_t WATCH_CUTS[1] = {1};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};
 static const int32_t FLOW_MARGINS[1] = {5};
-static const real SAMPLE_LOW[4][3] = {
-  {0.0, 0.5, 4.0},
-  {0.0, 0.5, 4.5},
-  {0.0, 0.5, 5.0},
-  {0.0, 0.5, 5.5},
-};
-static const real SAMPLE_HIGH[4][3] = {
-  {4.5, 1.0, 4.5},
-  {5.0, 1.0, 5.0},
-  {5.5, 1.0, 5.5},
-  {6.0, 1.0, 6.0},
-};
-static const real SAMPLE_SHARE[4] = {
+static const int32_t SAMPLE_START[3] = {0, 1, 5};
+static const real SAMPLE_LOW[5][2] = {{0.5, 0.0}, {0.0, 4.0}, {0.0, 4.5}, {0.0, 5.0}, {0.0, 5.5}};
+static const real SAMPLE_HIGH[5][2] = {{1.0, 0.0}, {4.5, 4.5}, {5.0, 5.0}, {5.5, 5.5}, {6.0, 6.0}};
+static const real SAMPLE_SHARE[5] = {
+  1.0,
   0.8571428571428571,
   0.9523809523809524,
   1.0,
   0.9523809523809524,
 };
-static const int32_t SAMPLE_ALIAS[4] = {3, 3, 2, 2};
+static const int32_t SAMPLE_ALIAS[5] = {0, 4, 4, 3, 3};
+static const int32_t SAMPLE_CHART[5] = {0, 1, 1, 1, 1};
+static const int32_t SAMPLE_FREE[2] = {1, 2};
+static const real SAMPLE_DENSITY[1] = {1.0};
 
 #include "batch.h" /* the runtime, compiled with this model as one unit */

@@ -11,9 +11,9 @@ enum { U_assign_wind, U_assign_gust, U_prefix_assign_v, NU }; /* inputs */
 enum { F_inside_holds, F_near_holds, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 2, NDECISION = 3, NCHOICE = 2, NENVCHOICE = 1, NMASK = 5,
 NSTEPDRAW = 4, NDRAW = 6, NPRED = 2, NOBS = 5, NPOINT = 5, NPATH = 12, NFLOW = 2, NROOT = 1,
-NFREE = 5, NBOX = 1, NMARGIN = 1, NDEGREE = 1, NWATCH = 0, NCRITICAL = 0, DL2C_LOOPS = 1,
-DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 1, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 50,
-DL2C_POINT_LEAD = 3, DL2C_POINT_PREFIX = 4 };
+NFREE = 5, NCHART = 1, DL2C_WEIGHTED = 0, NBLOCK = 1, NMARGIN = 1, NDEGREE = 1, NWATCH = 0,
+NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 1, DL2C_JOINT_INPUTS
+= 0, DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3, DL2C_POINT_PREFIX = 4 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
@@ -677,8 +677,9 @@ DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, i
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */
-static inline void model_initial(const real *drawn, real *x, real *p)
+static inline void model_initial(int chart, const real *drawn, real *x, real *p)
 {
+  (void)chart;
   x[X_x] = drawn[0];
   x[X_wind] = drawn[1];
   x[X_rest] = drawn[2];
@@ -688,10 +689,19 @@ static inline void model_initial(const real *drawn, real *x, real *p)
   x[X_v] = 0.0;
 }
 
-/* What is left of the precondition, with room for rounding: true in doubles proves it. */
-static inline bool model_accept(const real *x, const real *p)
+/* The square of how much of the initial states a unit of drawn volume stands for. */
+static inline real model_density(int chart, const real *x, const real *p)
 {
   (void)x; (void)p;
+  (void)chart;
+  return 1.0;
+}
+
+/* What is left of the precondition, with room for rounding: true in doubles proves it. */
+static inline bool model_accept(int chart, const real *x, const real *p)
+{
+  (void)x; (void)p;
+  (void)chart;
   return true;
 }
 
@@ -770,9 +780,13 @@ static const uint8_t WATCH_CUTS[1] = {0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};
 static const int32_t FLOW_MARGINS[2] = {1, 1};
+static const int32_t SAMPLE_START[2] = {0, 1};
 static const real SAMPLE_LOW[1][5] = {{1.0, -1.0, 0.0, 0.0, 1.0}};
 static const real SAMPLE_HIGH[1][5] = {{4.0, 1.0, 10.0, 1.0, 2.0}};
 static const real SAMPLE_SHARE[1] = {1.0};
 static const int32_t SAMPLE_ALIAS[1] = {0};
+static const int32_t SAMPLE_CHART[1] = {0};
+static const int32_t SAMPLE_FREE[1] = {5};
+static const real SAMPLE_DENSITY[1] = {1.0};
 
 #include "batch.h" /* the runtime, compiled with this model as one unit */

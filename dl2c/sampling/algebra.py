@@ -1,0 +1,205 @@
+"""Terms as quotients of polynomials: what equations between them say about one name.
+
+Terms of the IR come in; polynomials in normal form, their coefficients and derivatives, and terms
+again go out. All arithmetic is exact, over the reals.
+"""
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from functools import reduce
+from typing import assert_never
+
+from dl2c.ir.logic import folded, operands, symbols
+from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
+from dl2c.ir.normal import Monomial, Normal, normal_form
+
+
+def fraction(term: Term) -> tuple[Term, Term] | None:
+    """(n, d) without divisions outside of function calls: where d is not zero, and only there,
+    the term is defined and is n / d. None where a function stands above a division."""
+    match term:
+        case Neg(child):
+            parts = fraction(child)
+            return None if parts is None else (Neg(parts[0]), parts[1])
+        case Pow(base, exponent):
+            parts = fraction(base)
+            return None if parts is None else (Pow(parts[0], exponent), _power(parts[1], exponent))
+        case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
+            a, b = fraction(left), fraction(right)
+            if a is None or b is None:
+                return None
+            match term:
+                case Mul():
+                    return _times(a[0], b[0]), _times(a[1], b[1])
+                case Div():
+                    return _times(_times(a[0], b[1]), b[1]), _times(_times(a[1], b[0]), b[1])
+                case Add() | Sub():
+                    sides = _times(a[0], b[1]), _times(b[0], a[1])
+                    return type(term)(*sides), _times(a[1], b[1])
+        case Number() | Symbol():
+            return term, ONE
+        case Call(_, args):
+            return (term, ONE) if not any(_divides(a) for a in args) else None
+        case _:
+            assert_never(term)
+
+
+def _divides(term: Term) -> bool:
+    return isinstance(term, Div) or any(_divides(t) for t in operands(term))
+
+
+def _times(a: Term, b: Term) -> Term:
+    return b if a == ONE else a if b == ONE else Mul(a, b)
+
+
+def _power(base: Term, exponent: int) -> Term:
+    return ONE if base == ONE else Pow(base, exponent)
+
+
+def coefficients(form: Normal, symbol: Symbol) -> dict[int, Normal]:
+    """The polynomial by powers of one name: coefficients that do not contain it."""
+    found: dict[int, Normal] = {}
+    for monomial, value in form.items():
+        exponent = next((e for k, n, e in monomial if (k, n) == (symbol.kind, symbol.name)), 0)
+        rest = tuple(f for f in monomial if f[:2] != (symbol.kind, symbol.name))
+        found.setdefault(exponent, {})[rest] = value
+    return found
+
+
+def polynomial_derivative(form: Normal, symbol: Symbol) -> Normal:
+    """By one name."""
+    found: Normal = {}
+    for exponent, coefficient in coefficients(form, symbol).items():
+        for rest, value in coefficient.items():
+            if exponent:
+                lowered = ((symbol.kind, symbol.name, exponent - 1),) if exponent > 1 else ()
+                found[tuple(sorted((*rest, *lowered)))] = value * exponent
+    return found
+
+
+def remainder(form: Normal, divisor: Normal, symbol: Symbol) -> Normal | None:
+    """A multiple of the polynomial less a multiple of the divisor, of lower degree in the name than that
+    (pseudo-division); None where it has too many monomials."""
+    names = {(k, n) for f in (form, divisor) for m in f for k, n, _ in m}
+    known = {(k, n): Symbol(n, "constant" if k == "constant" else "variable") for k, n in names}
+    by_power = coefficients(divisor, symbol)
+    degree = max(by_power)
+    leading, whole = term_of(by_power[degree], known), term_of(divisor, known)
+    rest: Normal | None = form
+    while rest and (highest := max(coefficients(rest, symbol))) >= degree:
+        top = term_of(coefficients(rest, symbol)[highest], known)
+        shift = product(top, ONE if highest == degree else Pow(symbol, highest - degree))
+        rest = normal_form(Sub(Mul(leading, term_of(rest, known)), Mul(shift, whole)))
+    return rest
+
+
+def content(form: Normal) -> set[tuple[str, str]]:
+    """The names that every monomial contains, by kind and name."""
+    common: set[tuple[str, str]] = set()
+    for number, monomial in enumerate(form):
+        names = {(k, n) for k, n, _ in monomial}
+        common = names if number == 0 else common & names
+    return common
+
+
+def without_content(form: Normal, nonzero: set[tuple[str, str]]) -> Normal:
+    """The polynomial divided by such powers of these names as divide it; none of them is zero."""
+    for name in sorted(content(form) & nonzero):
+        least = min(e for m in form for k, n, e in m if (k, n) == name)
+        form = {_lower(m, name, least): c for m, c in form.items()}
+    return form
+
+
+def _lower(monomial: Monomial, name: tuple[str, str], by: int) -> Monomial:
+    lowered = ((k, n, e - by if (k, n) == name else e) for k, n, e in monomial)
+    return tuple(f for f in lowered if f[2])
+
+
+def is_affine(term: Term) -> bool:
+    """Whether the term is a polynomial of degree at most one."""
+    form = normal_form(term)
+    return form is not None and all(sum(e for _, _, e in m) <= 1 for m in form)
+
+
+def term_of(form: Normal, known: Mapping[tuple[str, str], Symbol]) -> Term:
+    """The polynomial as a term, over symbols found by kind and name."""
+    parts = [_monomial(m, c, known) for m, c in sorted(form.items(), key=lambda i: (-len(i[0]), i[0]))]
+    return _balanced(parts) if parts else ZERO
+
+
+def _balanced(parts: Sequence[Term]) -> Term:
+    """The sum as a shallow tree, of which intervals are propagated faster."""
+    if len(parts) <= 3:
+        return reduce(_joined, parts)
+    middle = len(parts) // 2
+    return Add(_balanced(parts[:middle]), _balanced(parts[middle:]))
+
+
+def _monomial(monomial: Monomial, value: Fraction, known: Mapping[tuple[str, str], Symbol]) -> Term:
+    powers = [s if e == 1 else Pow(s, e) for k, n, e in monomial for s in [known[k, n]]]
+    factors: list[Term] = [Number(value)] if value != 1 or not powers else []
+    return reduce(Mul, [*factors, *powers])
+
+
+def _joined(a: Term, b: Term) -> Term:
+    match b:
+        case Number(value) if value < 0:
+            return Sub(a, Number(-value))
+        case Mul(Number(value), rest) if value == -1:
+            return Sub(a, rest)
+        case _:
+            return Add(a, b)
+
+
+def derivative(term: Term, symbol: Symbol) -> Term:
+    """By one name, where the term is differentiable; functions in it are square roots."""
+    if symbol not in symbols(term):
+        return ZERO
+    match term:
+        case Symbol():
+            return ONE
+        case Neg(child):
+            return folded(Neg(derivative(child, symbol)))
+        case Add(left, right) | Sub(left, right):
+            return total(derivative(left, symbol), derivative(right, symbol), isinstance(term, Sub))
+        case Mul(left, right):
+            return total(
+                product(derivative(left, symbol), right), product(left, derivative(right, symbol)), False
+            )
+        case Div(left, right):
+            above = total(derivative(left, symbol), product(term, derivative(right, symbol)), True)
+            return ZERO if above == ZERO else Div(above, right)
+        case Pow(base, exponent):
+            outer = ONE if exponent == 1 else product(Number(Fraction(exponent)), _lowered(base, exponent))
+            return product(outer, derivative(base, symbol))
+        case Call("sqrt", (arg,)):
+            return Div(derivative(arg, symbol), Mul(Number(Fraction(2)), term))
+        case Call() | Number():
+            raise AssertionError(f"no derivative of {term}")
+        case _:
+            assert_never(term)
+
+
+def _lowered(base: Term, exponent: int) -> Term:
+    return base if exponent == 2 else Pow(base, exponent - 1)
+
+
+def size_of(term: Term) -> int:
+    """Numbers, names and operations."""
+    return 1 + sum(size_of(t) for t in operands(term))
+
+
+def product(a: Term, b: Term) -> Term:
+    """a * b, without structural zeros and ones."""
+    if ZERO in (a, b):
+        return ZERO
+    return b if a == ONE else a if b == ONE else folded(Mul(a, b))
+
+
+def total(a: Term, b: Term, negative: bool = False) -> Term:
+    """a + b or a - b, without structural zeros."""
+    if b == ZERO:
+        return a
+    if a == ZERO:
+        return folded(Neg(b)) if negative else b
+    return folded(Sub(a, b) if negative else Add(a, b))

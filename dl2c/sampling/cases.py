@@ -1,0 +1,166 @@
+"""A precondition as alternatives in which equalities are plain conjuncts.
+
+A formula and a box around all initial states come in; lists of conjuncts go out, one list per
+alternative. A disjunction is split only where an equality stands in it, and an equality only where
+`abs`, `min`, `max`, a root or a product equal to zero make it several. Alternatives without a state
+in the box are left out.
+"""
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from typing import TypeAlias
+
+from dl2c.interval.arithmetic import Box
+from dl2c.interval.contract import contract
+from dl2c.ir.logic import (
+    always_defined,
+    atoms,
+    conjunction,
+    conjuncts,
+    disjunction,
+    negation,
+    operands,
+    oriented,
+    with_term,
+)
+from dl2c.ir.model import FALSE, ZERO, And, Call, Compare, Formula, Mul, Neg, Or, Pow, Sub, Term, Truth
+from dl2c.ir.normal import Monomial, normal_form
+
+Conjuncts: TypeAlias = tuple[Formula, ...]
+Key: TypeAlias = tuple[str, frozenset[tuple[Monomial, Fraction]]]
+
+MOST = 64
+"""Alternatives; of more, each would be too rare to be worth its code."""
+
+
+class TooMany(Exception):
+    """The equalities of a precondition stand in too many alternatives."""
+
+
+def alternatives(formula: Formula, box: Box) -> tuple[Conjuncts, ...]:
+    """The formula is equivalent to the disjunction of them inside the box. Raises `TooMany`."""
+    return tuple(dict.fromkeys(_split(formula, box)))
+
+
+def _split(formula: Formula, box: Box) -> list[Conjuncts]:
+    match formula:
+        case Compare("="):
+            return _equality(formula, box)
+        case And(children):
+            combined: list[Conjuncts] = [()]
+            for child in sorted(children, key=_has_equality):
+                parts = _split(child, box)
+                combined = [(*c, *p) for c in combined for p in parts]
+                if len(parts) > 1:
+                    combined = [c for c in combined if contract(conjunction(c), box) is not None]
+                _limit(combined)
+            return combined
+        case Or(children) if _has_equality(formula):
+            plain = disjunction(c for c in children if not _has_equality(c))
+            found = [] if plain == Truth(False) else [(plain,)]
+            for child in children:
+                if _has_equality(child) and contract(child, box) is not None:
+                    found += _split(child, box)
+            _limit(found)
+            return found
+        case Truth(True):
+            return [()]
+        case _:
+            return [(formula,)]
+
+
+def resolved(formula: Formula) -> Formula:
+    """The formula without alternatives that one of its other conjuncts denies."""
+    parts = conjuncts(formula)
+    denied = {k for p in parts if isinstance(p, Compare) and (k := _key(negation(p))) is not None}
+    return conjunction(p if isinstance(p, Compare) else _without(p, denied) for p in parts)
+
+
+def _without(formula: Formula, denied: set[Key]) -> Formula:
+    match formula:
+        case Or(children):
+            return disjunction(_without(c, denied) for c in children)
+        case And(children):
+            return conjunction(_without(c, denied) for c in children)
+        case Compare() if _key(formula) in denied:
+            return FALSE
+        case _:
+            return formula
+
+
+def _key(atom: Formula) -> Key | None:
+    """What the atom says, however it is written."""
+    atom = oriented(atom)
+    if not isinstance(atom, Compare):
+        return None
+    flipped = atom.op in ("<", "<=")
+    left, right = (atom.right, atom.left) if flipped else (atom.left, atom.right)
+    form = normal_form(Sub(left, right))
+    op = atom.op.replace("<", ">")
+    return None if form is None else (op, frozenset(form.items()))
+
+
+def _limit(found: Sequence[Conjuncts]) -> None:
+    if len(found) > MOST:
+        raise TooMany
+
+
+def _has_equality(formula: Formula) -> bool:
+    return any(a.op == "=" for a in atoms(formula))
+
+
+def _equality(atom: Compare, box: Box) -> list[Conjuncts]:
+    """The cases of an equality."""
+    for side, other in ((atom.left, atom.right), (atom.right, atom.left)):
+        match side, other:
+            case (Mul(a, b), _) if other == ZERO:
+                first, second = Compare("=", a, ZERO, span=atom.span), Compare("=", b, ZERO, span=atom.span)
+                defined = [_defined(b, atom), _defined(a, atom)]
+                return [
+                    (*e, *d) for f, d in zip((first, second), defined, strict=True) for e in _split(f, box)
+                ]
+            case (Pow(base, _), _) if other == ZERO:
+                return _split(Compare("=", base, ZERO, span=atom.span), box)
+            case Call("sqrt", (arg,)), _:
+                squared = Compare("=", arg, Pow(other, 2), span=atom.span)
+                sign = Compare(">=", other, ZERO, span=atom.span)
+                return [(*c, sign) for c in _split(squared, box)]
+            case _:
+                pass
+    kink = next((k for side in (atom.left, atom.right) for k in _kinks(side)), None)
+    return [(atom,)] if kink is None else _kink_cases(atom, kink, box)
+
+
+def _defined(term: Term, atom: Compare) -> Conjuncts:
+    """That the other factor of a product has a value."""
+    return () if always_defined(term) else (Compare("<=", ZERO, Pow(term, 2), span=atom.span),)
+
+
+def _kinks(term: Term) -> Iterator[Call]:
+    """Calls of abs, min and max, the inner ones first."""
+    for operand in operands(term):
+        yield from _kinks(operand)
+    if isinstance(term, Call) and term.function in ("abs", "min", "max"):
+        yield term
+
+
+def _kink_cases(atom: Compare, kink: Call, box: Box) -> list[Conjuncts]:
+    match kink:
+        case Call("abs", (arg,)):
+            cases = (
+                (Compare(">=", arg, ZERO, span=atom.span), arg),
+                (Compare("<", arg, ZERO, span=atom.span), Neg(arg)),
+            )
+        case Call(function, (a, b)):
+            op = "<" if function == "min" else ">"
+            cases = (
+                (Compare(op, a, b, span=atom.span), a),
+                (Compare(">=" if op == "<" else "<=", a, b, span=atom.span), b),
+            )
+        case _:
+            raise AssertionError(kink)
+    found: list[Conjuncts] = []
+    for condition, value in cases:
+        sides = with_term(atom.left, kink, value), with_term(atom.right, kink, value)
+        found += [(condition, *c) for c in _split(Compare("=", *sides, span=atom.span), box)]
+    return found

@@ -1,0 +1,216 @@
+"""How much of the set of initial states a draw stands for, where equalities bend that set.
+
+An elimination comes in; the density of the Hausdorff measure (length, area, ...) of its states with
+respect to the volume of the drawn names goes out: a constant, or a constant times the square root of
+a term. So draws can be weighted such that states are uniform on the set itself, whichever names the
+equalities were solved for.
+
+With z the drawn names and those that nonlinear equalities define, affine functions C z of them, and
+N the matrix of slopes (a row `1, slopes` for each nonlinear name), the density is
+sqrt(det G) * sqrt(det(N G^-1 N')), where G = I + C'C (Federer, "Geometric Measure Theory", 3.2.3).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TypeAlias
+
+from dl2c.interval.arithmetic import INF, Box, enclosure, evaluate, magnitude
+from dl2c.interval.rounding import add_up, mul_up
+from dl2c.ir.logic import symbols
+from dl2c.ir.model import ONE, ZERO, Number, Symbol, Term
+from dl2c.ir.normal import normal_form
+from dl2c.sampling.algebra import is_affine, product, total
+from dl2c.sampling.equalities import Elimination
+from dl2c.sampling.quadrics import Row
+
+Affine: TypeAlias = dict[Symbol, Fraction]
+"""Coefficients; the constant term plays no part."""
+
+Matrix: TypeAlias = dict[tuple[Symbol, Symbol], Fraction]
+
+LARGEST_DETERMINANT = 4
+"""Rows that may hang together: the determinant is written out."""
+
+
+class TooEntangled(Exception):
+    """Too many nonlinear equalities have names in common."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One slope: it is `scale * term`, and `term` is at most `limit` in size, where there is one."""
+
+    scale: Fraction
+    term: Term
+    limit: Term | None
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """The density is `scale * sqrt(squared)`; `rows` bound it one by one (Hadamard's inequality)."""
+
+    scale: float
+    squared: Term
+    rows: tuple[Mapping[Symbol, tuple[Entry, ...]], ...]
+    inverse: Mapping[tuple[Symbol, Symbol], Fraction]
+
+
+def measure_of(elimination: Elimination) -> Measure:
+    """The density of an elimination. Raises `TooEntangled`."""
+    bent = {row.symbol for row in elimination.rows}
+    affine: dict[Symbol, Affine] = {}
+    for symbol, term in elimination.definitions:
+        if symbol not in bent:
+            affine[symbol] = _affine(term, affine)
+    determinant, inverse = _metric(list(affine.values()))
+    rows = [_entries(row, affine) for row in elimination.rows]
+    products = {
+        (i, k): _inner(a, b, inverse) for i, a in enumerate(rows) for k, b in enumerate(rows) if i <= k
+    }
+    squared = _determinant(products, len(rows))
+    if isinstance(squared, Number):
+        return Measure(math.sqrt(determinant * squared.value), ONE, (), {})
+    return Measure(math.sqrt(determinant), squared, tuple(rows), inverse)
+
+
+def largest_squared(measure: Measure, box: Box) -> float:
+    """An upper bound of `squared` on a box of all names; may be infinite."""
+    result = 1.0
+    for row in measure.rows:
+        sizes = [(z, _size(entries, box)) for z, entries in row.items()]
+        plain, refined = 0.0, 0.0
+        for a, first in sizes:
+            plain = add_up(plain, mul_up(first, first))
+            for b, second in sizes:
+                if share := abs(_at(measure.inverse, a, b)):
+                    part = mul_up(enclosure(share).high, mul_up(first, second))
+                    refined = add_up(refined, part)
+        result = mul_up(result, min(plain, refined))
+    return result if not math.isnan(result) else INF
+
+
+def steep_names(measure: Measure, box: Box) -> set[Symbol]:
+    """The names on which slopes without a bound on the box depend."""
+    entries = [e for row in measure.rows for es in row.values() for e in es]
+    return {s for e in entries if not math.isfinite(_size([e], box)) for s in symbols(e.term)}
+
+
+def _size(entries: Sequence[Entry], box: Box) -> float:
+    """The largest size of a sum of slopes."""
+    around = 0.0
+    for entry in entries:
+        bounds = [evaluate(t, box) for t in (entry.term, entry.limit) if t is not None]
+        size = min(INF if b.empty else magnitude(b).high for b in bounds)
+        around = add_up(around, mul_up(enclosure(abs(entry.scale)).high, size))
+    return around
+
+
+def _affine(term: Term, known: Mapping[Symbol, Affine]) -> Affine:
+    """The coefficients of an affine term, names that are affine themselves replaced."""
+    form = normal_form(term)
+    assert form is not None and is_affine(term), "names without a row are affine"
+    found: Affine = {}
+    for monomial, value in form.items():
+        for kind, name, _ in monomial:
+            symbol = _symbol(kind, name)
+            for z, share in known.get(symbol, {symbol: Fraction(1)}).items():
+                found[z] = found.get(z, Fraction(0)) + value * share
+    return {z: c for z, c in found.items() if c}
+
+
+def _symbol(kind: str, name: str) -> Symbol:
+    return Symbol(name, "constant" if kind == "constant" else "variable")
+
+
+def _entries(row: Row, affine: Mapping[Symbol, Affine]) -> dict[Symbol, tuple[Entry, ...]]:
+    """The row over names that are no affine functions; its own name has the entry 1."""
+    found: dict[Symbol, tuple[Entry, ...]] = {row.symbol: (Entry(Fraction(1), ONE, None),)}
+    for symbol, slope in row.slopes.items():
+        if slope == ZERO:
+            continue
+        limit = ONE if symbol in row.gentle else row.limits.get(symbol)
+        for z, share in affine.get(symbol, {symbol: Fraction(1)}).items():
+            found[z] = (*found.get(z, ()), Entry(share, slope, limit))
+    return found
+
+
+def _metric(rows: Sequence[Affine]) -> tuple[Fraction, Matrix]:
+    """det(I + C'C) and the entries of its inverse that differ from the identity's."""
+    zero = Fraction(0)
+    names = list(dict.fromkeys(z for row in rows for z in row))
+    n = len(names)
+
+    def entry(a: Symbol, b: Symbol) -> Fraction:
+        return sum((r.get(a, zero) * r.get(b, zero) for r in rows), Fraction(int(a == b)))
+
+    matrix = [[*(entry(a, b) for b in names), *(Fraction(int(a == b)) for b in names)] for a in names]
+    determinant = Fraction(1)
+    for k in range(n):
+        pivot = matrix[k][k]
+        determinant *= pivot
+        matrix[k] = [v / pivot for v in matrix[k]]
+        for i in range(n):
+            if i != k and (factor := matrix[i][k]):
+                matrix[i] = [v - factor * w for v, w in zip(matrix[i], matrix[k], strict=True)]
+    inverse = {(a, b): matrix[i][n + k] for i, a in enumerate(names) for k, b in enumerate(names)}
+    return determinant, inverse
+
+
+def _at(inverse: Mapping[tuple[Symbol, Symbol], Fraction], a: Symbol, b: Symbol) -> Fraction:
+    return inverse.get((a, b), Fraction(int(a == b)))
+
+
+def _inner(
+    left: Mapping[Symbol, Sequence[Entry]], right: Mapping[Symbol, Sequence[Entry]], inverse: Matrix
+) -> Term:
+    """left G^-1 right' as a term."""
+    result: Term = ZERO
+    for a, first in left.items():
+        for b, second in right.items():
+            if share := _at(inverse, a, b):
+                part = product(_sum(first), _sum(second))
+                result = total(result, product(Number(share), part))
+    return result
+
+
+def _sum(entries: Sequence[Entry]) -> Term:
+    result: Term = ZERO
+    for entry in entries:
+        result = total(result, product(Number(entry.scale), entry.term))
+    return result
+
+
+def _determinant(products: Mapping[tuple[int, int], Term], size: int) -> Term:
+    """Of a symmetric matrix: the product of those of its independent blocks."""
+    left = set(range(size))
+    term: Term = ONE
+    while left:
+        block = _block(min(left), left, products)
+        left -= block
+        if len(block) > LARGEST_DETERMINANT:
+            raise TooEntangled
+        term = product(term, _expanded(sorted(block), sorted(block), products))
+    return term
+
+
+def _block(start: int, left: set[int], products: Mapping[tuple[int, int], Term]) -> set[int]:
+    block, grown = {start}, True
+    while grown:
+        more = {k for k in left - block if any(products[min(i, k), max(i, k)] != ZERO for i in block)}
+        block, grown = block | more, bool(more)
+    return block
+
+
+def _expanded(rows: Sequence[int], columns: Sequence[int], products: Mapping[tuple[int, int], Term]) -> Term:
+    """By the first row (Laplace)."""
+    if not rows:
+        return ONE
+    first = rows[0]
+    term: Term = ZERO
+    for k, column in enumerate(columns):
+        entry = products[min(first, column), max(first, column)]
+        rest = [c for c in columns if c != column]
+        term = total(term, product(entry, _expanded(rows[1:], rest, products)), negative=k % 2 == 1)
+    return term

@@ -1,0 +1,71 @@
+"""Whether a union of boxes holds every initial state.
+
+A model and boxes over some of its names come in; a proof, a state outside of all boxes, or the reason
+that neither was found goes out. Only names that are doubles count: a bound of 0.1 begins at the double
+above it.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TypeAlias
+
+from dl2c.ir.model import Model
+from dl2c.smt.precondition import Unknown, parts, value_of
+from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, z3
+from dl2c.source import NOWHERE
+
+Region: TypeAlias = Mapping[str, tuple[float, float]]
+"""Limits of names."""
+
+
+@dataclass(frozen=True, slots=True)
+class Covered:
+    """Nothing feasible lies outside; `seconds` is how long the proof took."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Outside:
+    """An initial state that no box holds."""
+
+    state: Mapping[str, Fraction | str]
+
+
+def coverage(
+    model: Model, around: Region, boxes: Sequence[Region], timeout_s: float = 60.0
+) -> Covered | Outside | Unknown:
+    """Decide it with Z3; `around` limits the names to what doubles inside their bounds can be."""
+    begun = time.monotonic()
+    context = z3.Context()
+    solver = z3.Solver(ctx=context)
+    solver.set("timeout", max(1, int(timeout_s * 1000)))
+    solver.set("random_seed", 0)
+    try:
+        solver.add(*(condition(p.formula, context) for p in parts(model)))
+    except (Untranslatable, TooLarge):
+        return Unknown("the precondition is beyond Z3's arithmetic", NOWHERE)
+    solver.add(_inside(around, context))
+    solver.add(*(z3.Not(_inside(box, context)) for box in boxes))
+    answer = solver.check()
+    if answer == z3.unsat:
+        return Covered(time.monotonic() - begun)
+    if answer == z3.unknown:
+        return Unknown(f"Z3 gave up: {solver.reason_unknown()}", NOWHERE)
+    values = solver.model()
+    return Outside({n: value_of(values.eval(z3.Real(n, context), True)) for n in model.sampled})
+
+
+def _inside(region: Region, context: Expression) -> Expression:
+    sides: list[Expression] = []
+    for name, (low, high) in region.items():
+        symbol = z3.Real(name, context)
+        sides += [symbol >= _exact(low, context), symbol <= _exact(high, context)]
+    return z3.And(*sides) if sides else z3.BoolVal(True, context)
+
+
+def _exact(value: float, context: Expression) -> Expression:
+    numerator, denominator = value.as_integer_ratio()
+    return z3.RealVal(f"{numerator}/{denominator}", context)

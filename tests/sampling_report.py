@@ -1,0 +1,115 @@
+"""How many public models get a sampler, and an audit of what it draws: `make sampling-report`.
+
+Reads every model of `../shared/corpus` that can be lowered, with the default bound [-10:10], each
+precondition once. Prints a line for each that is satisfiable and gets no sampler, with the reason, and
+totals. Fails if less than 97 % of the satisfiable ones are sampled, or if one state fails the audit.
+"""
+
+import sys
+import time
+from collections import Counter
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from dl2c.diagnostics import CompileError
+from dl2c.ir.model import Model, Symbol
+from dl2c.ir.printer import print_formula
+from dl2c.options import Options
+from dl2c.parse.parser import parse_archive
+from dl2c.pipeline import drawn_model_of
+from dl2c.sampling.draw import draw_many
+from dl2c.sampling.plan import SamplingPlan, plan_sampling
+from dl2c.smt.precondition import Satisfiable, decide
+from dl2c.source import Source
+from tests.auditor import audited, audited_witness, definitions_of
+
+CORPUS = Path(__file__).resolve().parent.parent.parent / "shared" / "corpus"
+OPTIONS = Options(default_bound=(Fraction(-10), Fraction(10)))
+REQUIRED = 0.97
+STATES = 300
+RAREST = 1e-4
+"""Of models with less acceptance fewer states are drawn."""
+
+
+def models():
+    """Name and model of each precondition."""
+    seen = set()
+    for path in sorted(p for ending in ("kyx", "kya", "key") for p in CORPUS.rglob(f"*.{ending}")):
+        try:
+            archive, _ = parse_archive(Source.read(path))
+        except CompileError:
+            continue
+        for number, entry in enumerate(archive.entries, 1):
+            found = lowered(entry)
+            if found is None:
+                continue
+            key = print_formula(found.precondition), repr((found.variables, found.constants))
+            if key not in seen:
+                seen.add(key)
+                yield f"{path.relative_to(CORPUS)}:{number}", found
+
+
+def lowered(entry) -> Model | None:
+    for options in (OPTIONS, replace(OPTIONS, loop=1)):
+        try:
+            return drawn_model_of(entry, options)
+        except CompileError:
+            continue
+    return None
+
+
+def failures(model: Model, plan: SamplingPlan, count: int) -> int:
+    """How many of `count` states do not pass the audit."""
+    items = {Symbol(v.name, "variable"): v.bound for v in model.variables if v.initial == "sampled"}
+    items |= {Symbol(c.name, "constant"): c.bound for c in model.constants if c.value is None}
+    fixed = {Symbol(c.name, "constant"): c.value for c in model.constants if c.value is not None}
+    bounds = {s: (b.low, b.high) for s, b in items.items()}
+    by_name = {s.name: s for s in items}
+    definitions = [[(by_name[n], t) for n, t in d] for d in definitions_of(plan)]
+    columns = draw_many(plan, np.random.default_rng(1), count)
+    failed = 0
+    for row in zip(*(columns[n].tolist() for n in plan.names), strict=True):
+        state = fixed | {by_name[n]: Fraction(v) for n, v in zip(plan.names, row, strict=True)}
+        if plan.certificate == "exact":
+            failed += audited(model.precondition, bounds, state) != "yes"
+        else:
+            verdicts = (
+                audited_witness(model.precondition, bounds, state, d, plan.error_bound) for d in definitions
+            )
+            failed += "yes" not in verdicts
+    return failed
+
+
+def main() -> int:
+    totals: Counter[str] = Counter()
+    certificates: Counter[str] = Counter()
+    slowest = 0.0
+    for name, model in models():
+        totals["models"] += 1
+        decision = decide(model)
+        if not isinstance(decision, Satisfiable):
+            continue
+        totals["satisfiable"] += 1
+        begun = time.process_time()
+        plan = plan_sampling(model, decision=decision)
+        slowest = max(slowest, time.process_time() - begun)
+        if not isinstance(plan, SamplingPlan):
+            print(f"{name}: {plan.diagnostic.label}", flush=True)
+            continue
+        totals["sampled"] += 1
+        certificates[plan.certificate] += 1
+        count = STATES if plan.estimated_acceptance >= RAREST else 3
+        totals["states"] += count
+        if failed := failures(model, plan, count):
+            print(f"{name}: {failed} of {count} states fail the audit", flush=True)
+        totals["failed"] += failed
+    share = totals["sampled"] / max(1, totals["satisfiable"])
+    print(dict(totals), dict(certificates), f"sampled {share:.1%}, longest plan {slowest:.1f} s of CPU")
+    return 0 if share >= REQUIRED and not totals["failed"] else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
