@@ -352,9 +352,13 @@ def _value(p: Coefficients, at: Fraction) -> Term:
 
 
 def _resultant(a: Coefficients, b: Coefficients) -> Term:
-    """Zero where the two, of degree 1 or 2, have a root in common."""
+    """Zero where the two, of degree 1 or 2, have a root in common and a leading coefficient is not zero."""
     if len(a) < len(b):
         a, b = b, a
+    if len(a) == 2 and normal_form(Sub(a[1], b[1])) == {}:
+        return _difference(b[0], a[0])
+    if len(a) == 2 and normal_form(Add(a[1], b[1])) == {}:
+        return _sum(b[0], a[0])
     cross = _difference(_product(a[1], b[0]), _product(a[0], b[1]))
     if len(a) == 2:
         return cross
