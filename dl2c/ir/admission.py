@@ -318,7 +318,7 @@ def _of_input(
             found.setdefault(coefficients, part)
     if len(found) > MAX_CRITICALS:
         last = max(found.values(), key=lambda part: len(_used(part, places)))
-        problems.append(Problem("joint", last, tuple(_used(last, places))))
+        problems.append(Problem("many", last, tuple(_used(last, places))))
     return found, problems
 
 
