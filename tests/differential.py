@@ -144,7 +144,7 @@ class Pair:
         self._check_state(start)
         self._check_mask(interpreter.openings(start), final=False)
         for _ in range(steps):
-            choices, inputs = self._actions(rng)
+            choices, inputs = self.actions(rng)
             ahead = stream.copy()
             following = ahead.draws(self.environment.paths.draws)
             self._step(choices, inputs)
@@ -175,7 +175,7 @@ class Pair:
     def compare(self, rng: Random) -> None:
         """One random state and action."""
         state, constants = random_state(rng)
-        self.step_from(state, constants, *self._actions(rng))
+        self.step_from(state, constants, *self.actions(rng))
 
     def step_from(
         self,
@@ -194,7 +194,7 @@ class Pair:
         self._count(step)
         return step
 
-    def _actions(self, rng: Random) -> tuple[dict[str, int], dict[str, float]]:
+    def actions(self, rng: Random) -> tuple[dict[str, int], dict[str, float]]:
         """A random action."""
         paths = self.environment.paths
         choices = {d.key: rng.randrange(len(d.alternatives)) for d in paths.decisions if d.role == "agent"}

@@ -197,6 +197,8 @@ def test_an_earlier_input_leaves_a_value_for_a_later_one(seed: int) -> None:
     assert inputs.open() or not passing
     for wanted in numbers(rng, 2, 4) if inputs.open() else []:
         u, z = inputs.nearest("assign_u", wanted), inputs.nearest("assign_z", wanted)
+        if 0 < abs(u) < 1e-300:
+            continue  # next to an excluded zero a root is rounded to few digits
         at = {**env, U: float(u), Symbol("z", "variable"): float(z)}
         assert holds(formula, {s: of(v) for s, v in at.items()}, slack), (formula, at)
         missed = [g for g in passing if abs(g - wanted) < abs(float(u) - wanted) - float(slack)]
@@ -209,6 +211,27 @@ def test_interpreter_and_compiled_code_agree_on_tests_of_inputs(tmp_path: Path) 
     assert sum(not a.is_interval for a in admissions) >= 10
     assert any(a.following is not None for a in admissions) and any(a.solved for a in admissions)
     assert min(seen["steps"], seen["blocked"]) > 0
+
+
+JOINED = {
+    "a loop": "{?x > 0; v := *; o := *; ?(0 <= o & o <= 1 & v + o >= 1/2); x := x - o - 1/2;}* ?x <= 0;",
+    "three inputs": "v := *; o := *; ?(v^2 + o^2 <= 1 & v + o >= x); x := *; ?(x + o <= v & abs(x) <= 4);",
+    "a flow between": "{v := *; ?v^2 >= 1/4; {x' = v} ++ v := 0;} o := *; ?(o * v = x / 4 | o <= -1);",
+}
+
+
+@pytest.mark.parametrize("name", JOINED)
+def test_joined_inputs_agree_wherever_they_stand(name: str, tmp_path: Path) -> None:
+    limits = {"x": "-5:5", "v": "-1:1", "o": "-2:2"}
+    bounds = (f"/* @var: bound=[{limits[n]}] */\nReal {n};" for n in limits)
+    pair = pair_of(JOINED[name], tmp_path, "\n".join(bounds))
+    rng = Random(name)
+    for _ in range(60):
+        state = dict(zip("xvo", numbers(rng, 3), strict=True))
+        pair.step_from(state, {}, *pair.actions(rng))
+    assert any(a.following is not None for p in pair.environment.paths.paths for a in p.admissions) == (
+        name != "a flow between"
+    )
 
 
 @pytest.mark.slow

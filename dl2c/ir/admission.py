@@ -22,11 +22,13 @@ from dl2c.ir.model import (
     Add,
     And,
     Compare,
+    Div,
     Formula,
     Mul,
     Neg,
     Number,
     Or,
+    Pow,
     Sub,
     Symbol,
     Term,
@@ -37,6 +39,10 @@ from dl2c.ir.polynomial import Coefficients, polynomial
 
 MAX_CRITICALS = 64
 """Of one input; more would cost more than a step may."""
+
+
+MAX_TRIALS = 100_000
+"""Values of inputs that are tried together for one mask."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +100,11 @@ class Admission:
 @dataclass(frozen=True, slots=True)
 class Problem:
     """Why `part` cannot be resolved: its degree in the last of `inputs` (by place), that of the condition
-    that it leaves for an earlier one, or that the last may have its value before the others.
+    that it leaves for an earlier one, how many values would be tried, or that the last of them may have
+    its value before the others.
     """
 
-    kind: Literal["degree", "joint", "reused"]
+    kind: Literal["degree", "joint", "many", "reused"]
     part: Formula
     inputs: tuple[int, ...]
 
@@ -144,7 +151,21 @@ def admissions(tests: Formula, inputs: Sequence[Unknown]) -> tuple[Formula, tupl
         made.append(
             Admission(k, conjunction(parts), condition, own_solved, (), criticals[k], following[k], pin)
         )
+    if (costly := _costly(made, own)) is not None:
+        raise Unresolved([Problem("many", costly, tuple(_used(costly, places)))])
     return conjunction(guard), tuple(made)
+
+
+def _costly(made: list[Admission], own: list[list[Formula]]) -> Formula | None:
+    """A test of inputs for which too many values would have to be tried together."""
+    trials: list[int] = [0] * len(made)
+    for k, a in reversed(list(enumerate(made))):
+        roots = sum(len(c) - 1 for c in a.criticals)
+        here = 2 if a.pin is not None or a.is_interval else 2 * roots + 3
+        trials[k] = here * (1 if a.following is None else trials[a.following])
+        if trials[k] > MAX_TRIALS and a.following is not None:
+            return own[a.following][0] if own[a.following] else conjunction(p for ps in own for p in ps)
+    return None
 
 
 def _used(part: Formula | Term, places: dict[Symbol, int]) -> list[int]:
@@ -240,7 +261,7 @@ def _criticals(
     problems: list[Problem] = []
     for part in (p for parts in own for p in parts):
         try:
-            found = [a.left for a in atoms(_smooth(part, places))]
+            found = [t for a in atoms(_smooth(part, places)) for t in _factors(a.left, a.op == "=")]
         except TooManyCases:
             problems.append(Problem("degree", part, tuple(_used(part, places))))
             continue
@@ -252,11 +273,26 @@ def _criticals(
         if failed:
             return made, problems + failed
         made[k] = tuple(polynomials)
+        if problems:
+            break
         if not any(_used(c, places) for p in polynomials for c in p):
             continue
-        for term, part in _projection(polynomials, inputs[k]):
-            _file(term, part, margins, places)
+        for product, part in _projection(polynomials, inputs[k]):
+            for term in _factors(product):
+                _file(term, part, margins, places)
     return made, problems
+
+
+def _factors(term: Term, whole: bool = False) -> Iterator[Term]:
+    """Terms that have all roots of a term; the term itself where it is wanted as a `whole`."""
+    match term:
+        case Mul(left, right) | Div(left, right) if not whole:
+            yield from _factors(left)
+            yield from _factors(right)
+        case Neg(child) | Pow(child) if not whole:
+            yield from _factors(child)
+        case _:
+            yield term
 
 
 def _file(term: Term, part: Formula, margins: list[Margins], places: dict[Symbol, int]) -> None:
@@ -283,7 +319,7 @@ def _of_input(
             found.setdefault(coefficients, part)
     if len(found) > MAX_CRITICALS:
         last = max(found.values(), key=lambda part: len(_used(part, places)))
-        problems.append(Problem("joint", last, tuple(_used(last, places))))
+        problems.append(Problem("many", last, tuple(_used(last, places))))
     return found, problems
 
 
@@ -317,9 +353,13 @@ def _value(p: Coefficients, at: Fraction) -> Term:
 
 
 def _resultant(a: Coefficients, b: Coefficients) -> Term:
-    """Zero where the two, of degree 1 or 2, have a root in common."""
+    """Zero where the two, of degree 1 or 2, have a root in common and a leading coefficient is not zero."""
     if len(a) < len(b):
         a, b = b, a
+    if len(a) == 2 and normal_form(Sub(a[1], b[1])) == {}:
+        return _difference(b[0], a[0])
+    if len(a) == 2 and normal_form(Add(a[1], b[1])) == {}:
+        return _sum(b[0], a[0])
     cross = _difference(_product(a[1], b[0]), _product(a[0], b[1]))
     if len(a) == 2:
         return cross

@@ -26,33 +26,18 @@ class Meeting:
     target: int
 
 
-def admitted(
-    tests: Formula,
-    met: tuple[str, ...],
-    inputs: tuple[Input, ...],
-    early: frozenset[str],
-    found: list[Diagnostic],
-) -> tuple[Formula, tuple[Admission, ...]]:
-    """Tests that no input decides, and for every input met what may be given to it. Those in `early`
-    may have their value before. Tests that cannot be resolved go to `found`.
+@dataclass(frozen=True, slots=True)
+class Order:
+    """When inputs are met: those that a step may have met before a point, and for each input those
+    that every path meets before it.
     """
-    numbers = {i.key: k for k, i in enumerate(inputs)}
-    own = [inputs[numbers[key]] for key in met]
-    try:
-        guard, made = admissions(tests, [Unknown(i.symbol, i.low, i.high) for i in own])
-        late = [a.following for a in made if a.following is not None and own[a.following].key in early]
-        if late:
-            raise Unresolved(_joining(tests, own, k) for k in late)
-    except Unresolved as refused:
-        found += [_diagnostic(p, [i.variable for i in own]) for p in refused.problems]
-        return FALSE, ()
-    return guard, tuple(replace(a, input=numbers[met[a.input]]) for a in made)
+
+    before: Mapping[int, frozenset[str]]
+    always: Mapping[str, frozenset[str]]
 
 
-def early_inputs(meetings: Iterable[Meeting]) -> Mapping[int, frozenset[str]]:
-    """For every point the inputs that a step may have met before it, unless always with all that the
-    paths meeting them meet earlier.
-    """
+def order_of(meetings: Iterable[Meeting]) -> Order:
+    """When inputs are met on the paths of a step."""
     listed = list(meetings)
     before: dict[int, frozenset[str]] = {}
     changed = True
@@ -63,13 +48,41 @@ def early_inputs(meetings: Iterable[Meeting]) -> Mapping[int, frozenset[str]]:
             reached = known | before.get(m.point, frozenset()) | {*m.inputs}
             if reached != known:
                 before[m.target], changed = reached, True
-    alone = {
-        key
-        for m in listed
-        for k, key in enumerate(m.inputs)
-        if any({*m.inputs[:k]} != {*n.inputs[: n.inputs.index(key)]} for n in listed if key in n.inputs)
-    }
-    return {point: keys & alone for point, keys in before.items()}
+    always: dict[str, frozenset[str]] = {}
+    for m in listed:
+        for k, key in enumerate(m.inputs):
+            always[key] = always.get(key, frozenset(m.inputs)) & {*m.inputs[:k]}
+    return Order(before, always)
+
+
+def admitted(
+    tests: Formula,
+    meeting: Meeting,
+    inputs: tuple[Input, ...],
+    order: Order,
+    found: list[Diagnostic],
+) -> tuple[Formula, tuple[Admission, ...]]:
+    """Tests that no input decides, and for every input met what may be given to it. Tests that cannot be
+    resolved go to `found`.
+    """
+    numbers = {i.key: k for k, i in enumerate(inputs)}
+    own = [inputs[numbers[key]] for key in meeting.inputs]
+    early = order.before.get(meeting.point, frozenset[str]())
+    try:
+        guard, made = admissions(tests, [Unknown(i.symbol, i.low, i.high) for i in own])
+        late = [
+            a.following
+            for k, a in enumerate(made)
+            if a.following is not None
+            and own[a.following].key in early
+            and own[k].key not in order.always[own[a.following].key]
+        ]
+        if late:
+            raise Unresolved(_joining(tests, own, k) for k in late)
+    except Unresolved as refused:
+        found += [_diagnostic(p, [i.variable for i in own]) for p in refused.problems]
+        return FALSE, ()
+    return guard, tuple(replace(a, input=numbers[own[a.input].key]) for a in made)
 
 
 def _joining(tests: Formula, own: list[Input], last: int) -> Problem:
@@ -88,6 +101,8 @@ def _diagnostic(problem: Problem, variables: list[str]) -> Diagnostic:
             return errors.high_degree(names[-1], span)
         case "joint":
             return errors.joint_test(names, span)
+        case "many":
+            return errors.many_inputs(names, span)
         case "reused":
             return errors.reused_input(names, span)
         case _:

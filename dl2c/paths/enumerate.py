@@ -39,7 +39,7 @@ from dl2c.ir.model import (
     While,
 )
 from dl2c.paths import errors
-from dl2c.paths.admitted import Meeting, admitted, early_inputs
+from dl2c.paths.admitted import Meeting, Order, admitted, order_of
 from dl2c.paths.limits import input_limits
 from dl2c.paths.path import END, Decision, Input, Path, Paths, duration_input
 from dl2c.source import NOWHERE, Span
@@ -104,8 +104,8 @@ def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | Non
     sampled = flows if model.duration == "sample" else ()
     decisions = _by_role({d.key: d for d in _decisions(programs)})
     found: list[Diagnostic] = []
-    early = early_inputs(dict.fromkeys(Meeting(d.point, d.inputs, d.target) for d in drafts))
-    paths = tuple(_path(draft, decisions, inputs, early, found) for draft in drafts)
+    order = order_of(dict.fromkeys(Meeting(d.point, d.inputs, d.target) for d in drafts))
+    paths = tuple(_path(draft, decisions, inputs, order, found) for draft in drafts)
     if found:
         raise CompileError(found)
     return Paths(decisions, inputs, len(points), paths, starts.get("lead"), starts.get("prefix"), sampled)
@@ -308,12 +308,12 @@ def _path(
     draft: _Draft,
     decisions: tuple[Decision, ...],
     inputs: tuple[Input, ...],
-    early: Mapping[int, frozenset[str]],
+    order: Order,
     found: list[Diagnostic],
 ) -> Path:
     """The path of a draft; tests of inputs that cannot be resolved go to `found`."""
-    before = early.get(draft.point, frozenset[str]())
-    guard, admissions = admitted(draft.tests, draft.inputs, inputs, before, found)
+    meeting = Meeting(draft.point, draft.inputs, draft.target)
+    guard, admissions = admitted(draft.tests, meeting, inputs, order, found)
     chosen = {key: alternative for key, alternative, _ in draft.line.decisions}
     index = {d.key: k for k, d in enumerate(decisions)}
     return Path(

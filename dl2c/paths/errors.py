@@ -51,6 +51,13 @@ def joint_test(variables: tuple[str, ...], span: Span) -> Diagnostic:
     return _unresolved(earlier[-1], reason, span, f"test {names} alone as well, or assign one of them a term")
 
 
+def many_inputs(variables: tuple[str, ...], span: Span) -> Diagnostic:
+    reason = "too many values of the inputs that tests join would have to be tried together"
+    return _unresolved(
+        variables[-1], reason, span, "join fewer inputs by tests, or assign some of them a term"
+    )
+
+
 def reused_input(variables: tuple[str, ...], span: Span) -> Diagnostic:
     *earlier, last = dict.fromkeys(variables)
     reason = f"{last} may have its value from earlier in the step, before that of {' and '.join(earlier)}"
