@@ -61,10 +61,16 @@ def _limits(symbol: Symbol, atoms: Sequence[Compare]) -> _Limits | None:
         parts = linear_parts(Sub(atom.left, atom.right), symbol)
         if parts is None or not isinstance(parts[0], Number) or parts[0] == ZERO:
             return None
-        value = product(Number(-1 / parts[0].value), parts[1])
+        value = _plain(product(Number(-1 / parts[0].value), parts[1]))
         upper = (atom.op in ("<", "<=")) == (parts[0].value > 0)
         (highs if upper else lows).append(value)
     return _Limits(symbol, tuple(lows), tuple(highs)) if lows or highs else None
+
+
+def _plain(term: Term) -> Term:
+    """The term multiplied out where it is a polynomial."""
+    form = normal_form(term)
+    return term if form is None else term_of(form, {(s.kind, s.name): s for s in symbols(term)})
 
 
 def _drawn_between(chart: Chart, limits: _Limits) -> Chart | None:

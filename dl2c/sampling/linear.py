@@ -44,17 +44,18 @@ class Solution:
     slope: float
 
 
-Rank: TypeAlias = tuple[bool, bool, bool, bool, bool, int, int]
+Rank: TypeAlias = tuple[bool, bool, bool, bool, bool, int, int, int]
 
 
-def rank(s: Solution, names: Sequence[Symbol]) -> Rank:
-    """Smaller is better: plain numbers, affine, moderate, no division, variables before constants, short,
-    declared early."""
+def rank(s: Solution, names: Sequence[Symbol], mentions: Mapping[Symbol, int]) -> Rank:
+    """Smaller is better: plain numbers, affine, moderate, no division, variables before constants, seldom
+    mentioned elsewhere, short, declared early."""
     is_number = isinstance(s.term, Number)
     steep = s.slope > MODERATE
     affine = is_affine(s.term)
     variable = s.symbol.kind == "variable"
-    return not is_number, not affine, steep, s.divided, not variable, size_of(s.term), names.index(s.symbol)
+    mentioned, size = mentions.get(s.symbol, 0), size_of(s.term)
+    return not is_number, not affine, steep, s.divided, not variable, mentioned, size, names.index(s.symbol)
 
 
 def solutions(equality: Compare, names: Sequence[Symbol], box: Box) -> Iterator[Solution]:

@@ -16,9 +16,10 @@ import numpy as np
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import Box, hull_of
-from dl2c.ir.logic import conjunction, symbols
-from dl2c.ir.model import ONE, TRUE, Formula, Model, Term
+from dl2c.ir.logic import atoms, conjunction, symbols
+from dl2c.ir.model import ONE, Formula, Model, Term
 from dl2c.sampling.acceptance import acceptance
+from dl2c.sampling.algebra import size_of
 from dl2c.sampling.arrays import Bools, Columns, Floats, completed, holds, uniform, values
 from dl2c.sampling.charts import Chart, inward
 from dl2c.sampling.conditional import conditional
@@ -135,8 +136,11 @@ def plan_sampling(
     decision = decide(model, time_limit_s) if decision is None else decision
     try:
         problem = problem_of(model, decision)
-        share = time_limit_s / max(1, sum(any(c.formula != TRUE for c in b) for b in problem.blocks))
-        planned = [_better_block(problem, charts, boxes, share) for charts in problem.blocks]
+        sizes = [_length(charts) for charts in problem.blocks]
+        planned = [
+            _better_block(problem, charts, boxes, time_limit_s * size / sum(sizes))
+            for charts, size in zip(problem.blocks, sizes, strict=True)
+        ]
     except CompileError as refusal:
         return NoSampler(refusal.diagnostics[0])
     if not all(block.estimated_acceptance > 0 for block, _ in planned):
@@ -150,6 +154,11 @@ def plan_sampling(
         error_bound=error_bound,
         around=_around(problem),
     )
+
+
+def _length(charts: Sequence[Chart]) -> int:
+    """How much time a block deserves."""
+    return 1 + sum(size_of(side) for c in charts for a in atoms(c.formula) for side in (a.left, a.right))
 
 
 def _better_block(
