@@ -124,3 +124,28 @@ def elapsed(work):
     begun = time.perf_counter()
     work()
     return time.perf_counter() - begun
+
+
+BAND = Source(
+    "band.kyx",
+    """ArchiveEntry "band"
+ProgramVariables
+  // @var: bound=[0:1]
+  Real x;
+  // @var: bound=[0:1]
+  Real y;
+  // @var: bound=[0:3]
+  Real z;
+End.
+Problem
+  x <= y + 0.00001 & x >= y - 0.00001 & x <= z & z <= 3*y & y >= 0.1 -> [{ {x' = 1 & true} }*] x >= 0
+End.
+End.
+""",
+)
+
+
+def test_compiled_names_between_limits_pass_the_audit():
+    names, rows, manifest = states(BAND, 2000)
+    assert manifest.sampler["acceptance"] > 0.1
+    audit_all(BAND, names, rows, manifest)

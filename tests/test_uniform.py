@@ -161,3 +161,27 @@ def test_states_are_uniform(name):
 @pytest.mark.parametrize("name", CASES)
 def test_states_are_uniform_for_many_seeds(name):
     assert min(compared(name, seed, 200_000, CELLS) for seed in range(SEEDS)) > 0.01 / SEEDS / len(CASES)
+
+
+def chain(rng, count):
+    """A thin band of x around y, and z between x and 3 y."""
+    found = []
+    while sum(map(len, found)) < count:
+        y, band, z = rng.uniform(0, 1, 2**18), rng.uniform(-1e-5, 1e-5, 2**18), rng.uniform(0, 3, 2**18)
+        x = y + band
+        kept = (x >= 0) & (x <= 1) & (x <= z) & (z <= 3 * y)
+        found.append(np.stack([y, band * 1e5, z], 1)[kept])
+    return np.concatenate(found)[:count]
+
+
+def test_names_between_limits_keep_the_law():
+    m = model(
+        "x <= y + 0.00001 and x >= y - 0.00001 and x <= z and z <= 3*y", {"x": "0:1", "y": "0:1", "z": "0:3"}
+    )
+    plan = planned(m)
+    assert any(c.between for c in plan.charts)
+    drawn = draw_many(plan, np.random.default_rng(2), 20_000)
+    sample = np.stack([drawn["y"], (drawn["x"] - drawn["y"]) * 1e5, drawn["z"]], 1)
+    expected = chain(np.random.default_rng(1), 20_000)
+    cuts = cuts_of(expected, 3, CELLS // 4)
+    assert p_value(counts(expected, cuts), counts(sample, cuts)) > 0.001

@@ -165,8 +165,8 @@ def coverage_of(model: str, options: Mapping[str, Any]) -> tuple[str, bool]:
     plan = plan_sampling(drawn)
     if isinstance(plan, NoSampler):
         return f"initial states are not sampled: {plan.diagnostic.label}", False
-    if len(plan.charts) != len(plan.blocks):
-        return f"{len(plan.charts)} charts: their boxes are proved by interval arithmetic only", False
+    if len(plan.charts) != len(plan.blocks) or any(c.between for c in plan.charts):
+        return "boxes of charts and of names between limits are proved by interval arithmetic only", False
     seconds = 0.0
     for block in plan.blocks:
         free = block.charts[0].free

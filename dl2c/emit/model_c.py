@@ -37,7 +37,7 @@ def model_c(environment: Environment) -> str:
     """The whole C file."""
     ranks = {symbol: k for k, symbol in enumerate(_symbols(environment))}
     bounds = {Symbol(c.name, "constant"): _range(c) for c in environment.model.constants}
-    leaves = Leaves(Builder(bounds), lambda symbol: ranks[symbol])
+    leaves = Leaves(Builder(bounds), lambda symbol: ranks.get(symbol, len(ranks)))
     functions = [
         *flow_functions(environment, leaves),
         *watch_functions(environment, leaves),

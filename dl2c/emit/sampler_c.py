@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import function, row, table
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.names import index
+from dl2c.emit.names import index, slot
 from dl2c.emit.plan import Environment
 from dl2c.ir.model import Model, Symbol
 from dl2c.ir.printer import print_formula, print_term
@@ -60,11 +60,16 @@ def _initial(environment: Environment, chart: SampleChart, leaves: Leaves, suffi
     """What is fixed is set with the first block."""
     model, plan = environment.model, environment.sampling
     symbols = {s.name: s for s in _symbols(model)}
-    body = [f"{_target(symbols[n])} = drawn[{k}];" for k, n in enumerate(chart.free)]
+    body = [f"{_target(symbols[n])} = drawn[{k}];" for k, n in enumerate(chart.free) if n in symbols]
     if plan is not None and chart in plan.blocks[0].charts:
         body += _fixed(model)
-    for name, term in chart.definitions:
-        value = leaves.term(f"initial_set_{name}{suffix}", term, f"{name} = {print_term(term)}")
+    parts = {n: f"drawn[{k}]" for k, n in enumerate(chart.free) if n not in symbols}
+
+    def place(symbol: Symbol) -> str:
+        return parts.get(symbol.name) or slot(symbol)
+
+    for name, term in (*chart.between, *chart.definitions):
+        value = leaves.term(f"initial_set_{name}{suffix}", term, f"{name} = {print_term(term)}", place)
         body.append(f"{_target(symbols[name])} = {value};")
     return body
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias, assert_never
 
-from dl2c.interval.arithmetic import Box, Interval, enclosure, evaluate, magnitude, truth
+from dl2c.interval.arithmetic import WHOLE, Box, Interval, enclosure, evaluate, magnitude, truth
 from dl2c.interval.contract import contract
 from dl2c.interval.rounding import add_down, add_up, div_up, mul_up, sqrt_down, sqrt_up
-from dl2c.ir.logic import conjunction, disjunction, operands
+from dl2c.ir.logic import conjunction, conjuncts, disjunction, operands, symbols
 from dl2c.ir.model import (
     FALSE,
     ZERO,
@@ -65,15 +65,22 @@ def acceptance(
     definitions: Sequence[tuple[Symbol, Term]],
     bounds: Mapping[Symbol, Formula],
     box: Box,
+    between: Sequence[Symbol] = (),
 ) -> Acceptance:
     """A test for `formula`, the definedness of the definitions and the bounds of what they define.
 
-    `box` limits the drawn names, and where no initial state is lost by it the defined ones.
+    `box` limits the drawn names, and where no initial state is lost by it the defined ones. Those of
+    `between` are exact, but only the formula says where they lie.
     """
     defined = dict(definitions)
-    ranges = {s: i for s, i in box.items() if s not in defined}
+    ranges = {s: i for s, i in box.items() if s not in defined} | dict.fromkeys(between, WHOLE)
     errors = dict.fromkeys(ranges, 0.0)
     tests: list[Formula] = []
+    for limit in [c for c in conjuncts(formula) if len(symbols(c)) == 1 and symbols(c) <= set(between)]:
+        tests.append(_proved(limit, ranges, errors))
+        if (limited := contract(limit, ranges)) is None:
+            return Acceptance(FALSE, errors)
+        ranges = limited
     for symbol, term in definitions:
         limits = [bounds[symbol]]
         try:

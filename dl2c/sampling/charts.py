@@ -35,7 +35,8 @@ class Chart:
 
     The ends of `box` are doubles inside their bounds; `definitions` give all other
     names, in order. `rest` is what else must hold, and for each defined name the condition of
-    `bounds`; `formula` says the same with equalities, to contract boxes with.
+    `bounds`; `formula` says the same with equalities, to contract boxes with. `between` are names that
+    are computed first and count as drawn: whatever their doubles are, they are exact.
     """
 
     free: tuple[Symbol, ...]
@@ -45,6 +46,7 @@ class Chart:
     formula: Formula
     box: Mapping[Symbol, Interval]
     measure: Measure
+    between: tuple[tuple[Symbol, Term], ...] = ()
 
     @property
     def endless(self) -> tuple[Symbol, ...]:

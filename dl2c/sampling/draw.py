@@ -20,12 +20,15 @@ def draw_many(plan: SamplingPlan, rng: np.random.Generator, count: int) -> dict[
     """`count` initial states: for each of `plan.names` an array of shape (count,)."""
     columns: dict[str, Floats] = {}
     for block in plan.blocks:
-        columns |= _of_block(block, rng, count)
+        columns |= _of_block(block, plan.names, rng, count)
     return {name: columns[name] for name in plan.names}
 
 
-def _of_block(block: SampleBlock, rng: np.random.Generator, count: int) -> dict[str, Floats]:
-    names = [*block.charts[0].free, *(name for name, _ in block.charts[0].definitions)]
+def _of_block(
+    block: SampleBlock, wanted: Sequence[str], rng: np.random.Generator, count: int
+) -> dict[str, Floats]:
+    first = block.charts[0]
+    names = [n for n in (*first.free, *dict(first.between), *dict(first.definitions)) if n in wanted]
     found: list[dict[str, Floats]] = []
     have = 0
     while names and have < count:
@@ -59,7 +62,7 @@ def _of_chart(
     boxes, count = [block.boxes[int(k)] for k in chosen], len(chosen)
     lows, highs = np.array([b.low for b in boxes]), np.array([b.high for b in boxes])
     columns = {n: uniform(lows[:, k], highs[:, k], count, rng) for k, n in enumerate(chart.free)}
-    columns = completed(columns, chart.definitions, count)
+    columns = completed(columns, (*chart.between, *chart.definitions), count)
     kept = by_chance(chart, np.array([b.squared_density for b in boxes]), columns, count, rng)
     kept &= holds(chart.acceptance, columns, count)
     return {name: column[kept] for name, column in columns.items()}

@@ -7,6 +7,7 @@ proved to vanish nowhere in the box; else an equality is solved in charts (quadr
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -68,13 +69,13 @@ def _eliminated(
     chosen: tuple[Branch, ...],
     box: Box,
 ) -> Iterator[Elimination]:
-    solved, left = _directly_solved(pending, names, box, steep=False)
+    solved, left = _directly_solved(pending, names, rest, box, steep=False)
     if any(isinstance(e.left, Number) and isinstance(e.right, Number) for e in left):
         return
     known = {s.symbol for s in solved}
     equality, branches = _branching(left, [n for n in names if n not in known])
     if left and not branches:
-        solved, left = _directly_solved(pending, names, box, steep=True)
+        solved, left = _directly_solved(pending, names, rest, box, steep=True)
         if left:
             raise _Stuck(Unsolved(left[0], len(solved) + len(chosen) + 1))
     if not branches:
@@ -104,14 +105,15 @@ def _assembled(chosen: Sequence[Branch], solved: Sequence[Solution], rest: Seque
 
 
 def _directly_solved(
-    pending: Sequence[Compare], names: Sequence[Symbol], box: Box, steep: bool
+    pending: Sequence[Compare], names: Sequence[Symbol], rest: Sequence[Formula], box: Box, steep: bool
 ) -> tuple[list[Solution], list[Compare]]:
     """Solutions in the order found, each replaced in the equalities that are left."""
     solved: list[Solution] = []
     pending = list(pending)
+    mentions = Counter(s for formula in rest for s in symbols(formula))
     while pending := [e for e in pending if not is_tautology(e)]:
         found = [
-            (rank(s, names), k, s)
+            (rank(s, names, mentions), k, s)
             for k, e in enumerate(pending)
             for s in solutions(e, names, box)
             if steep or math.isfinite(s.slope)

@@ -44,17 +44,18 @@ class Solution:
     slope: float
 
 
-Rank: TypeAlias = tuple[bool, bool, bool, bool, bool, int, int]
+Rank: TypeAlias = tuple[bool, bool, bool, bool, bool, int, int, int]
 
 
-def rank(s: Solution, names: Sequence[Symbol]) -> Rank:
-    """Smaller is better: plain numbers, affine, moderate, no division, variables before constants, short,
-    declared early."""
+def rank(s: Solution, names: Sequence[Symbol], mentions: Mapping[Symbol, int]) -> Rank:
+    """Smaller is better: plain numbers, affine, moderate, no division, variables before constants, seldom
+    mentioned elsewhere, short, declared early."""
     is_number = isinstance(s.term, Number)
     steep = s.slope > MODERATE
     affine = is_affine(s.term)
     variable = s.symbol.kind == "variable"
-    return not is_number, not affine, steep, s.divided, not variable, size_of(s.term), names.index(s.symbol)
+    mentioned, size = mentions.get(s.symbol, 0), size_of(s.term)
+    return not is_number, not affine, steep, s.divided, not variable, mentioned, size, names.index(s.symbol)
 
 
 def solutions(equality: Compare, names: Sequence[Symbol], box: Box) -> Iterator[Solution]:
@@ -80,7 +81,7 @@ def _direct(equality: Compare, symbol: Symbol) -> tuple[Term, bool] | None:
 
 def _isolated(difference: Term, symbol: Symbol, box: Box) -> tuple[Term, bool] | None:
     """The value that makes the difference zero, and whether it divides by more than a number."""
-    parts = _linear(difference, symbol)
+    parts = linear_parts(difference, symbol)
     if parts is None or not _is_nonzero(parts[0], box):
         return None
     coefficient, rest = parts
@@ -130,14 +131,14 @@ def is_tautology(equality: Compare) -> bool:
     if (form := normal_form(rest)) is not None:
         return not form
     for symbol in sorted(symbols(rest), key=lambda s: s.name):
-        parts = _linear(rest, symbol)
+        parts = linear_parts(rest, symbol)
         if parts is None or parts[0] != ZERO:
             return False
         rest = parts[1]
     return folded(rest) == ZERO
 
 
-def _linear(term: Term, symbol: Symbol) -> tuple[Term, Term] | None:
+def linear_parts(term: Term, symbol: Symbol) -> tuple[Term, Term] | None:
     """Terms (c, r) without the symbol, with term = c * symbol + r; None where it is not linear.
 
     Wherever c and r are defined and c is not zero, the term is defined too.
@@ -148,17 +149,19 @@ def _linear(term: Term, symbol: Symbol) -> tuple[Term, Term] | None:
         case Symbol():
             return ONE, ZERO
         case Neg(child):
-            return _both(_linear(child, symbol), lambda t: _difference(ZERO, t))
+            return _both(linear_parts(child, symbol), lambda t: _difference(ZERO, t))
         case Add(left, right):
-            return _joined(_sum, _linear(left, symbol), _linear(right, symbol))
+            return _joined(_sum, linear_parts(left, symbol), linear_parts(right, symbol))
         case Sub(left, right):
-            return _joined(_difference, _linear(left, symbol), _linear(right, symbol))
+            return _joined(_difference, linear_parts(left, symbol), linear_parts(right, symbol))
         case Mul(factor, other) if symbol not in symbols(factor):
-            return _both(_linear(other, symbol), lambda t: _product(factor, t))
+            return _both(linear_parts(other, symbol), lambda t: _product(factor, t))
         case Mul(other, factor) if symbol not in symbols(factor):
-            return _both(_linear(other, symbol), lambda t: _product(factor, t))
+            return _both(linear_parts(other, symbol), lambda t: _product(factor, t))
         case Div(dividend, divisor) if symbol not in symbols(divisor):
-            return _both(_linear(dividend, symbol), lambda t: t if t == ZERO else folded(Div(t, divisor)))
+            return _both(
+                linear_parts(dividend, symbol), lambda t: t if t == ZERO else folded(Div(t, divisor))
+            )
         case Mul() | Div() | Pow() | Call():
             return None
         case Number():

@@ -55,6 +55,8 @@ class Measure:
     squared: Term
     rows: tuple[Mapping[Symbol, tuple[Entry, ...]], ...]
     inverse: Mapping[tuple[Symbol, Symbol], Fraction]
+    widths: tuple[tuple[Term, ...], ...] = ()
+    """The squares of the least of each are factors of `squared`."""
 
 
 def measure_of(elimination: Elimination) -> Measure:
@@ -88,6 +90,9 @@ def largest_squared(measure: Measure, box: Box) -> float:
                     part = mul_up(enclosure(share).high, mul_up(first, second))
                     refined = add_up(refined, part)
         result = mul_up(result, min(plain, refined))
+    for widths in measure.widths:
+        longest = max(min(evaluate(w, box).high for w in widths), 0.0)
+        result = mul_up(result, mul_up(longest, longest))
     return result if not math.isnan(result) else INF
 
 

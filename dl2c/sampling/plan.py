@@ -16,11 +16,13 @@ import numpy as np
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import Box, hull_of
-from dl2c.ir.logic import conjunction, symbols
-from dl2c.ir.model import ONE, TRUE, Formula, Model, Term
+from dl2c.ir.logic import atoms, conjunction, symbols
+from dl2c.ir.model import ONE, Formula, Model, Term
 from dl2c.sampling.acceptance import acceptance
+from dl2c.sampling.algebra import size_of
 from dl2c.sampling.arrays import Bools, Columns, Floats, completed, holds, uniform, values
 from dl2c.sampling.charts import Chart, inward
+from dl2c.sampling.conditional import conditional
 from dl2c.sampling.measure import largest_squared, steep_names
 from dl2c.sampling.paving import Leaf, Root, pave
 from dl2c.sampling.problem import Problem, problem_of
@@ -35,16 +37,20 @@ PROBES = 256
 TRIALS = 2**18
 """Points in all boxes together from which the acceptance is estimated."""
 
+RARE = 0.1
+"""An acceptance below which names are drawn between limits."""
+
 COORDINATES = 2**24
 """Numbers that all these points may have together: states of many names get fewer points."""
 
 
 @dataclass(frozen=True, slots=True)
 class SampleChart:
-    """`free` names are drawn, `definitions` computed in order from them. A draw is kept if `acceptance`
-    holds in doubles and, with probability sqrt(`squared_density` / the box's), by chance."""
+    """`free` names are drawn, `between` and `definitions` computed in order from them. A draw is kept if
+    `acceptance` holds in doubles and, with probability sqrt(`squared_density` / the box's), by chance."""
 
     free: tuple[str, ...]
+    between: tuple[tuple[str, Term], ...]
     definitions: tuple[tuple[str, Term], ...]
     acceptance: Formula
     squared_density: Term
@@ -130,8 +136,11 @@ def plan_sampling(
     decision = decide(model, time_limit_s) if decision is None else decision
     try:
         problem = problem_of(model, decision)
-        share = time_limit_s / max(1, sum(any(c.formula != TRUE for c in b) for b in problem.blocks))
-        planned = [_block(problem, charts, boxes, share) for charts in problem.blocks]
+        sizes = [_length(charts) for charts in problem.blocks]
+        planned = [
+            _better_block(problem, charts, boxes, time_limit_s * size / sum(sizes))
+            for charts, size in zip(problem.blocks, sizes, strict=True)
+        ]
     except CompileError as refusal:
         return NoSampler(refusal.diagnostics[0])
     if not all(block.estimated_acceptance > 0 for block, _ in planned):
@@ -145,6 +154,25 @@ def plan_sampling(
         error_bound=error_bound,
         around=_around(problem),
     )
+
+
+def _length(charts: Sequence[Chart]) -> int:
+    """How much time a block deserves."""
+    return 1 + sum(size_of(side) for c in charts for a in atoms(c.formula) for side in (a.left, a.right))
+
+
+def _better_block(
+    problem: Problem, charts: Sequence[Chart], boxes: int, time_limit_s: float
+) -> tuple[SampleBlock, float]:
+    """With names drawn between limits where boxes alone are too few and that helps."""
+    plain = _block(problem, charts, boxes, time_limit_s)
+    if plain[0].estimated_acceptance >= RARE:
+        return plain
+    narrowed = [c for c in map(conditional, charts) if c is not None]
+    if len(narrowed) != len(charts):
+        return plain
+    other = _block(problem, narrowed, boxes, time_limit_s)
+    return max(plain, other, key=lambda found: found[0].estimated_acceptance)
 
 
 def _block(
@@ -173,7 +201,7 @@ def _block(
 
 def _root(chart: Chart) -> Root:
     wanted = conjunction([chart.rest, *chart.bounds.values()])
-    plain = SampleChart(tuple(s.name for s in chart.free), _by_name(chart), wanted, chart.measure.squared)
+    plain = _named(chart, wanted)
     return Root(
         chart.formula,
         chart.box,
@@ -189,7 +217,7 @@ def _accepted(chart: Chart, sample: SampleChart, box: Box, density: float, point
     """How much of a box is accepted, estimated from so many points."""
     rng = np.random.default_rng(SEED)
     columns = {s.name: uniform(box[s].low, box[s].high, points, rng) for s in chart.free}
-    columns = completed(columns, sample.definitions, points)
+    columns = completed(columns, (*sample.between, *sample.definitions), points)
     largest = (density / chart.measure.scale) ** 2
     kept = by_chance(sample, np.full(points, largest), columns, points, rng)
     return float(np.mean(kept & holds(sample.acceptance, columns, points)))
@@ -205,8 +233,14 @@ def by_chance(
     return u * u * largest <= values(chart.squared_density, columns, count)
 
 
-def _by_name(chart: Chart) -> tuple[tuple[str, Term], ...]:
-    return tuple((symbol.name, term) for symbol, term in chart.definitions)
+def _named(chart: Chart, test: Formula) -> SampleChart:
+    return SampleChart(
+        free=tuple(s.name for s in chart.free),
+        between=tuple((s.name, t) for s, t in chart.between),
+        definitions=tuple((s.name, t) for s, t in chart.definitions),
+        acceptance=test,
+        squared_density=chart.measure.squared,
+    )
 
 
 def _around(problem: Problem) -> dict[str, tuple[float, float]]:
@@ -222,12 +256,12 @@ def _sample_chart(
     own = [leaf.box for leaf in leaves if leaf.chart == k] or [chart.box]
     around = {s: hull_of(box[s] for box in own) for s in chart.box}
     try:
-        test = acceptance(chart.rest, chart.definitions, chart.bounds, around)
+        exact = [s for s, _ in chart.between]
+        test = acceptance(chart.rest, chart.definitions, chart.bounds, around, exact)
     except NoErrorBound:
         raise CompileError(imprecise(problem.formula)) from None
     error = max((test.errors[s] for s, _ in chart.definitions), default=0.0)
-    free = tuple(s.name for s in chart.free)
-    return SampleChart(free, _by_name(chart), test.formula, chart.measure.squared), error
+    return _named(chart, test.formula), error
 
 
 def _sample_box(leaf: Leaf, chart: Chart, total: float) -> SampleBox:
