@@ -8,7 +8,7 @@ source --read_entry--> entry --resolve--> problem --lower--> step model
 import json
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -181,10 +181,6 @@ def _completed(options: Options, episode: EpisodeAnnotation) -> Options:
     found: list[Diagnostic] = []
     for name, value, span in episode.options:
         if name == "allow":
-            continue
-        if names.get(name, name) not in {f.name for f in fields(Options)}:
-            title = f"`@episode` option `{name}` is not supported"
-            found.append(error("unsupported-option", title, span, help="leave it out"))
             continue
         try:
             options = under(options, {names.get(name, name): value})

@@ -37,9 +37,12 @@ def normal_form(term: Term) -> Normal | None:
         case Div(left, Number(value)) if value:
             return scaled(normal_form(left), 1 / value)
         case Pow(base, exponent):
+            factor = normal_form(base)
             result: Normal | None = {(): Fraction(1)}
             for _ in range(exponent):
-                result = multiplied(result, normal_form(base))
+                result = None if factor is None else multiplied(result, factor)
+                if not result:
+                    break
             return result
         case _:
             return None
