@@ -35,16 +35,28 @@ Columns: TypeAlias = Mapping[str, Floats]
 """The values of each name, all of one shape."""
 
 
+CHUNK = 4096
+"""Points evaluated together: the values of all terms are kept until they are done."""
+
+Known: TypeAlias = dict[int, Floats]
+"""The values of terms by identity: what the terms of a formula share is evaluated once."""
+
+
 def holds(formula: Formula, columns: Columns, count: int) -> Bools:
     """Which of the `count` points satisfy the formula; shape (count,)."""
+    found: list[Bools] = []
     with np.errstate(all="ignore"):
-        return _holds(formula, columns, count)
+        for start in range(0, count, CHUNK):
+            stop = min(start + CHUNK, count)
+            part = {name: column[start:stop] for name, column in columns.items()}
+            found.append(_holds(formula, part, stop - start, {}))
+    return np.concatenate(found) if found else np.empty(0, np.bool_)
 
 
 def values(term: Term, columns: Columns, count: int) -> Floats:
     """The values of a term; shape (count,)."""
     with np.errstate(all="ignore"):
-        return np.broadcast_to(_value(term, columns), (count,))
+        return np.broadcast_to(_value(term, columns, {}), (count,))
 
 
 def uniform(low: Floats | float, high: Floats | float, count: int, rng: np.random.Generator) -> Floats:
@@ -60,22 +72,22 @@ def completed(columns: Columns, definitions: Sequence[tuple[str, Term]], count: 
     return result
 
 
-def _holds(formula: Formula, columns: Columns, count: int) -> Bools:
+def _holds(formula: Formula, columns: Columns, count: int, known: Known) -> Bools:
     match formula:
         case Truth(value):
             return np.full(count, value)
         case Compare():
-            return np.broadcast_to(_compared(formula, columns), (count,))
+            return np.broadcast_to(_compared(formula, columns, known), (count,))
         case And(children):
-            return np.logical_and.reduce([_holds(c, columns, count) for c in children])
+            return np.logical_and.reduce([_holds(c, columns, count, known) for c in children])
         case Or(children):
-            return np.logical_or.reduce([_holds(c, columns, count) for c in children])
+            return np.logical_or.reduce([_holds(c, columns, count, known) for c in children])
         case _:
             assert_never(formula)
 
 
-def _compared(atom: Compare, columns: Columns) -> Bools:
-    a, b = _value(atom.left, columns), _value(atom.right, columns)
+def _compared(atom: Compare, columns: Columns, known: Known) -> Bools:
+    a, b = _value(atom.left, columns, known), _value(atom.right, columns, known)
     match atom.op:
         case "=":
             return a == b
@@ -93,33 +105,40 @@ def _compared(atom: Compare, columns: Columns) -> Bools:
             assert_never(atom.op)
 
 
-def _value(term: Term, columns: Columns) -> Floats:
+def _value(term: Term, columns: Columns, known: Known) -> Floats:
+    found = known.get(id(term))
+    if found is None:
+        found = known[id(term)] = _computed(term, columns, known)
+    return found
+
+
+def _computed(term: Term, columns: Columns, known: Known) -> Floats:
     match term:
         case Number(value):
             return np.asarray(float(value))
         case Symbol(name):
             return columns[name]
         case Neg(child):
-            return -_value(child, columns)
+            return -_value(child, columns, known)
         case Add(left, right):
-            return _finite(_value(left, columns) + _value(right, columns))
+            return _finite(_value(left, columns, known) + _value(right, columns, known))
         case Sub(left, right):
-            return _finite(_value(left, columns) - _value(right, columns))
+            return _finite(_value(left, columns, known) - _value(right, columns, known))
         case Mul(left, right):
-            return _finite(_value(left, columns) * _value(right, columns))
+            return _finite(_value(left, columns, known) * _value(right, columns, known))
         case Div(left, right):
-            return _finite(_value(left, columns) / _value(right, columns))
+            return _finite(_value(left, columns, known) / _value(right, columns, known))
         case Pow(base, exponent):
-            return _power(_value(base, columns), exponent)
+            return _power(_value(base, columns, known), exponent)
         case Call("abs", (arg,)):
-            return np.abs(_value(arg, columns))
+            return np.abs(_value(arg, columns, known))
         case Call("sqrt", (arg,)):
-            return np.sqrt(_value(arg, columns))
+            return np.sqrt(_value(arg, columns, known))
         case Call("min", (left, right)):
-            a, b = _value(left, columns), _value(right, columns)
+            a, b = _value(left, columns, known), _value(right, columns, known)
             return np.where(np.isnan(a), a, np.where(a < b, a, b))
         case Call("max", (left, right)):
-            a, b = _value(left, columns), _value(right, columns)
+            a, b = _value(left, columns, known), _value(right, columns, known)
             return np.where(np.isnan(a), a, np.where(a > b, a, b))
         case Call():
             raise AssertionError(f"the sampler refuses {term.function}")
