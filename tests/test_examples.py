@@ -29,6 +29,7 @@ LINEAR = ("linear", "its equations are linear: power series to the last digit")
 KERNELS = dict.fromkeys(NAMES, POLYNOMIAL) | {
     "dubins": LINEAR,
     "thermostat": LINEAR,
+    "static_safety": ("cvodes", "dx' depends on itself, directly or through other variables"),
     "pendulum": ("cvodes", "theta' depends on itself, directly or through other variables"),
 }
 

@@ -8,6 +8,7 @@ VECTOR_ENTRY_POINT = "dl2c.env.vector:Dl2cVectorEnv"
 EXAMPLES = {
     "Waypoint": "waypoint",
     "StaticSafetyLine": "static_safety_line",
+    "StaticSafety": "static_safety",
     "ForcedAcceleration": "forced_acceleration",
     "BouncingBall": "bouncing_ball",
     "Pendulum": "pendulum",

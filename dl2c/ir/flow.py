@@ -50,9 +50,8 @@ def solve(flow: Flow) -> Solution | NotPolynomial:
     while waiting:
         progress = [x for x in waiting if not moving(rates[x], rates) - solved.keys()]
         if not progress:
-            return NotPolynomial(
-                waiting[0], f"{waiting[0]}' depends on itself, directly or through other variables"
-            )
+            x = _circular(waiting[0], {x: moving(rates[x], rates) - solved.keys() for x in waiting})
+            return NotPolynomial(x, f"{x}' depends on itself, directly or through other variables")
         for x in progress:
             rate = polynomial(rates[x], _curves(solved))
             if rate is None:
@@ -62,6 +61,16 @@ def solve(flow: Flow) -> Solution | NotPolynomial:
                 return NotPolynomial(x, f"{x} would be a polynomial of degree {len(solved[x]) - 1} in time")
             waiting.remove(x)
     return Solution({x: solved[x] for x in rates})
+
+
+def _circular(start: str, needs: Mapping[str, set[str]]) -> str:
+    """A variable that needs itself, found from one where every variable needs another."""
+    seen: list[str] = []
+    x = start
+    while x not in seen:
+        seen.append(x)
+        x = min(needs[x])
+    return x
 
 
 def moving(term: Term, rates: Mapping[str, Term]) -> set[str]:
