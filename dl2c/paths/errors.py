@@ -46,6 +46,7 @@ def too_large(variable: str, limit: int, span: Span) -> Diagnostic:
 
 def joint_test(variables: tuple[str, ...], span: Span) -> Diagnostic:
     *earlier, last = dict.fromkeys(variables)
+    earlier = earlier or [last]  # one variable may have several inputs
     names = " and ".join(earlier)
     reason = f"for which {names} it leaves a {last} depends on terms of a higher degree than 2 in {names}"
     return _unresolved(earlier[-1], reason, span, f"test {names} alone as well, or assign one of them a term")
