@@ -150,6 +150,12 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
     return model, enumerate_paths(model, options.default_bound)
 
 
+def lowered_model(source: Source, options: Options) -> "Model":
+    """What a step of a model does, whether or not an environment can be made of it. Raises `CompileError`."""
+    problem, options, _ = _front(source, options)
+    return _lowered(problem, options)[0]
+
+
 def drawn_model(source: Source, options: Options) -> "Model":
     """The model whose initial states are drawn: limited by the default bound. Raises `CompileError`."""
     archive, _ = parse_archive(source)
