@@ -60,7 +60,8 @@ def monitor(
         found |= _written(unit, output)
     failed = None
     if trace is not None:
-        failed, found["steps"] = _replayed(unit, trace)
+        violations, found["steps"] = _replayed(unit, trace)
+        failed = next(iter(violations), None)
         found["violation"] = None if failed is None else failed.as_data()
     if json:
         print(to_json(found))
@@ -131,7 +132,7 @@ def _written(unit: "Unit", output: Path) -> dict[str, Any]:
     return {"directory": str(output), "files": sorted(files)}
 
 
-def _replayed(unit: "Unit", trace: Path) -> "tuple[Violation | None, int]":
+def _replayed(unit: "Unit", trace: Path) -> "tuple[list[Violation], int]":
     from dl2c.commands.replay import replayed
 
     return replayed(unit, trace)

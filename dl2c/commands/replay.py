@@ -59,8 +59,8 @@ class Question:
     line: str
 
 
-def replayed(unit: Unit, trace: Path) -> tuple[Violation | None, int]:
-    """The first violation of a trace, None where there is none, and how many steps it has.
+def replayed(unit: Unit, trace: Path) -> tuple[list[Violation], int]:
+    """All violations of a trace in the order of its rows, and how many steps it has.
 
     Raises `CommandError` for a file that is no trace of the model, `NativeError`.
     """
@@ -73,10 +73,8 @@ def replayed(unit: Unit, trace: Path) -> tuple[Violation | None, int]:
     for question, answer in zip(asked, said, strict=True):
         verdicts.setdefault((question.row, question.check.kind), []).append(int(answer.split()[0]))
     steps = sum(row["step"] != "0" for row in rows)
-    for (row, kind), ids in sorted(verdicts.items()):
-        if 0 not in ids:
-            return _violation(unit.monitor, row, rows[row], kind, ids), steps
-    return None, steps
+    bad = [(row, kind, ids) for (row, kind), ids in sorted(verdicts.items()) if 0 not in ids]
+    return [_violation(unit.monitor, row, rows[row], kind, ids) for row, kind, ids in bad], steps
 
 
 def questions(unit: Unit, rows: list[Row]) -> Iterator[Question]:

@@ -160,7 +160,7 @@ def _check(unit: Unit, check: Check) -> str:
         f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, -SMALLEST}};",
         f"if (!({usable}))",
         "  return verdict;",
-        "int closest = -1;",
+        *(["int closest = -1;"] if any(case.conditions for case in check.cases) else []),
     ]
     for k, case in enumerate(check.cases):
         first = case.conditions[0].number if case.conditions else 0

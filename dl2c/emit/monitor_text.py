@@ -27,7 +27,9 @@ def main_c(unit: Unit) -> str:
     form = "d %d" if unit.sound else "d %.17g"
     value = "verdict.unknown" if unit.sound else "(double)verdict.val"
     main = ["char word[16];", 'while (scanf("%15s", word) == 1) {']
-    main += [f"  {stem}_state one = {{0}}, two = {{0}};", f"  {stem}_parameters parameters = {{0}};"]
+    both = any(check.transition for check in unit.monitor.checks)
+    main += [f"  {stem}_state one = {{0}}{', two = {0}' * both};"]
+    main += [f"  {stem}_parameters parameters = {{0}};"]
     main += [f"  {stem}_verdict verdict = {{0}};"]
     for check in unit.monitor.checks:
         reads = ["read_state(&one)", *(["read_state(&two)"] if check.transition else [])]

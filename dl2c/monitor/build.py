@@ -8,15 +8,16 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from itertools import count
 
-from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir.logic import conjuncts
 from dl2c.ir.model import Formula, Model
 from dl2c.ir.printer import print_formula
 from dl2c.monitor.check import KINDS, OUT_OF_RANGE, Case, Check, Condition, Kind, Monitor, Tolerance
 from dl2c.monitor.control import controller_check, place_of
 from dl2c.monitor.plant import model_check
+from dl2c.source import NOWHERE
 
-ALWAYS: tuple[Kind, ...] = ("init", "controller", "safety")
+ALWAYS: tuple[Kind, ...] = ("init", "controller")
 """The kinds whose absence is an error even where no kind was asked for."""
 
 
@@ -56,6 +57,11 @@ def _safety(model: Model) -> Check:
     named = [(p.name, p.formula) for p in model.predicates if p.category == "safety"]
     if not named and model.postcondition is not None:
         named = [("postcondition", model.postcondition)]
+    if not named:
+        title = "there is no safety predicate to check, nor a postcondition of what a step leads to"
+        raise CompileError(
+            error("no-safety-check", title, NOWHERE, help="annotate a predicate with `@safety`")
+        )
     cases = [_case(formula, name) for name, formula in named]
     together = tuple(c for case in cases for c in case.conditions)
     return Check("safety", (Case(together, ", ".join(name for name, _ in named)),))

@@ -54,7 +54,7 @@ class Control:
 def controller_check(model: Model, tolerance: Tolerance) -> Check:
     """Numbers of its conditions are all 0. Raises `CompileError`."""
     controls = control_paths(model)
-    return Check("controller", tuple(_case(model, c, tolerance) for c in controls))
+    return Check("controller", tuple(case_of(model, c, tolerance) for c in controls))
 
 
 def control_paths(model: Model, steady: frozenset[str] | None = None) -> tuple[Control, ...]:
@@ -113,7 +113,7 @@ def _control(model: Model, draft: Draft, steady: frozenset[str] | None) -> Contr
     return Control(draft, tests, values, hidden)
 
 
-def _case(model: Model, control: Control, tolerance: Tolerance) -> Case:
+def case_of(model: Model, control: Control, tolerance: Tolerance) -> Case:
     """Unchanged variables first, then changed ones, then tests: the last condition of a path to fail
     tells most about a state that no path explains.
     """
