@@ -101,7 +101,7 @@ def test_conditions_are_those_of_the_simulator(example: str) -> None:
     wanted = [c for _, _, c in unit.monitor.conditions if ">=" in c.about or "<" in c.about]
     found = 0
     for condition in wanted:
-        head = f"bool condition{condition.number}("
+        head = f"bool condition_n{condition.number}("
         if head in exported and "post" not in exported.split(head)[1].split(")")[0]:
             text = " ".join(exported.split(head)[1].split("return ")[1].split(";")[0].split())
             found += text in simulator

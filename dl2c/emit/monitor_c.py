@@ -30,19 +30,19 @@ RUNTIME = {
 
 def monitor_c(unit: Unit) -> str:
     """The whole file."""
-    leaves = Leaves(_builder(unit), _order(unit), unit.single)
+    leaves = Leaves(_builder(unit), order_of(unit), unit.single)
     functions: list[str] = []
     for check in unit.monitor.checks:
         functions += [_case(unit, check, k, case, leaves) for k, case in enumerate(check.cases)]
         functions += [_margin(unit, check, leaves), _check(unit, check)]
-    body = "\n".join([*leaves.texts, _in_range(unit), *functions])
+    body = "\n".join([*leaves.texts, in_range(unit), *functions])
     used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
     smallest = "FLT_MIN" if unit.single else "DBL_MIN"
     return "\n".join(
         [
             f'{title_of(unit)}\n#include "{unit.stem}_monitor.h"\n',
             "#include <float.h>\n#include <math.h>\n",
-            f"#define SMALLEST {smallest}\n",
+            f"#define DL2C_SMALLEST {smallest}\n",
             f"typedef {unit.real} real;\n",
             *used,
             body,
@@ -67,7 +67,7 @@ def _enclosed(unit: Unit, bound: Bound, value: Fraction | None) -> Interval:
     return Interval(enclosure(low).low, enclosure(high).high)
 
 
-def _order(unit: Unit) -> Callable[[Symbol], int]:
+def order_of(unit: Unit) -> Callable[[Symbol], int]:
     """Parameters of leaf functions come in this order."""
     model = unit.monitor.model
     ranks = [Symbol(v.name, "variable") for v in model.variables]
@@ -95,12 +95,12 @@ def places(unit: Unit, check: Check) -> Place:
     return place_of
 
 
-def _arguments(unit: Unit, check: Check) -> str:
+def arguments(unit: Unit, check: Check) -> str:
     """The parameters of a check, as in its head."""
     return head(unit, check).split("(", 1)[1]
 
 
-def _passed(check: Check) -> str:
+def passed(check: Check) -> str:
     return "before, after, parameters" if check.transition else "state, parameters"
 
 
@@ -110,7 +110,7 @@ def _case(unit: Unit, check: Check, k: int, case: Case, leaves: Leaves) -> str:
         holds = _condition(unit, check, condition, leaves)
         body += [*wrapped(f"if (!{_grouped(holds)})"), f"  return {condition.number};"]
     return function(
-        f"static int {check.kind}_case{k}({_arguments(unit, check)}",
+        f"static int {check.kind}_case{k}({arguments(unit, check)}",
         [*body, "return 0;"],
         f"{check.kind}, {case.about}: the first condition that does not hold.",
     )
@@ -119,11 +119,11 @@ def _case(unit: Unit, check: Check, k: int, case: Case, leaves: Leaves) -> str:
 def _condition(unit: Unit, check: Check, condition: Condition, leaves: Leaves) -> str:
     """Conditions that are the same formula are one function, named by the first of them."""
     about = f"{place(condition.span)}  {condition.about}".strip()
-    name = f"condition{_first(unit, condition)}"
+    name = f"condition_n{first_of(unit, condition)}"
     return leaves.condition(name, condition.formula, about, places(unit, check))
 
 
-def _first(unit: Unit, condition: Condition) -> int:
+def first_of(unit: Unit, condition: Condition) -> int:
     return next(c.number for _, _, c in unit.monitor.conditions if c.formula == condition.formula)
 
 
@@ -139,15 +139,14 @@ def _margin(unit: Unit, check: Check, leaves: Leaves) -> str:
             term = delta(condition.formula)
             if term is None:
                 continue
-            first = _first(unit, condition)
-            name, about = f"margin{first}", f"The margin of condition {first}."
+            first = first_of(unit, condition)
+            name, about = f"margin_n{first}", f"The margin of condition {first}."
             value = leaves.term(name, term, about, places(unit, check))
             body += [f"case {condition.number}:", *wrapped(f"  return {value};")]
-    arguments = _arguments(unit, check)
     return function(
-        f"static real {check.kind}_margin(int id, {arguments}",
+        f"static real {check.kind}_margin(int id, {arguments(unit, check)}",
         [*(["switch (id) {", *(f"  {b}" for b in body), "  default:", "    break;", "}"] if body else []),
-         "return -SMALLEST;"],
+         "return -DL2C_SMALLEST;"],
         "The margin of a condition, negative where it is violated.",
     )  # fmt: skip
 
@@ -157,7 +156,7 @@ def _check(unit: Unit, check: Check) -> str:
     states = ("before", "after") if check.transition else ("state",)
     usable = " && ".join([*(f"is_state({s})" for s in states), "are_parameters(parameters)"])
     lines = [
-        f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, -SMALLEST}};",
+        f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, -DL2C_SMALLEST}};",
         f"if (!({usable}))",
         "  return verdict;",
         *(["int closest = -1;"] if any(case.conditions for case in check.cases) else []),
@@ -165,7 +164,7 @@ def _check(unit: Unit, check: Check) -> str:
     for k, case in enumerate(check.cases):
         first = case.conditions[0].number if case.conditions else 0
         lines += [
-            f"const int case{k} = {check.kind}_case{k}({_passed(check)});",
+            f"const int case{k} = {check.kind}_case{k}({passed(check)});",
             f"if (case{k} == 0) {{",
             "  verdict.id = 0;",
             "  verdict.val = 0;",
@@ -180,7 +179,7 @@ def _check(unit: Unit, check: Check) -> str:
                 "}",
             ]
     lines += [
-        f"const real margin = {check.kind}_margin(verdict.id, {_passed(check)});",
+        f"const real margin = {check.kind}_margin(verdict.id, {passed(check)});",
         "if (margin < verdict.val)",
         "  verdict.val = margin;",
         "return verdict;",
@@ -188,7 +187,7 @@ def _check(unit: Unit, check: Check) -> str:
     return function(head(unit, check), lines)
 
 
-def _in_range(unit: Unit) -> str:
+def in_range(unit: Unit) -> str:
     """The conditions under which numbers may be used at all; every comparison is false for a NaN."""
     model = unit.monitor.model
     limit = unit.literal(unit.largest)

@@ -6,6 +6,7 @@ from dl2c.emit import names
 from dl2c.emit.cfile import function
 from dl2c.emit.monitor_c import monitor_c
 from dl2c.emit.monitor_h import MEANING, Unit, head, monitor_h, title_of
+from dl2c.emit.sound_monitor_c import sound_monitor_c
 from dl2c.monitor.check import Check
 
 
@@ -13,7 +14,7 @@ def monitor_files(unit: Unit) -> dict[str, str]:
     """The files of a monitor by name."""
     return {
         f"{unit.stem}_monitor.h": monitor_h(unit),
-        f"{unit.stem}_monitor.c": monitor_c(unit),
+        f"{unit.stem}_monitor.c": sound_monitor_c(unit) if unit.sound else monitor_c(unit),
         "main.c": main_c(unit),
         "README.md": _readme(unit),
     }
