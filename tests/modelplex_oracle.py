@@ -1,4 +1,4 @@
-"""Controller monitors that KeYmaera X's tests expect, beside those of the same source models.
+"""Monitors that KeYmaera X's tests expect, beside those of the same source models.
 
 Names of the state after are `xpost` there, and `xpost_0` for a value chosen freely, which is the same one.
 """
@@ -15,6 +15,7 @@ from dl2c.ir.logic import conjunction, disjunction, mapped, substituted, symbols
 from dl2c.ir.model import Formula, Model, Symbol
 from dl2c.monitor.check import Tolerance, after
 from dl2c.monitor.control import case_of, control_paths
+from dl2c.monitor.plant import model_check
 from dl2c.options import Options
 from dl2c.pipeline import lowered_model
 from dl2c.smt.query import Impossible, Oracle
@@ -32,13 +33,18 @@ class Expectation:
     entry: str | None
     text: str
 
+    @property
+    def whole(self) -> bool:
+        """Whether it is of a whole step, not of its control alone."""
+        return "model monitor" in self.test
+
 
 def expectations(shared: Path) -> Iterator[Expectation]:
-    """Every controller monitor whose source model is in the corpus."""
+    """Every monitor whose source model is in the corpus."""
     listed = json.loads((shared / "oracle" / "modelplex_monitors.json").read_text(encoding="utf-8"))
     for one in listed:
         found = [p for s in one["source"] for p in _files(shared / "corpus", s)]
-        if found and "model monitor" not in one["test"]:
+        if found:
             for text in one["expected"]:
                 yield Expectation(one["test"], found[-1], next(iter(one["entry"]), None), text)
 
@@ -59,7 +65,7 @@ def verdict(expected: Expectation, seconds: float = 5.0) -> str:
     plain = _plain(expected.text)
     shown = frozenset(n for n in names if re.search(rf"\b{n}post(_0)?\b", plain))
     try:
-        theirs, ours = _theirs(plain, model, shown), _ours(model, shown)
+        theirs, ours = _theirs(plain, model, shown), _ours(model, shown, expected.whole)
     except CompileError as refused:
         return f"no monitor: {refused.diagnostics[0].title}"
     oracle = Oracle(seconds, 2 * seconds)
@@ -98,11 +104,14 @@ def _theirs(text: str, model: Model, shown: frozenset[str]) -> Formula:
     return mapped(read.precondition, lambda term: substituted(term, renamed))
 
 
-def _ours(model: Model, shown: frozenset[str]) -> Formula:
+def _ours(model: Model, shown: frozenset[str], whole: bool) -> Formula:
     """The monitor of the model for the variables that the expected one speaks of."""
     hidden = {after(v.name) for v in model.variables if v.name not in shown}
-    cases: list[Formula] = []
-    for control in control_paths(model, shown):
-        case = case_of(model, control, Tolerance(Fraction(0)))
-        cases.append(conjunction(c.formula for c in case.conditions if not symbols(c.formula) & hidden))
-    return disjunction(cases)
+    exact = Tolerance(Fraction(0))
+    if whole:
+        cases = model_check(model, exact).cases
+    else:
+        cases = tuple(case_of(model, control, exact) for control in control_paths(model, shown))
+    return disjunction(
+        conjunction(c.formula for c in case.conditions if not symbols(c.formula) & hidden) for case in cases
+    )

@@ -17,36 +17,40 @@ if TYPE_CHECKING:
     from dl2c.monitor.check import Tolerance
 
 
+Model = Annotated[
+    str, typer.Argument(help="A .kyx file, or example:NAME.", show_default=False, autocompletion=models)
+]
+Output = Annotated[Path | None, typer.Option("-o", "--output", help="Folder for the files.")]
+Kinds = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="init|controller|model|safety", help="A check to write; may be repeated. Default: all."
+    ),
+]
+Number = Annotated[str, typer.Option(help="double or float.", autocompletion=words("double", "float"))]
+Sound = Annotated[
+    bool, typer.Option("--sound", help="Evaluate in intervals: no verdict is wrong, some are unknown.")
+]
+Eps = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="[NAME=]VALUE",
+        help="How far values may be from those computed: relative, or of NAME, in its unit.",
+    ),
+]
+Trace = Annotated[
+    Path | None, typer.Option("--check", metavar="CSV", help="Replay what `dl2c rollout --csv` wrote.")
+]
+
+
 def monitor(
-    model: Annotated[
-        str, typer.Argument(help="A .kyx file, or example:NAME.", show_default=False, autocompletion=models)
-    ],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Folder for the files.", show_default=False)
-    ] = None,
-    kind: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="init|controller|model|safety", help="A check to write; may be repeated. Default: all."
-        ),
-    ] = None,
-    real: Annotated[
-        str, typer.Option(help="double or float.", autocompletion=words("double", "float"))
-    ] = "double",
-    sound: Annotated[
-        bool, typer.Option("--sound", help="Evaluate in intervals: no verdict is wrong, some are unknown.")
-    ] = False,
-    eps: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[NAME=]VALUE",
-            help="How far values may be from those computed: relative, or of NAME, in its unit.",
-        ),
-    ] = None,
-    trace: Annotated[
-        Path | None,
-        typer.Option("--check", metavar="CSV", help="Replay what `dl2c rollout --csv` wrote."),
-    ] = None,
+    model: Model,
+    output: Output = None,
+    kind: Kinds = None,
+    real: Number = "double",
+    sound: Sound = False,
+    eps: Eps = None,
+    trace: Trace = None,
     json: Json = False,
     *,
     options: Mapping[str, Any],
