@@ -11,8 +11,8 @@ from fractions import Fraction
 from pathlib import Path
 
 from dl2c.diagnostics import CompileError
-from dl2c.ir.logic import conjunction, disjunction, mapped, substituted, symbols
-from dl2c.ir.model import Formula, Model, Symbol
+from dl2c.ir.logic import conjunction, disjunction, mapped, substituted
+from dl2c.ir.model import Compare, Formula, Model, Symbol
 from dl2c.monitor.check import Tolerance, after
 from dl2c.monitor.control import case_of, control_paths
 from dl2c.monitor.plant import model_check
@@ -105,13 +105,18 @@ def _theirs(text: str, model: Model, shown: frozenset[str]) -> Formula:
 
 
 def _ours(model: Model, shown: frozenset[str], whole: bool) -> Formula:
-    """The monitor of the model for the variables that the expected one speaks of."""
-    hidden = {after(v.name) for v in model.variables if v.name not in shown}
+    """The monitor of the model for the variables that the expected one speaks of; others stay as they are."""
+    unchanged = {after(v.name): Symbol(v.name, "variable") for v in model.variables if v.name not in shown}
     exact = Tolerance(Fraction(0))
     if whole:
         cases = model_check(model, exact).cases
     else:
         cases = tuple(case_of(model, control, exact) for control in control_paths(model, shown))
     return disjunction(
-        conjunction(c.formula for c in case.conditions if not symbols(c.formula) & hidden) for case in cases
+        conjunction(
+            mapped(c.formula, lambda term: substituted(term, unchanged))
+            for c in case.conditions
+            if not (isinstance(c.formula, Compare) and c.formula.left in unchanged)
+        )
+        for case in cases
     )

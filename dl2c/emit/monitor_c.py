@@ -119,12 +119,8 @@ def _case(unit: Unit, check: Check, k: int, case: Case, leaves: Leaves) -> str:
 def _condition(unit: Unit, check: Check, condition: Condition, leaves: Leaves) -> str:
     """Conditions that are the same formula are one function, named by the first of them."""
     about = f"{place(condition.span)}  {condition.about}".strip()
-    name = f"condition_n{first_of(unit, condition)}"
+    name = f"condition_n{condition.first}"
     return leaves.condition(name, condition.formula, about, places(unit, check))
-
-
-def first_of(unit: Unit, condition: Condition) -> int:
-    return next(c.number for _, _, c in unit.monitor.conditions if c.formula == condition.formula)
 
 
 def _grouped(text: str) -> str:
@@ -139,7 +135,7 @@ def _margin(unit: Unit, check: Check, leaves: Leaves) -> str:
             term = delta(condition.formula)
             if term is None:
                 continue
-            first = first_of(unit, condition)
+            first = condition.first
             name, about = f"margin_n{first}", f"The margin of condition {first}."
             value = leaves.term(name, term, about, places(unit, check))
             body += [f"case {condition.number}:", *wrapped(f"  return {value};")]

@@ -7,7 +7,7 @@ where a condition is false, else not known where one is not known.
 from dl2c.emit import names
 from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.interval_c import Statements, prelude
-from dl2c.emit.monitor_c import arguments, first_of, in_range, order_of, passed, places
+from dl2c.emit.monitor_c import arguments, in_range, order_of, passed, places
 from dl2c.emit.monitor_h import Unit, head, title_of
 from dl2c.ir.logic import mapped, substituted, symbols
 from dl2c.ir.model import Number, Symbol, Term
@@ -16,7 +16,7 @@ from dl2c.monitor.check import OUT_OF_RANGE, Case, Check, Condition
 
 def sound_monitor_c(unit: Unit) -> str:
     """The whole file. Raises `CompileError` for functions that have no enclosure."""
-    leaves = [_condition(unit, c) for _, _, c in unit.monitor.conditions if first_of(unit, c) == c.number]
+    leaves = [_condition(unit, c) for _, _, c in unit.monitor.conditions if c.first == c.number]
     functions: list[str] = []
     for check in unit.monitor.checks:
         functions += [_case(unit, check, k, case) for k, case in enumerate(check.cases)]
@@ -64,7 +64,7 @@ def _called(unit: Unit, check: Check, condition: Condition) -> str:
     fixed = {Symbol(c.name, "constant") for c in unit.monitor.model.constants if c.value is not None}
     used = sorted(symbols(condition.formula) - fixed, key=order_of(unit))
     read = places(unit, check)
-    return f"condition_n{first_of(unit, condition)}({', '.join(map(read, used))})"
+    return f"condition_n{condition.first}({', '.join(map(read, used))})"
 
 
 def _settled(unit: Unit) -> str:

@@ -75,9 +75,11 @@ def _case(formula: Formula, name: str) -> Case:
 def _numbered(checks: list[Check]) -> Iterator[Check]:
     """Conditions count up from 2 through the whole monitor."""
     numbers = count(OUT_OF_RANGE + 1)
+    firsts: dict[Formula, int] = {}
     for check in checks:
-        cases = [
-            replace(case, conditions=tuple(replace(c, number=next(numbers)) for c in case.conditions))
-            for case in check.cases
-        ]
+        cases: list[Case] = []
+        for case in check.cases:
+            named = zip(case.conditions, numbers, strict=False)
+            conditions = tuple(replace(c, number=k, first=firsts.setdefault(c.formula, k)) for c, k in named)
+            cases.append(replace(case, conditions=conditions))
         yield replace(check, cases=tuple(cases))

@@ -36,12 +36,15 @@ OUT_OF_RANGE = 1
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """`number` is what a verdict names it by; `about` says what part of the model it stands for."""
+    """`number` is what a verdict names it by; `about` says what part of the model it stands for. `first` is
+    the number of the first condition of the monitor with the same formula.
+    """
 
     number: int
     formula: Formula
     about: str
     span: Span = NOWHERE
+    first: int = 0
 
 
 @dataclass(frozen=True, slots=True)
