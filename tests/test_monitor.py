@@ -44,7 +44,7 @@ def traces(tmp_path_factory: pytest.TempPathFactory) -> Any:
         if not path.exists():
             rows: Rows = []
             while sum(row["step"] > 0 for row in rows) < STEPS:
-                rows += rollout("random", f"example:{example}", 1, seed=len(rows))
+                rows += rollout("random", f"example:{example}", 6, seed=len(rows))
             written(rows, path)
         return path
 
@@ -80,10 +80,11 @@ def test_steps_of_the_simulator_satisfy_the_monitor(example: str, traces: Any) -
 def test_exported_files_compile_without_warnings(example: str, compiler: str, tmp_path: Path) -> None:
     if shutil.which(compiler) is None:
         pytest.skip(f"{compiler} is not installed")
-    for real in ("double", "float"):
-        folder = tmp_path / real
+    forms = [(real, sound) for real in ("double", "float") for sound in (False, True)]
+    for real, sound in forms[:: 2 if example == "pendulum" else 1]:
+        folder = tmp_path / f"{real}-{sound}"
         folder.mkdir()
-        for name, text in monitor_files(unit_of(f"example:{example}", {}, real=real)).items():
+        for name, text in monitor_files(unit_of(f"example:{example}", {}, real=real, sound=sound)).items():
             (folder / name).write_text(text, encoding="utf-8")
         sources = sorted(p.name for p in folder.glob("*.c"))
         for standard in ("c99", "c11"):

@@ -15,13 +15,26 @@ from monitor_program import Program, program_of
 
 from dl2c.commands.monitor import unit_of
 from dl2c.diagnostics import CompileError
-from dl2c.emit.interval_c import enclosing
+from dl2c.emit.interval_c import OPERATIONS, enclosing, prelude
 from dl2c.emit.monitor_text import monitor_files
+from dl2c.emit.sound_monitor_c import LIMITS
 from dl2c.ir.evaluate import evaluate, truth
 from dl2c.ir.model import Compare, Symbol
 from dl2c.monitor.check import OUT_OF_RANGE, Case, Check, Kind, after
+from dl2c.native.program import compile_program
 
 EXAMPLES = sorted({p.stem for p in (REPOSITORY / "examples").glob("*.kyx")} - {"pendulum"})
+OPERATIONS_USED = """ProgramVariables
+  /* @var: bound=[-5:5] */ Real x;
+  /* @var: bound=[-5:5] */ Real y;
+  /* @var: bound=[-5:5] */ Real z;
+End.
+Problem
+  min(x*y, z) <= max(x/z, abs(y) - 1/3) & (sqrt(x^2 - y) < 3 + y^3 | -z^5 - x > 0.1 & z != y)
+  -> [{x := *; ?x^2 <= 4; z := min(x, y);}*](x - y <= 10)
+End.
+"""
+MODELS = {name: f"example:{name}" for name in EXAMPLES} | {"operations": OPERATIONS_USED}
 State = dict[str, float]
 Row = list[State]
 
@@ -102,9 +115,9 @@ def to_single(row: Row) -> Row:
 
 @pytest.mark.parametrize("count", [8, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("real", ["double", "float"])
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize("example", MODELS)
 def test_no_verdict_near_a_boundary_is_wrong(example: str, real: str, count: int, tmp_path: Path) -> None:
-    unit = unit_of(f"example:{example}", {}, real=real, sound=True)
+    unit = unit_of(MODELS[example], {}, real=real, sound=True)
     program = program_of(unit, tmp_path)
     rng = random.Random(example)
     decided = satisfied = total = 0
@@ -153,3 +166,11 @@ def test_what_is_no_number_is_not_satisfied(bad: str, tmp_path: Path) -> None:
             [*good[:k], part | {n: float(bad)}, *good[k + 1 :]] for k, part in enumerate(good) for n in part
         ]
         assert {number for number, _ in program.verdicts(kind, rows)} == {OUT_OF_RANGE}
+
+
+def test_every_operation_compiles(tmp_path: Path) -> None:
+    text = prelude(" ".join(f"{name}(" for name in OPERATIONS))
+    limits = "".join(f"#define IV_{n} DBL_{v}\n" for n, v in LIMITS.items())
+    truths = "enum { IV_FALSE, IV_UNKNOWN, IV_TRUE };\n#define IV_SQRT sqrt\ntypedef double real;\n"
+    headers = "#include <float.h>\n#include <math.h>\n#include <stdbool.h>\n"
+    compile_program({"main.c": f"{headers}{limits}{truths}{text}int main(void) {{ return 0; }}\n"}, tmp_path)

@@ -143,7 +143,7 @@ static inline iv_pair iv_least(iv_pair a, iv_pair b)
 {
   if (!(is_known(a) && is_known(b)))
     return (iv_pair){1, 0};
-  return (iv_pair){smaller(a.lo, b.lo), iv_smaller(a.hi, b.hi)};
+  return (iv_pair){iv_smaller(a.lo, b.lo), iv_smaller(a.hi, b.hi)};
 }
 """,
     "iv_greatest": """\
