@@ -16,7 +16,7 @@ from monitor_program import Program, program_of
 
 from dl2c import cli
 from dl2c.commands.monitor import unit_of
-from dl2c.commands.replay import replayed
+from dl2c.commands.replay import replayed, unseen
 from dl2c.diagnostics import CompileError
 from dl2c.emit.monitor_text import monitor_files
 from dl2c.monitor.build import monitor_of
@@ -265,6 +265,19 @@ def test_an_overwritten_choice_is_eliminated(tmp_path: Path) -> None:
     rows = [(start, {"x": 0.0, "y": y}, {}) for y in (1.9, 2.0, 3.0, 4.0, 4.1)]
     numbers = [number for number, _ in asked.verdicts("controller", rows)]
     assert [n == 0 for n in numbers] == [False, True, True, True, False]
+
+
+def test_a_value_that_solves_an_equality_is_met_closely(tmp_path: Path) -> None:
+    asked = program_of(unit_of(program("x := *; ?x * x = 2;"), {}, ("controller",)), tmp_path)
+    start = {"x": 7.0, "y": 7.0}
+    rows = [(start, {"x": x, "y": 7.0}, {}) for x in (math.sqrt(2), -math.sqrt(2), 1.4142)]
+    assert [number == 0 for number, _ in asked.verdicts("controller", rows)] == [True, True, False]
+
+
+def test_choices_that_a_trace_does_not_show_are_named() -> None:
+    body = "x := *; ?-1 <= x & x <= 1; {x' = y}"
+    [found] = unseen(lowered_model(Source("m", program(body)), Options()))
+    assert (found.code, found.span.text) == ("not-replayed", "x := *")
 
 
 @pytest.mark.parametrize(

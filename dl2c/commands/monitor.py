@@ -137,8 +137,10 @@ def _written(unit: "Unit", output: Path) -> dict[str, Any]:
 
 
 def _replayed(unit: "Unit", trace: Path) -> "tuple[list[Violation], int]":
-    from dl2c.commands.replay import replayed
+    from dl2c.commands.replay import replayed, unseen
 
+    if any(check.kind == "controller" for check in unit.monitor.checks):
+        show(unseen(unit.monitor.model))
     return replayed(unit, trace)
 
 

@@ -13,14 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from dl2c.commands.failures import CommandError
+from dl2c.diagnostics import Diagnostic, warning
 from dl2c.emit.cfile import place
 from dl2c.emit.monitor_h import Unit
 from dl2c.emit.monitor_text import monitor_files
 from dl2c.ir.evaluate import Undefined, evaluate
+from dl2c.ir.logic import symbols
 from dl2c.ir.model import ZERO, Model, Symbol
 from dl2c.monitor.check import OUT_OF_RANGE, Check, Monitor, after
 from dl2c.monitor.control import Control, control_paths
 from dl2c.native.program import answers, compile_program
+from dl2c.source import Span
 from dl2c.training.rollout import COLUMNS
 
 UNMOVED = ("blocked", "diverged", "numerical", "solver")
@@ -81,6 +84,7 @@ def questions(unit: Unit, rows: list[Row]) -> Iterator[Question]:
     """Everything that the checks of a monitor say about a trace."""
     model = unit.monitor.model
     controls = controls_of(model)
+    seen = not unseen(model)
     whole = not model.lead and not model.prefix
     for k, row in enumerate(rows):
         state, numbers = _state(model, row), _line(_parameters(unit, row))
@@ -89,6 +93,8 @@ def questions(unit: Unit, rows: list[Row]) -> Iterator[Question]:
                 yield Question(k, check, f"safety {_line(state)} {numbers}")
             elif check.kind == "init" and row["step"] == "0" and whole:
                 yield Question(k, check, f"init {_line(state)} {numbers}")
+            elif check.kind == "controller" and not seen:
+                continue
             elif check.transition and row["step"] != "0" and not model.lead and row["reason"] not in UNMOVED:
                 before = _state(model, rows[k - 1])
                 between = [state] if check.kind == "model" else led_to(model, controls, rows[k - 1], row)
@@ -100,6 +106,23 @@ def controls_of(model: Model) -> tuple[Control, ...]:
     """The control paths, with the inputs that the state after a whole step shows."""
     moving = {x for flow in model.flows for x, rate in flow.equations if rate != ZERO}
     return control_paths(model, frozenset(v.name for v in model.variables) - moving)
+
+
+def unseen(model: Model) -> tuple[Diagnostic, ...]:
+    """Choices that a trace does not show, since they are values of variables that move. Where there are
+    any, it does not show where the motion of a step begins, so that the controller is not checked.
+    """
+    moving = {x for flow in model.flows for x, rate in flow.equations if rate != ZERO}
+    places: dict[str, Span] = {}
+    for control in controls_of(model):
+        used = symbols(*(value for x, value in control.values.items() if x in moving))
+        keys = [key for key in control.hidden if Symbol(key, "input") in used]
+        places |= {key: control.draft.place_of(key) for key in keys}
+    title = "the controller is not checked: the trace does not show this value"
+    advice = "the other checks are replayed"
+    return tuple(
+        warning("not-replayed", title, p, "given to a variable that moves", advice) for p in places.values()
+    )
 
 
 def led_to(model: Model, controls: tuple[Control, ...], before: Row, now: Row) -> list[dict[str, float]]:

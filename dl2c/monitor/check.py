@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
-from dl2c.ir.logic import folded
+from dl2c.ir.logic import folded, relaxed, symbols
 from dl2c.ir.model import (
     ONE,
     Add,
+    And,
     Call,
     Compare,
     Formula,
@@ -21,6 +22,7 @@ from dl2c.ir.model import (
     Mul,
     Neg,
     Number,
+    Or,
     Sub,
     Symbol,
     Term,
@@ -102,6 +104,19 @@ class Tolerance:
         given = self.absolute.get(variable)
         slack = Number(given) if given is not None else Mul(Number(self.relative), size)
         return Compare("<=", Call("abs", (Sub(new, value),)), slack, span=span)
+
+    def met(self, test: Formula) -> Formula:
+        """The test with equalities of chosen values met closely, as a step solves them in doubles."""
+        match test:
+            case And(children):
+                return And(tuple(map(self.met, children)))
+            case Or(children):
+                return Or(tuple(map(self.met, children)))
+            case Compare("=", left, right) if not (_is_copied(left) and _is_copied(right)):
+                chosen = any(s.kind == "input" for s in symbols(left, right))
+                return relaxed(test, self.relative) if chosen else test
+            case _:
+                return test
 
 
 def after(variable: str) -> Symbol:

@@ -136,7 +136,11 @@ def case_of(model: Model, control: Control, tolerance: Tolerance) -> Case:
     clues += [t for t in conjuncts(control.tests) if symbols(t) & hidden]
     tests += conjuncts(without_hidden(control, conjunction(clues)))
     return Case(
-        (*unchanged, *changed, *(Condition(0, t, print_formula(t), place_of(t)) for t in tests)),
+        (
+            *unchanged,
+            *changed,
+            *(Condition(0, tolerance.met(t), print_formula(t), place_of(t)) for t in tests),
+        ),
         title_of(model, control.draft),
         control.draft.span,
     )

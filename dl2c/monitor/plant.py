@@ -131,7 +131,7 @@ def _case(model: Model, control: Control, solutions: Mapping[int, Solution], tol
         Condition(0, tolerance.equal(x, v, draft.span), f"{x} has its value", draft.span)
         for x, v in steady.items()
     ]
-    tests = [Condition(0, t, print_formula(t), place_of(t)) for t in conjuncts(control.tests)]
+    tests = [Condition(0, tolerance.met(t), print_formula(t), place_of(t)) for t in conjuncts(control.tests)]
     if flow is not None and solution is not None:
         clock = _clock(flow)
         assert clock is not None
