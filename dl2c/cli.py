@@ -23,6 +23,7 @@ from dl2c.commands.cache import app as cache_app
 from dl2c.commands.completion import models, words
 from dl2c.commands.failures import CommandError, as_json, report, show, to_json
 from dl2c.commands.flags import Json, model_options
+from dl2c.commands.monitor import monitor
 from dl2c.commands.verbosity import begin, detailed, quiet, talkative
 from dl2c.version import __version__
 
@@ -41,6 +42,7 @@ INTERNAL = ("sealed.json", "warnings.json")
 """Files of a cache entry that concern nobody else."""
 
 app.add_typer(cache_app, name="cache")
+app.command()(model_options(monitor))
 
 Model = Annotated[
     str, typer.Argument(help="A .kyx file, or example:NAME.", show_default=False, autocompletion=models)

@@ -16,6 +16,7 @@ from dl2c.configuration import configured
 from dl2c.diagnostics import CompileError, Diagnostic, error, in_source_order, warning
 from dl2c.ir.lints import program_warnings
 from dl2c.ir.lower import lower
+from dl2c.ir.model import LARGEST_STATE
 from dl2c.ir.printer import print_model
 from dl2c.native.cache import build_key, cached
 from dl2c.options import Options, UnknownOption, under, with_options
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
     from dl2c.ir.model import Model
     from dl2c.native.binding import Library
     from dl2c.paths.path import Paths
+
+ANY = (-LARGEST_STATE, LARGEST_STATE)
+"""A default bound that limits nothing."""
 
 STAGES = ("tree", "expanded", "ir", "paths", "c")
 
@@ -148,6 +152,14 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
     problem, options, _ = _front(source, options)
     model, _ = _lowered(problem, options)
     return model, enumerate_paths(model, options.default_bound)
+
+
+def lowered_model(source: Source, options: Options) -> "Model":
+    """What a step of a model does, whether or not an environment can be made of it: its names need no
+    bounds. Raises `CompileError`.
+    """
+    problem, options, _ = _front(source, options)
+    return lower(problem, replace(options, default_bound=options.default_bound or ANY))
 
 
 def drawn_model(source: Source, options: Options) -> "Model":

@@ -63,8 +63,12 @@ def number(value: float) -> str:
     return repr(value)
 
 
-def print_tape(tape: Tape, name: Callable[[str], str] = names.local, truth: bool = False) -> Printed:
-    """The tape as C, input `a` written as `name(a)`; `truth` for a result that is a condition."""
+def print_tape(
+    tape: Tape, name: Callable[[str], str] = names.local, truth: bool = False, single: bool = False
+) -> Printed:
+    """The tape as C, input `a` written as `name(a)`; `truth` for a result that is a condition, `single`
+    for numbers and functions of single precision.
+    """
     uses = [0] * len(tape.instructions)
     for instruction in tape.instructions:
         for arg in instruction.args:
@@ -73,7 +77,7 @@ def print_tape(tape: Tape, name: Callable[[str], str] = names.local, truth: bool
     statements: list[str] = []
     texts: list[tuple[str, int]] = []
     for k, instruction in enumerate(tape.instructions):
-        text, binds = _expression(instruction, tape, texts, name)
+        text, binds = _expression(instruction, tape, texts, name, "f" if single else "")
         shared = uses[k] > 1 and instruction.operation not in ("input", "constant")
         if shared or (
             len(text) > LONGEST and k != tape.result and instruction.operation not in ("and", "or")
@@ -109,14 +113,21 @@ def _prefix(taken: set[str]) -> str:
 
 
 def _expression(
-    instruction: Instruction, tape: Tape, texts: list[tuple[str, int]], name: Callable[[str], str]
+    instruction: Instruction,
+    tape: Tape,
+    texts: list[tuple[str, int]],
+    name: Callable[[str], str],
+    suffix: str,
 ) -> tuple[str, int]:
-    """The text of an instruction and how tightly it binds; `texts` are those of earlier ones."""
+    """The text of an instruction and how tightly it binds; `texts` are those of earlier ones. Numbers and
+    functions of the library get the `suffix`.
+    """
     match instruction.operation:
         case "input":
             return name(instruction.name), ATOM
         case "constant":
             text = number(instruction.value)
+            text = text if text.endswith(("X", ")")) else text + suffix
             return text, UNARY if text.startswith("-") else ATOM
         case "neg":
             return f"-{_operand(texts, instruction.args[0], ATOM)}", UNARY
@@ -143,16 +154,17 @@ def _expression(
             left, right = (_condition(instruction.args, texts, k, level) for k in (0, 1))
             return f"{left} {sign} {right}", level
         case "abs" | "min" | "max" | "sqrt" | "exp" | "sin" | "cos":
-            return _function_call(instruction, texts), ATOM
+            return _function_call(instruction, texts, suffix), ATOM
         case "tan" | "arcsin" | "arctan" | "tanh" | "pow" | "log" | "sign":
-            return _function_call(instruction, texts), ATOM
+            return _function_call(instruction, texts, suffix), ATOM
         case _:
             assert_never(instruction.operation)
 
 
-def _function_call(instruction: Instruction, texts: list[tuple[str, int]]) -> str:
+def _function_call(instruction: Instruction, texts: list[tuple[str, int]], suffix: str) -> str:
     arguments = ", ".join(texts[a][0] for a in instruction.args)
-    return f"{FUNCTIONS[instruction.operation]}({arguments})"
+    called = FUNCTIONS[instruction.operation]
+    return f"{called if called.startswith('dl2c_') else called + suffix}({arguments})"
 
 
 def _value(tape: Tape, texts: list[tuple[str, int]], k: int) -> tuple[str, int]:

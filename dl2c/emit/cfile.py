@@ -54,8 +54,9 @@ def _signature(head: str) -> str:
     if len(head) <= WIDTH:
         return head
     opening, rest = head.split("(", 1)
-    indent = " " * (len(opening) + 1)
-    lines = [opening + "("]
+    far = len(opening) > WIDTH // 2
+    indent = "    " if far else " " * (len(opening) + 1)
+    lines = [opening + "(", indent] if far else [opening + "("]
     for parameter in re.split(r"(?<=,) ", rest):
         if len(lines[-1]) + len(parameter) > WIDTH:
             lines[-1] = lines[-1].rstrip()

@@ -21,10 +21,13 @@ Place = Callable[[Symbol], str]
 
 @dataclass(slots=True)
 class Leaves:
-    """The leaf functions of one file, in the order they are made. `order` ranks parameters."""
+    """The leaf functions of one file, in the order they are made. `order` ranks parameters; `single` is
+    for a file whose numbers are floats.
+    """
 
     builder: Builder
     order: Callable[[Symbol], int]
+    single: bool = False
     texts: list[str] = field(default_factory=list[str])
     made: dict[str, Tape] = field(default_factory=dict[str, Tape])
 
@@ -61,7 +64,7 @@ class Leaves:
 
     def _leaf(self, name: str, tape: Tape, kind: str, about: str, place: Place) -> str:
         slots = {s.name: place(s) for s in tape.inputs}
-        direct = print_tape(tape, lambda n: slots[n], kind == "bool")
+        direct = print_tape(tape, lambda n: slots[n], kind == "bool", self.single)
         if direct.trivial:
             return direct.expression
         ordered = sorted(tape.inputs, key=self.order)
@@ -71,7 +74,8 @@ class Leaves:
             assert repr(self.made[name]) == repr(tape), f"two functions are called {name}"
         else:
             self.made[name] = tape
-            self.texts.append(function(head, _body(print_tape(tape, truth=kind == "bool")), about))
+            printed = print_tape(tape, truth=kind == "bool", single=self.single)
+            self.texts.append(function(head, _body(printed), about))
         return self.call(name, tape.inputs, place)
 
 

@@ -40,6 +40,11 @@ def local(name: str) -> str:
     return f"{name}_v" if name in C_WORDS or ERROR_NUMBER.match(name) else name
 
 
+def member(name: str) -> str:
+    """A member of a structure: names of the runtime's arrays are free there."""
+    return name if name in ("p", "u", "x", "y") else local(name)
+
+
 def index(symbol: Symbol) -> str:
     """The enumerator of a symbol's place in its array."""
     return f"{ {'variable': 'X', 'constant': 'P', 'input': 'U'}[symbol.kind] }_{symbol.name}"

@@ -67,8 +67,11 @@ class _Line:
 
 
 @dataclass(frozen=True, slots=True)
-class _Draft:
-    """A line with its assignments substituted: `tests` and `updates` over the state at its point."""
+class Draft:
+    """A line with its assignments substituted: `tests` and `updates` over the state at its point.
+
+    `inputs` are the keys of the nondeterministic assignments on it, in order.
+    """
 
     point: int
     line: _Line
@@ -78,6 +81,24 @@ class _Draft:
     flow: int | None
     target: int
 
+    @property
+    def span(self) -> Span:
+        return _first_span(self.line.statements)
+
+    def place_of(self, key: str) -> Span:
+        """Where an input is assigned."""
+        return next(s.span for s in self.line.statements if isinstance(s, AssignAny) and s.key == key)
+
+
+def control_drafts(model: Model, program: Block) -> tuple[Draft, ...]:
+    """Every line from the start of a program, its tests not yet resolved for its inputs.
+
+    Raises `CompileError` if there are too many.
+    """
+    found: list[Draft] = []
+    _explore(model, program, [], found)
+    return tuple(d for d in found if d.point == 0)
+
 
 def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | None = None) -> Paths:
     """All guarded paths of one step; `default_bound` limits inputs that nothing else limits.
@@ -86,7 +107,7 @@ def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | Non
     the class that can be resolved, or if an input has no finite range.
     """
     points: list[Block] = []
-    drafts: list[_Draft] = []
+    drafts: list[Draft] = []
     entries = {name: block for name, block in (("lead", model.lead), ("prefix", model.prefix)) if block}
     _explore(model, model.body, points, drafts)
     starts = {name: _explore(model, block, points, drafts) for name, block in entries.items()}
@@ -111,7 +132,7 @@ def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | Non
     return Paths(decisions, inputs, len(points), paths, starts.get("lead"), starts.get("prefix"), sampled)
 
 
-def _explore(model: Model, start: Block, points: list[Block], drafts: list[_Draft]) -> int:
+def _explore(model: Model, start: Block, points: list[Block], drafts: list[Draft]) -> int:
     """Append a point for the start of a program, and everything reached from it; the point."""
     first = done = len(points)
     points.append(start)
@@ -261,7 +282,7 @@ def _with(line: _Line, statement: Assign | AssignAny | Test, rest: Block) -> _Li
     return replace(line, statements=(*line.statements, statement), rest=rest)
 
 
-def _draft(model: Model, points: list[Block], point: int, line: _Line) -> _Draft:
+def _draft(model: Model, points: list[Block], point: int, line: _Line) -> Draft:
     """Substitute a line's assignments; a new point is appended to `points`."""
     values: dict[Symbol, Term] = {}
     sizes: dict[Term, int] = {}
@@ -285,7 +306,7 @@ def _draft(model: Model, points: list[Block], point: int, line: _Line) -> _Draft
             case _:
                 assert_never(statement)
     updates = tuple((s.name, t) for s, t in values.items() if s != t)
-    return _Draft(point, line, tuple(inputs), _together(tests), updates, flow, _target(points, line.rest))
+    return Draft(point, line, tuple(inputs), _together(tests), updates, flow, _target(points, line.rest))
 
 
 def _together(tests: list[Formula]) -> Formula:
@@ -305,7 +326,7 @@ def _size(term: Term, sizes: dict[Term, int]) -> int:
 
 
 def _path(
-    draft: _Draft,
+    draft: Draft,
     decisions: tuple[Decision, ...],
     inputs: tuple[Input, ...],
     order: Order,
@@ -326,7 +347,7 @@ def _path(
         updates=draft.updates,
         flow=draft.flow,
         target=draft.target,
-        span=_first_span(draft.line.statements),
+        span=draft.span,
         enters=draft.line.enters,
     )
 

@@ -57,9 +57,13 @@ casadi.GlobalOptions.setSimplificationOnTheFly(False)
 
 @dataclass(slots=True)
 class Builder:
-    """Builds graphs over one set of input symbols. `constants` encloses the episode constants."""
+    """Builds graphs over one set of input symbols. `constants` encloses the episode constants, `state` all
+    other symbols; what stays below `largest` is finite.
+    """
 
     constants: Mapping[Symbol, Interval] = field(default_factory=dict[Symbol, Interval])
+    state: Interval = STATE
+    largest: float = LARGEST
     inputs: dict[Symbol, Graph] = field(default_factory=dict[Symbol, Graph])
     known: dict[int, tuple[Term, Graph]] = field(default_factory=dict[int, tuple[Term, Graph]])
 
@@ -133,9 +137,9 @@ class Builder:
             case Call("min" | "max", (left, right)):
                 return self._surely_finite(left) and self._surely_finite(right)
             case _:
-                box = {s: self.constants.get(s, STATE) for s in symbols(term)}
+                box = {s: self.constants.get(s, self.state) for s in symbols(term)}
                 value = enclose(term, box)
-                return value.total and not value.empty and value.low >= -LARGEST and value.high <= LARGEST
+                return value.total and not value.empty and abs(value.low) <= self.largest >= abs(value.high)
 
 
 def _absorbing(term: Term) -> Iterator[Term]:

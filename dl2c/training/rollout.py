@@ -12,7 +12,7 @@ from dl2c.env.single import Dl2cEnv
 from dl2c.training.policies import Policy, policy_of
 
 COLUMNS = ("episode", "step", "time", "action", "reward", "terminated", "truncated", "status", "reason")
-"""Columns of a row, before one for each program variable (`name_` if the name is among these)."""
+"""Columns of a row, before one for each variable and constant (`name_` if the name is among these)."""
 
 
 def rollout(
@@ -31,23 +31,21 @@ def rollout(
     action_format = flat_format(open_library(source, options).manifest)
     env = Dl2cEnv(source, **(options | {"action_format": action_format}))
     act = policy_of(policy, encoding(env.manifest), masked, seed)
-    variables = [q.name for q in env.manifest.variables]
+    names = [q.name for q in (*env.manifest.variables, *env.manifest.constants)]
     for episode in range(episodes):
         observation, _ = env.reset(seed=seed + episode)
         step, ended = 0, False
-        yield _row((episode, 0, 0.0, "", 0.0, False, False, "none", ""), env, variables)
+        yield _row((episode, 0, 0.0, "", 0.0, False, False, "none", ""), env, names)
         while not ended:
             action = act(observation[None], env.action_masks()[None])[0]
             observation, reward, terminated, truncated, info = env.step(action)
             step, ended = step + 1, terminated or truncated
             taken = np.asarray(info["executed_action"]).tolist()
             head = (episode, step, info["time"], taken, reward, terminated, truncated)
-            yield _row((*head, info["status"], info["reason"]), env, variables)
+            yield _row((*head, info["status"], info["reason"]), env, names)
     env.close()
 
 
-def _row(head: tuple[Any, ...], env: Dl2cEnv, variables: list[str]) -> dict[str, Any]:
+def _row(head: tuple[Any, ...], env: Dl2cEnv, names: list[str]) -> dict[str, Any]:
     state = env.state
-    return dict(zip(COLUMNS, head, strict=True)) | {
-        f"{n}_" if n in COLUMNS else n: state[n] for n in variables
-    }
+    return dict(zip(COLUMNS, head, strict=True)) | {f"{n}_" if n in COLUMNS else n: state[n] for n in names}

@@ -1,0 +1,153 @@
+"""`dl2c monitor`: write a model's run-time monitor as C, or replay a recorded trace through it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_args
+
+import typer
+
+from dl2c.commands.completion import models, words
+from dl2c.commands.failures import CommandError, show, to_json
+from dl2c.commands.flags import Json
+from dl2c.commands.verbosity import quiet
+
+if TYPE_CHECKING:
+    from dl2c.commands.replay import Violation
+    from dl2c.emit.monitor_h import Unit
+    from dl2c.monitor.check import Tolerance
+
+
+Model = Annotated[
+    str, typer.Argument(help="A .kyx file, or example:NAME.", show_default=False, autocompletion=models)
+]
+Output = Annotated[Path | None, typer.Option("-o", "--output", help="Folder for the files.")]
+Kinds = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="init|controller|model|safety", help="A check to write; may be repeated. Default: all."
+    ),
+]
+Number = Annotated[str, typer.Option(help="double or float.", autocompletion=words("double", "float"))]
+Sound = Annotated[
+    bool, typer.Option("--sound", help="Evaluate in intervals: no verdict is wrong, some are unknown.")
+]
+Eps = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="[NAME=]VALUE",
+        help="How far values may be from those computed: relative, or of NAME, in its unit.",
+    ),
+]
+Trace = Annotated[
+    Path | None, typer.Option("--check", metavar="CSV", help="Replay what `dl2c rollout --csv` wrote.")
+]
+
+
+def monitor(
+    model: Model,
+    output: Output = None,
+    kind: Kinds = None,
+    real: Number = "double",
+    sound: Sound = False,
+    eps: Eps = None,
+    trace: Trace = None,
+    json: Json = False,
+    *,
+    options: Mapping[str, Any],
+) -> None:
+    """Write a run-time monitor in C that compares a system with the model."""
+    if output is None and trace is None:
+        raise CommandError("nothing to do: give a folder with -o, or a trace with --check")
+    unit = unit_of(model, options, tuple(kind or ()), real, sound, tuple(eps or ()))
+    found: dict[str, Any] = {}
+    if output is not None:
+        found |= _written(unit, output)
+    failed = None
+    if trace is not None:
+        violations, found["steps"] = _replayed(unit, trace)
+        failed = next(iter(violations), None)
+        found["violation"] = None if failed is None else failed.as_data()
+    if json:
+        print(to_json(found))
+    else:
+        _tell(found, failed, trace)
+    if failed is not None:
+        raise typer.Exit(1)
+
+
+def unit_of(
+    model: str,
+    options: Mapping[str, Any],
+    kinds: tuple[str, ...] = (),
+    real: str = "double",
+    sound: bool = False,
+    eps: tuple[str, ...] = (),
+) -> "Unit":
+    """The monitor of a model, as it is to be written. Raises `CommandError`, `CompileError`."""
+    from dl2c.emit.monitor_h import Real, Unit
+    from dl2c.env.opening import source_of
+    from dl2c.monitor.build import monitor_of
+    from dl2c.monitor.check import KINDS, Kind
+    from dl2c.pipeline import lowered_model, resolve_options
+
+    for given in kinds:
+        if given not in KINDS:
+            raise CommandError(f"no kind {given!r}; there is {', '.join(KINDS)}")
+    reals = {name: name for name in get_args(Real)}
+    if real not in reals:
+        raise CommandError(f"no kind of number {real!r}; there is {', '.join(reals)}")
+    lowered = lowered_model(source_of(model), resolve_options(options))
+    names = {v.name for v in lowered.variables}
+    tolerance = _tolerance(eps, names, real == "float")
+    wanted: tuple[Kind, ...] = tuple(k for k in KINDS if k in kinds)
+    made, missing = monitor_of(lowered, wanted, tolerance)
+    show([d for d in missing if not quiet()])
+    return Unit(made, reals[real], sound)
+
+
+def _tolerance(eps: tuple[str, ...], names: set[str], single: bool) -> "Tolerance":
+    from fractions import Fraction
+
+    from dl2c.monitor.check import Tolerance
+
+    relative, absolute = Fraction(1, 10**5 if single else 10**9), dict[str, Fraction]()
+    for text in eps:
+        name, _, value = text.rpartition("=")
+        try:
+            number = Fraction(value)
+        except (ValueError, ZeroDivisionError):
+            raise CommandError(f"--eps takes VALUE or NAME=VALUE, not {text!r}") from None
+        if number < 0 or (name and name not in names):
+            raise CommandError(f"--eps {text}: " + ("below 0" if number < 0 else f"no variable `{name}`"))
+        if name:
+            absolute[name] = number
+        else:
+            relative = number
+    return Tolerance(relative, absolute)
+
+
+def _written(unit: "Unit", output: Path) -> dict[str, Any]:
+    from dl2c.emit.monitor_text import monitor_files
+
+    files = monitor_files(unit)
+    output.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        (output / name).write_text(text, encoding="utf-8")
+    return {"directory": str(output), "files": sorted(files)}
+
+
+def _replayed(unit: "Unit", trace: Path) -> "tuple[list[Violation], int]":
+    from dl2c.commands.replay import replayed, unseen
+
+    if any(check.kind == "controller" for check in unit.monitor.checks):
+        show(unseen(unit.monitor.model))
+    return replayed(unit, trace)
+
+
+def _tell(found: Mapping[str, Any], failed: "Violation | None", trace: Path | None) -> None:
+    for name in found.get("files", ()):
+        print(Path(found["directory"]) / name)
+    if failed is not None:
+        print(failed.sentence())
+    elif trace is not None:
+        print(f"{trace}: {found['steps']} steps, none violates the monitor")

@@ -1,0 +1,197 @@
+"""Recorded traces, as `dl2c rollout --csv` writes them, through a compiled monitor.
+
+A trace has the states between steps. Where the controller's step ends, before the motion, is not
+recorded: variables that do not move have the value recorded after the step, for others every control
+path proposes the value it assigns, and the monitor must accept one of these states.
+"""
+
+import csv
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dl2c.commands.failures import CommandError
+from dl2c.diagnostics import Diagnostic, warning
+from dl2c.emit.cfile import place
+from dl2c.emit.monitor_h import Unit
+from dl2c.emit.monitor_text import monitor_files
+from dl2c.ir.evaluate import Undefined, evaluate
+from dl2c.ir.logic import symbols
+from dl2c.ir.model import ZERO, Model, Symbol
+from dl2c.monitor.check import OUT_OF_RANGE, Check, Monitor, after
+from dl2c.monitor.control import Control, control_paths
+from dl2c.native.program import answers, compile_program
+from dl2c.source import Span
+from dl2c.training.rollout import COLUMNS
+
+UNMOVED = ("blocked", "diverged", "numerical", "solver")
+"""Reasons to end an episode with a step that is no step of the model."""
+
+Row = Mapping[str | Any, str | Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """A row of a trace, counted from 1 after the header, that a check does not accept."""
+
+    row: int
+    episode: str
+    step: str
+    kind: str
+    id: int
+    about: str
+    where: str
+
+    def as_data(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in self.__slots__}
+
+    def sentence(self) -> str:
+        where = f" ({self.where})" if self.where else ""
+        what = f"row {self.row} (episode {self.episode}, step {self.step})"
+        return f"{what} violates condition {self.id} of the {self.kind} check{where}: {self.about}"
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A line for the monitor's program about a row; a step has one for each state it may have led to."""
+
+    row: int
+    check: Check
+    line: str
+
+
+def replayed(unit: Unit, trace: Path) -> tuple[list[Violation], int]:
+    """All violations of a trace in the order of its rows, and how many steps it has.
+
+    Raises `CommandError` for a file that is no trace of the model, `NativeError`.
+    """
+    rows = _rows(trace, unit)
+    asked = list(questions(unit, rows))
+    with tempfile.TemporaryDirectory() as folder:
+        program = compile_program(monitor_files(unit), Path(folder))
+        said = answers(program, (q.line for q in asked))
+    verdicts: dict[tuple[int, str], list[int]] = {}
+    for question, answer in zip(asked, said, strict=True):
+        verdicts.setdefault((question.row, question.check.kind), []).append(int(answer.split()[0]))
+    steps = sum(row["step"] != "0" for row in rows)
+    bad = [(row, kind, ids) for (row, kind), ids in sorted(verdicts.items()) if 0 not in ids]
+    return [_violation(unit.monitor, row, rows[row], kind, ids) for row, kind, ids in bad], steps
+
+
+def questions(unit: Unit, rows: list[Row]) -> Iterator[Question]:
+    """Everything that the checks of a monitor say about a trace."""
+    model = unit.monitor.model
+    controls = controls_of(model)
+    seen = not unseen(model)
+    whole = not model.lead and not model.prefix
+    for k, row in enumerate(rows):
+        state, numbers = _state(model, row), _line(_parameters(unit, row))
+        for check in unit.monitor.checks:
+            if check.kind == "safety":
+                yield Question(k, check, f"safety {_line(state)} {numbers}")
+            elif check.kind == "init" and row["step"] == "0" and whole:
+                yield Question(k, check, f"init {_line(state)} {numbers}")
+            elif check.kind == "controller" and not seen:
+                continue
+            elif check.transition and row["step"] != "0" and not model.lead and row["reason"] not in UNMOVED:
+                before = _state(model, rows[k - 1])
+                between = [state] if check.kind == "model" else led_to(model, controls, rows[k - 1], row)
+                for one in between:
+                    yield Question(k, check, f"{check.kind} {_line(before)} {_line(one)} {numbers}")
+
+
+def controls_of(model: Model) -> tuple[Control, ...]:
+    """The control paths, with the inputs that the state after a whole step shows."""
+    moving = {x for flow in model.flows for x, rate in flow.equations if rate != ZERO}
+    return control_paths(model, frozenset(v.name for v in model.variables) - moving)
+
+
+def unseen(model: Model) -> tuple[Diagnostic, ...]:
+    """Choices that a trace does not show, since they are values of variables that move. Where there are
+    any, it does not show where the motion of a step begins, so that the controller is not checked.
+    """
+    moving = {x for flow in model.flows for x, rate in flow.equations if rate != ZERO}
+    places: dict[str, Span] = {}
+    for control in controls_of(model):
+        used = symbols(*(value for x, value in control.values.items() if x in moving))
+        keys = [key for key in control.hidden if Symbol(key, "input") in used]
+        places |= {key: control.draft.place_of(key) for key in keys}
+    title = "the controller is not checked: the trace does not show this value"
+    advice = "the other checks are replayed"
+    return tuple(
+        warning("not-replayed", title, p, "given to a variable that moves", advice) for p in places.values()
+    )
+
+
+def led_to(model: Model, controls: tuple[Control, ...], before: Row, now: Row) -> list[dict[str, float]]:
+    """The states in which the motion of a step may have begun."""
+    env: dict[Symbol, Any] = {Symbol(v.name, "variable"): _value(before, v.name) for v in model.variables}
+    env |= {after(v.name): _value(now, v.name) for v in model.variables}
+    env |= {
+        Symbol(c.name, "constant"): _value(now, c.name) if c.value is None else float(c.value)
+        for c in model.constants
+    }
+    moving = {x for flow in model.flows for x, rate in flow.equations if rate != ZERO}
+    found: list[dict[str, float]] = []
+    for control in controls:
+        try:
+            state = {
+                x: float(evaluate(value, env)) if x in moving else _value(now, x)
+                for x, value in control.values.items()
+            }
+        except (Undefined, KeyError):
+            continue
+        if state not in found:
+            found.append(state)
+    return found
+
+
+def _violation(monitor: Monitor, row: int, values: Row, kind: str, ids: list[int]) -> Violation:
+    """Of several states that a step may have led to, the one that came closest to satisfying its case."""
+    reached = {
+        c.number: (k, c)
+        for check, case, _ in monitor.conditions
+        for k, c in enumerate(case.conditions)
+        if check.kind == kind
+    }
+    number = max(ids, key=lambda i: reached[i][0] if i in reached else -1)
+    head = (row + 1, values["episode"], values["step"], kind, number)
+    if number == OUT_OF_RANGE:
+        return Violation(*head, "a number is out of range", "")
+    condition = reached[number][1]
+    return Violation(*head, condition.about, place(condition.span))
+
+
+def _rows(trace: Path, unit: Unit) -> list[Row]:
+    with trace.open(newline="", encoding="utf-8") as file:
+        rows: list[Row] = list(csv.DictReader(file))
+    wanted = [*(v.name for v in unit.monitor.model.variables), *(c.name for c in unit.parameters)]
+    columns = ["episode", "step", "reason", *(_column(n) for n in wanted)]
+    if missing := [c for c in columns if not rows or rows[0].get(c) is None]:
+        raise CommandError(f"{trace} is no trace of {unit.monitor.model.name}: it lacks {', '.join(missing)}")
+    return rows
+
+
+def _column(name: str) -> str:
+    return f"{name}_" if name in COLUMNS else name
+
+
+def _value(row: Row, name: str) -> float:
+    try:
+        return float(row[_column(name)])
+    except (TypeError, ValueError):
+        return float("nan")
+
+
+def _state(model: Model, row: Row) -> dict[str, float]:
+    return {v.name: _value(row, v.name) for v in model.variables}
+
+
+def _parameters(unit: Unit, row: Row) -> dict[str, float]:
+    return {c.name: _value(row, c.name) for c in unit.parameters}
+
+
+def _line(values: Mapping[str, float]) -> str:
+    return " ".join(map(repr, values.values()))
