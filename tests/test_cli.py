@@ -182,7 +182,8 @@ def test_rollout_writes_every_step(capsys: Any, model: str, tmp_path: Path, poli
         rows = list(csv.DictReader(file))
     assert len(rows) == summary["steps"] + 3
     assert list(rows[0]) == [
-        "episode", "step", "time", "action", "reward", "terminated", "truncated", "status", "reason", "x", "k",
+        "episode", "step", "time", "action", "reward", "terminated", "truncated", "status", "reason",
+        "x", "k",
     ]  # fmt: skip
     assert run(capsys, *arguments)[1] == out
 
