@@ -16,7 +16,7 @@ import numpy as np
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import Box, hull_of
-from dl2c.ir.logic import atoms, conjunction, symbols
+from dl2c.ir.logic import atoms, conjunction, operands, symbols
 from dl2c.ir.model import ONE, Formula, Model, Term
 from dl2c.sampling.acceptance import acceptance
 from dl2c.sampling.algebra import size_of
@@ -26,7 +26,7 @@ from dl2c.sampling.conditional import conditional
 from dl2c.sampling.measure import largest_squared, steep_names
 from dl2c.sampling.paving import Leaf, Root, pave
 from dl2c.sampling.problem import Problem, problem_of
-from dl2c.sampling.refusal import imprecise, unbounded_density, without_sample
+from dl2c.sampling.refusal import imprecise, too_long, unbounded_density, without_sample
 from dl2c.sampling.running import NoErrorBound
 from dl2c.smt.precondition import Decision, Unknown, decide, diagnose
 
@@ -39,6 +39,9 @@ TRIALS = 2**18
 
 RARE = 0.1
 """An acceptance below which names are drawn between limits."""
+
+LONGEST_TEST = 20_000
+"""Numbers, names and operations of a test that compilers still read in a moment."""
 
 COORDINATES = 2**24
 """Numbers that all these points may have together: states of many names get fewer points."""
@@ -260,8 +263,20 @@ def _sample_chart(
         test = acceptance(chart.rest, chart.definitions, chart.bounds, around, exact)
     except NoErrorBound:
         raise CompileError(imprecise(problem.formula)) from None
+    if not _is_short(test.formula):
+        raise CompileError(too_long(problem.formula))
     error = max((test.errors[s] for s, _ in chart.definitions), default=0.0)
     return _named(chart, test.formula), error
+
+
+def _is_short(formula: Formula) -> bool:
+    """Whether a test has at most `LONGEST_TEST` numbers, names and operations."""
+    todo: list[Term] = [side for atom in atoms(formula) for side in (atom.left, atom.right)]
+    for _ in range(LONGEST_TEST):
+        if not todo:
+            return True
+        todo += operands(todo.pop())
+    return False
 
 
 def _sample_box(leaf: Leaf, chart: Chart, total: float) -> SampleBox:

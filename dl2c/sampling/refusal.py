@@ -53,6 +53,11 @@ def imprecise(atom: Formula) -> Diagnostic:
     return _refused(span_of(atom), "it has numbers beyond floating-point arithmetic")
 
 
+def too_long(precondition: Formula) -> Diagnostic:
+    """High powers, whose rounding errors take long terms to bound."""
+    return _refused(span_of(precondition), "the test of a drawn state would be too long")
+
+
 def unbounded_density(precondition: Formula) -> Diagnostic:
     """Equalities whose solutions have, near some point, no largest slope."""
     return _refused(
