@@ -34,8 +34,7 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
-from dl2c.ir.normal import Monomial, Normal, normal_form
-from dl2c.ir.quadratic import powers
+from dl2c.ir.normal import Normal, divided, normal_form, powers
 from dl2c.ir.signs import SIGNS, Signs, TooLarge, sign_in
 from dl2c.ir.virtual import exists
 from dl2c.source import NOWHERE, Span
@@ -211,14 +210,8 @@ class _Preparation:
         lowest = min(powers(form, x), default=0)
         if lowest and self._degree(form) > 2:
             yield {((x.kind, x.name, 2 - lowest % 2),): Fraction(1)}
-            form = {_divided(m, x, lowest): c for m, c in form.items()}
+            form = divided(form, (x.kind, x.name), lowest)
         yield form
-
-
-def _divided(monomial: Monomial, x: Symbol, power: int) -> Monomial:
-    """The quotient by a power of x."""
-    own, rest = (x.kind, x.name), (x.kind, x.name, power)
-    return tuple((k, n, e - power if (k, n) == own else e) for k, n, e in monomial if (k, n, e) != rest)
 
 
 def _factors(term: Term) -> Iterator[Normal]:

@@ -55,20 +55,39 @@ def is_invariant(term: Term, rates: Mapping[str, Term]) -> bool:
         return False
     total: Normal | None = {}
     for name, rate in rates.items():
-        total = added(total, multiplied(_derivative(form, name), normal_form(rate)))
+        total = added(total, multiplied(derivative(form, Symbol(name, "variable")), normal_form(rate)))
     return total == {}
 
 
-def _derivative(form: Normal, name: str) -> Normal:
-    """By the program variable `name`."""
-    out: Normal = {}
-    for monomial, coefficient in form.items():
-        for kind, symbol, exponent in monomial:
-            if kind == "variable" and symbol == name:
-                rest = tuple(f for f in monomial if f[:2] != (kind, symbol))
-                lowered = ((kind, symbol, exponent - 1),) if exponent > 1 else ()
-                out[tuple(sorted((*rest, *lowered)))] = coefficient * exponent
-    return out
+def powers(form: Normal, x: Symbol) -> dict[int, Normal]:
+    """The polynomial by exponents of one symbol: coefficients that do not contain it."""
+    found: dict[int, Normal] = {}
+    for monomial, factor in form.items():
+        exponent = next((e for k, n, e in monomial if (k, n) == (x.kind, x.name)), 0)
+        rest = tuple(m for m in monomial if m[:2] != (x.kind, x.name))
+        found.setdefault(exponent, {})[rest] = factor
+    return found
+
+
+def derivative(form: Normal, x: Symbol) -> Normal:
+    """By one symbol."""
+    found: Normal = {}
+    for exponent, coefficient in powers(form, x).items():
+        for rest, factor in coefficient.items():
+            if exponent:
+                lowered = ((x.kind, x.name, exponent - 1),) if exponent > 1 else ()
+                found[tuple(sorted((*rest, *lowered)))] = factor * exponent
+    return found
+
+
+def divided(form: Normal, name: tuple[str, str], by: int) -> Normal:
+    """By a power of a symbol, given by kind and name, that divides every monomial."""
+    return {_lowered(m, name, by): c for m, c in form.items()}
+
+
+def _lowered(monomial: Monomial, name: tuple[str, str], by: int) -> Monomial:
+    lowered = ((k, n, e - by if (k, n) == name else e) for k, n, e in monomial)
+    return tuple(factor for factor in lowered if factor[2])
 
 
 def scaled(form: Normal | None, factor: Fraction) -> Normal | None:

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isqrt
 
-from dl2c.ir.model import Symbol
-from dl2c.ir.normal import Monomial, Normal, added, multiplied, scaled
+from dl2c.ir.normal import Normal, added, multiplied, scaled
 from dl2c.ir.signs import TooLarge
 
 
@@ -65,16 +64,6 @@ def present(form: Normal | None) -> Normal:
     if form is None:
         raise TooLarge
     return form
-
-
-def powers(form: Normal, x: Symbol) -> dict[int, Normal]:
-    """Coefficients by exponents of x."""
-    found: dict[int, Normal] = {}
-    for monomial, factor in form.items():
-        exponent = next((e for k, n, e in monomial if (k, n) == (x.kind, x.name)), 0)
-        rest: Monomial = tuple(m for m in monomial if m[:2] != (x.kind, x.name))
-        found.setdefault(exponent, {})[rest] = factor
-    return found
 
 
 def root_of(form: Normal) -> Normal | None:

@@ -13,8 +13,8 @@ from typing import TypeAlias, assert_never
 
 from dl2c.ir.logic import atoms, conjunction, conjuncts, disjunction, symbols
 from dl2c.ir.model import FALSE, TRUE, And, Compare, Comparison, Formula, Or, Sub, Symbol, Truth
-from dl2c.ir.normal import Normal, normal_form
-from dl2c.ir.quadratic import Quadratic, minus, number, plus, powers, present, root_of, times
+from dl2c.ir.normal import Normal, normal_form, powers
+from dl2c.ir.quadratic import Quadratic, minus, number, plus, present, root_of, times
 from dl2c.ir.signs import ANY, SIGNS, Signs, TooLarge, opposite, possible_signs, sign_in, simplified, size
 from dl2c.source import Span
 

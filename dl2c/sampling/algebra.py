@@ -11,7 +11,7 @@ from typing import assert_never
 
 from dl2c.ir.logic import folded, operands, symbols
 from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
-from dl2c.ir.normal import Monomial, Normal, normal_form
+from dl2c.ir.normal import Monomial, Normal, divided, normal_form, powers
 
 
 def fraction(term: Term) -> tuple[Term, Term] | None:
@@ -56,38 +56,17 @@ def _power(base: Term, exponent: int) -> Term:
     return ONE if base == ONE else Pow(base, exponent)
 
 
-def coefficients(form: Normal, symbol: Symbol) -> dict[int, Normal]:
-    """The polynomial by powers of one name: coefficients that do not contain it."""
-    found: dict[int, Normal] = {}
-    for monomial, value in form.items():
-        exponent = next((e for k, n, e in monomial if (k, n) == (symbol.kind, symbol.name)), 0)
-        rest = tuple(f for f in monomial if f[:2] != (symbol.kind, symbol.name))
-        found.setdefault(exponent, {})[rest] = value
-    return found
-
-
-def polynomial_derivative(form: Normal, symbol: Symbol) -> Normal:
-    """By one name."""
-    found: Normal = {}
-    for exponent, coefficient in coefficients(form, symbol).items():
-        for rest, value in coefficient.items():
-            if exponent:
-                lowered = ((symbol.kind, symbol.name, exponent - 1),) if exponent > 1 else ()
-                found[tuple(sorted((*rest, *lowered)))] = value * exponent
-    return found
-
-
 def remainder(form: Normal, divisor: Normal, symbol: Symbol) -> Normal | None:
     """A multiple of the polynomial less a multiple of the divisor, of lower degree in the name than that
     (pseudo-division); None where it has too many monomials."""
     names = {(k, n) for f in (form, divisor) for m in f for k, n, _ in m}
     known = {(k, n): Symbol(n, "constant" if k == "constant" else "variable") for k, n in names}
-    by_power = coefficients(divisor, symbol)
+    by_power = powers(divisor, symbol)
     degree = max(by_power)
     leading, whole = term_of(by_power[degree], known), term_of(divisor, known)
     rest: Normal | None = form
-    while rest and (highest := max(coefficients(rest, symbol))) >= degree:
-        top = term_of(coefficients(rest, symbol)[highest], known)
+    while rest and (highest := max(powers(rest, symbol))) >= degree:
+        top = term_of(powers(rest, symbol)[highest], known)
         shift = product(top, ONE if highest == degree else Pow(symbol, highest - degree))
         rest = normal_form(Sub(Mul(leading, term_of(rest, known)), Mul(shift, whole)))
     return rest
@@ -106,13 +85,8 @@ def without_content(form: Normal, nonzero: set[tuple[str, str]]) -> Normal:
     """The polynomial divided by such powers of these names as divide it; none of them is zero."""
     for name in sorted(content(form) & nonzero):
         least = min(e for m in form for k, n, e in m if (k, n) == name)
-        form = {_lower(m, name, least): c for m, c in form.items()}
+        form = divided(form, name, least)
     return form
-
-
-def _lower(monomial: Monomial, name: tuple[str, str], by: int) -> Monomial:
-    lowered = ((k, n, e - by if (k, n) == name else e) for k, n, e in monomial)
-    return tuple(f for f in lowered if f[2])
 
 
 def is_affine(term: Term) -> bool:

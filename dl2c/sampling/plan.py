@@ -40,11 +40,11 @@ TRIALS = 2**18
 RARE = 0.1
 """An acceptance below which names are drawn between limits."""
 
-LONGEST_TEST = 20_000
-"""Numbers, names and operations of a test that compilers still read in a moment."""
-
 COORDINATES = 2**24
 """Numbers that all these points may have together: states of many names get fewer points."""
+
+LONGEST_TEST = 20_000
+"""Numbers, names and operations of a test that compilers still read in a moment."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,12 +28,10 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
-from dl2c.ir.normal import Monomial, Normal, normal_form
+from dl2c.ir.normal import Monomial, Normal, derivative, normal_form, powers
 from dl2c.sampling.algebra import (
-    coefficients,
     content,
     fraction,
-    polynomial_derivative,
     remainder,
     size_of,
     term_of,
@@ -96,24 +94,24 @@ def _placed(conditions: Sequence[Formula], equality: Compare) -> Iterator[Formul
 
 
 def _degree(form: Normal, symbol: Symbol) -> int:
-    return max(coefficients(form, symbol), default=0)
+    return max(powers(form, symbol), default=0)
 
 
 def _charts(form: Normal, symbol: Symbol, solvable: Sequence[Symbol]) -> Iterator[Branch]:
     known = {(s.kind, s.name): s for s in _symbols(form)}
-    by_power = coefficients(form, symbol)
+    by_power = powers(form, symbol)
     c0, c1, c2 = (term_of(by_power.get(k, {}), known) for k in range(3))
-    slope = term_of(polynomial_derivative(form, symbol), known)
+    slope = term_of(derivative(form, symbol), known)
     steepness = _expanded(Pow(slope, 2) if c2 == ZERO else _discriminant(c0, c1, c2))
-    others = {o: term_of(polynomial_derivative(form, o), known) for o in known.values() if o != symbol}
+    others = {o: term_of(derivative(form, o), known) for o in known.values() if o != symbol}
     conditions: list[Formula] = []
     for other in (o for o in solvable if o != symbol):
         if not _always_equal(Sub(Pow(slope, 2), Pow(others[other], 2)), form, symbol):
             conditions.append(_at_least(steepness, Pow(others[other], 2)))
         elif solvable.index(other) < solvable.index(symbol):
             return
-    steps = [polynomial_derivative(form, s) for s in solvable]
-    limits = {o: _limit(polynomial_derivative(form, o), steps, known) for o in others if o not in solvable}
+    steps = [derivative(form, s) for s in solvable]
+    limits = {o: _limit(derivative(form, o), steps, known) for o in others if o not in solvable}
     row = Row(
         symbol,
         {o: folded(Div(g, slope)) for o, g in others.items()},
