@@ -15,7 +15,17 @@ from fractions import Fraction
 from itertools import combinations
 from typing import Literal, TypeAlias, assert_never
 
-from dl2c.ir.logic import atoms, conjunction, conjuncts, disjunction, folded, number, symbols
+from dl2c.ir.logic import (
+    atoms,
+    conjunction,
+    conjuncts,
+    disjunction,
+    minus,
+    number,
+    plus,
+    symbols,
+    times,
+)
 from dl2c.ir.margins import TooManyCases, smooth
 from dl2c.ir.model import (
     ZERO,
@@ -338,7 +348,7 @@ def _projection(found: dict[Coefficients, Formula], given: Unknown) -> Iterator[
         if not any(isinstance(c, Number) and c != ZERO for c in p[1:]):
             yield p[0], part
         if len(p) == 3:
-            yield _difference(_product(p[1], p[1]), _product(number(4), _product(p[2], p[0]))), part
+            yield minus(times(p[1], p[1]), times(number(4), times(p[2], p[0]))), part
         for end in (given.low, given.high):
             yield _value(p, end), part
     for (a, first), (b, second) in combinations(found.items(), 2):
@@ -348,7 +358,7 @@ def _projection(found: dict[Coefficients, Formula], given: Unknown) -> Iterator[
 def _value(p: Coefficients, at: Fraction) -> Term:
     value = p[-1]
     for c in reversed(p[:-1]):
-        value = _sum(_product(value, Number(at)), c)
+        value = plus(times(value, Number(at)), c)
     return value
 
 
@@ -357,30 +367,15 @@ def _resultant(a: Coefficients, b: Coefficients) -> Term:
     if len(a) < len(b):
         a, b = b, a
     if len(a) == 2 and normal_form(Sub(a[1], b[1])) == {}:
-        return _difference(b[0], a[0])
+        return minus(b[0], a[0])
     if len(a) == 2 and normal_form(Add(a[1], b[1])) == {}:
-        return _sum(b[0], a[0])
-    cross = _difference(_product(a[1], b[0]), _product(a[0], b[1]))
+        return plus(b[0], a[0])
+    cross = minus(times(a[1], b[0]), times(a[0], b[1]))
     if len(a) == 2:
         return cross
     if len(b) == 2:
-        outer = _difference(_product(a[2], b[0]), _product(a[1], b[1]))
-        return _sum(_product(outer, b[0]), _product(a[0], _product(b[1], b[1])))
-    outer = _difference(_product(a[2], b[0]), _product(a[0], b[2]))
-    upper = _difference(_product(a[2], b[1]), _product(a[1], b[2]))
-    return _difference(_product(outer, outer), _product(upper, cross))
-
-
-def _product(a: Term, b: Term) -> Term:
-    if ZERO in (a, b):
-        return ZERO
-    one = number(1)
-    return b if a == one else a if b == one else folded(Mul(a, b))
-
-
-def _sum(a: Term, b: Term) -> Term:
-    return b if a == ZERO else a if b == ZERO else folded(Add(a, b))
-
-
-def _difference(a: Term, b: Term) -> Term:
-    return a if b == ZERO else folded(Neg(b)) if a == ZERO else folded(Sub(a, b))
+        outer = minus(times(a[2], b[0]), times(a[1], b[1]))
+        return plus(times(outer, b[0]), times(a[0], times(b[1], b[1])))
+    outer = minus(times(a[2], b[0]), times(a[0], b[2]))
+    upper = minus(times(a[2], b[1]), times(a[1], b[2]))
+    return minus(times(outer, outer), times(upper, cross))

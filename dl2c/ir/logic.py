@@ -73,6 +73,23 @@ def folded(term: Term) -> Term:
             return term
 
 
+def plus(a: Term, b: Term) -> Term:
+    """a + b, without structural zeros."""
+    return b if a == ZERO else a if b == ZERO else folded(Add(a, b))
+
+
+def minus(a: Term, b: Term) -> Term:
+    """a - b, without structural zeros."""
+    return a if b == ZERO else folded(Neg(b) if a == ZERO else Sub(a, b))
+
+
+def times(a: Term, b: Term) -> Term:
+    """a * b, without structural zeros and ones."""
+    if ZERO in (a, b):
+        return ZERO
+    return b if a == ONE else a if b == ONE else folded(Mul(a, b))
+
+
 def conjunction(formulas: Iterable[Formula]) -> Formula:
     """Their n-ary conjunction, flattened, with truth values absorbed."""
     parts: list[Formula] = []

@@ -8,8 +8,8 @@ factors are dropped; nothing else is simplified.
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias, assert_never
 
-from dl2c.ir.logic import folded
-from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
+from dl2c.ir.logic import folded, minus, plus, times
+from dl2c.ir.model import ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
 
 MAX_DEGREE = 32
 """Coefficients of higher powers are too long to be of use."""
@@ -58,37 +58,23 @@ def polynomial(term: Term, curves: Mapping[Symbol, Coefficients]) -> Coefficient
             assert_never(term)
 
 
-def _plus(a: Term, b: Term) -> Term:
-    if a == ZERO:
-        return b
-    return a if b == ZERO else folded(Add(a, b))
-
-
-def _times(a: Term, b: Term) -> Term:
-    if ZERO in (a, b):
-        return ZERO
-    if a == ONE:
-        return b
-    return a if b == ONE else folded(Mul(a, b))
-
-
 def _quotient(a: Term, b: Term) -> Term:
     return ZERO if a == ZERO and isinstance(b, Number) and b != ZERO else folded(Div(a, b))
 
 
 def _sum(a: Coefficients, b: Coefficients) -> Coefficients:
-    return trimmed([_plus(x, y) for x, y in _paired(a, b)])
+    return trimmed([plus(x, y) for x, y in _paired(a, b)])
 
 
 def _difference(a: Coefficients, b: Coefficients) -> Coefficients:
-    return trimmed([x if y == ZERO else folded(Neg(y) if x == ZERO else Sub(x, y)) for x, y in _paired(a, b)])
+    return trimmed([minus(x, y) for x, y in _paired(a, b)])
 
 
 def _product(a: Coefficients, b: Coefficients) -> Coefficients:
     out: list[Term] = [ZERO] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):
-            out[i + j] = _plus(out[i + j], _times(x, y))
+            out[i + j] = plus(out[i + j], times(x, y))
     return trimmed(out)
 
 

@@ -9,7 +9,7 @@ from fractions import Fraction
 from functools import reduce
 from typing import assert_never
 
-from dl2c.ir.logic import folded, operands, symbols
+from dl2c.ir.logic import folded, minus, operands, plus, symbols, times
 from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
 from dl2c.ir.normal import Monomial, Normal, divided, normal_form, powers
 
@@ -67,7 +67,7 @@ def remainder(form: Normal, divisor: Normal, symbol: Symbol) -> Normal | None:
     rest: Normal | None = form
     while rest and (highest := max(powers(rest, symbol))) >= degree:
         top = term_of(powers(rest, symbol)[highest], known)
-        shift = product(top, ONE if highest == degree else Pow(symbol, highest - degree))
+        shift = times(top, ONE if highest == degree else Pow(symbol, highest - degree))
         rest = normal_form(Sub(Mul(leading, term_of(rest, known)), Mul(shift, whole)))
     return rest
 
@@ -135,17 +135,17 @@ def derivative(term: Term, symbol: Symbol) -> Term:
         case Neg(child):
             return folded(Neg(derivative(child, symbol)))
         case Add(left, right) | Sub(left, right):
-            return total(derivative(left, symbol), derivative(right, symbol), isinstance(term, Sub))
-        case Mul(left, right):
-            return total(
-                product(derivative(left, symbol), right), product(left, derivative(right, symbol)), False
+            return (minus if isinstance(term, Sub) else plus)(
+                derivative(left, symbol), derivative(right, symbol)
             )
+        case Mul(left, right):
+            return plus(times(derivative(left, symbol), right), times(left, derivative(right, symbol)))
         case Div(left, right):
-            above = total(derivative(left, symbol), product(term, derivative(right, symbol)), True)
+            above = minus(derivative(left, symbol), times(term, derivative(right, symbol)))
             return ZERO if above == ZERO else Div(above, right)
         case Pow(base, exponent):
-            outer = ONE if exponent == 1 else product(Number(Fraction(exponent)), _lowered(base, exponent))
-            return product(outer, derivative(base, symbol))
+            outer = ONE if exponent == 1 else times(Number(Fraction(exponent)), _lowered(base, exponent))
+            return times(outer, derivative(base, symbol))
         case Call("sqrt", (arg,)):
             return Div(derivative(arg, symbol), Mul(Number(Fraction(2)), term))
         case Call() | Number():
@@ -161,19 +161,3 @@ def _lowered(base: Term, exponent: int) -> Term:
 def size_of(term: Term) -> int:
     """Numbers, names and operations."""
     return 1 + sum(size_of(t) for t in operands(term))
-
-
-def product(a: Term, b: Term) -> Term:
-    """a * b, without structural zeros and ones."""
-    if ZERO in (a, b):
-        return ZERO
-    return b if a == ONE else a if b == ONE else folded(Mul(a, b))
-
-
-def total(a: Term, b: Term, negative: bool = False) -> Term:
-    """a + b or a - b, without structural zeros."""
-    if b == ZERO:
-        return a
-    if a == ZERO:
-        return folded(Neg(b)) if negative else b
-    return folded(Sub(a, b) if negative else Add(a, b))

@@ -12,10 +12,10 @@ from functools import reduce
 
 from dl2c.interval.arithmetic import Interval
 from dl2c.interval.contract import contract
-from dl2c.ir.logic import conjunction, conjuncts, symbols
+from dl2c.ir.logic import conjunction, conjuncts, symbols, times
 from dl2c.ir.model import ZERO, Add, Call, Compare, Formula, Mul, Number, Sub, Symbol, Term
 from dl2c.ir.normal import normal_form
-from dl2c.sampling.algebra import product, term_of
+from dl2c.sampling.algebra import term_of
 from dl2c.sampling.charts import Chart
 from dl2c.sampling.linear import linear_parts
 
@@ -61,7 +61,7 @@ def _limits(symbol: Symbol, atoms: Sequence[Compare]) -> _Limits | None:
         parts = linear_parts(Sub(atom.left, atom.right), symbol)
         if parts is None or not isinstance(parts[0], Number) or parts[0] == ZERO:
             return None
-        value = _plain(product(Number(-1 / parts[0].value), parts[1]))
+        value = _plain(times(Number(-1 / parts[0].value), parts[1]))
         upper = (atom.op in ("<", "<=")) == (parts[0].value > 0)
         (highs if upper else lows).append(value)
     return _Limits(symbol, tuple(lows), tuple(highs)) if lows or highs else None
@@ -85,7 +85,7 @@ def _drawn_between(chart: Chart, limits: _Limits) -> Chart | None:
         return None
     measure = replace(
         chart.measure,
-        squared=product(chart.measure.squared, Mul(width, width)),
+        squared=times(chart.measure.squared, Mul(width, width)),
         widths=(*chart.measure.widths, _differences(limits, box)),
     )
     low_end, high_end = _number(box.low), _number(box.high)

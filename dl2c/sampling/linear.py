@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TypeAlias, assert_never
 
 from dl2c.interval.arithmetic import Box, evaluate, magnitude
-from dl2c.ir.logic import folded, substituted, symbols
+from dl2c.ir.logic import folded, plus, substituted, symbols
 from dl2c.ir.model import (
     ONE,
     ZERO,
@@ -151,7 +151,7 @@ def linear_parts(term: Term, symbol: Symbol) -> tuple[Term, Term] | None:
         case Neg(child):
             return _both(linear_parts(child, symbol), lambda t: _difference(ZERO, t))
         case Add(left, right):
-            return _joined(_sum, linear_parts(left, symbol), linear_parts(right, symbol))
+            return _joined(plus, linear_parts(left, symbol), linear_parts(right, symbol))
         case Sub(left, right):
             return _joined(_difference, linear_parts(left, symbol), linear_parts(right, symbol))
         case Mul(factor, other) if symbol not in symbols(factor):
@@ -181,10 +181,6 @@ def _joined(operation: Callable[[Term, Term], Term], left: Parts, right: Parts) 
     if left is None or right is None:
         return None
     return operation(left[0], right[0]), operation(left[1], right[1])
-
-
-def _sum(a: Term, b: Term) -> Term:
-    return b if a == ZERO else a if b == ZERO else folded(Add(a, b))
 
 
 def _difference(a: Term, b: Term) -> Term:

@@ -18,10 +18,10 @@ from typing import TypeAlias
 
 from dl2c.interval.arithmetic import INF, Box, enclosure, evaluate, magnitude
 from dl2c.interval.rounding import add_up, mul_up
-from dl2c.ir.logic import symbols
+from dl2c.ir.logic import minus, plus, symbols, times
 from dl2c.ir.model import ONE, ZERO, Number, Symbol, Term
 from dl2c.ir.normal import normal_form
-from dl2c.sampling.algebra import is_affine, product, total
+from dl2c.sampling.algebra import is_affine
 from dl2c.sampling.equalities import Elimination
 from dl2c.sampling.quadrics import Row
 
@@ -175,15 +175,15 @@ def _inner(
     for a, first in left.items():
         for b, second in right.items():
             if share := _at(inverse, a, b):
-                part = product(_sum(first), _sum(second))
-                result = total(result, product(Number(share), part))
+                part = times(_sum(first), _sum(second))
+                result = plus(result, times(Number(share), part))
     return result
 
 
 def _sum(entries: Sequence[Entry]) -> Term:
     result: Term = ZERO
     for entry in entries:
-        result = total(result, product(Number(entry.scale), entry.term))
+        result = plus(result, times(Number(entry.scale), entry.term))
     return result
 
 
@@ -196,7 +196,7 @@ def _determinant(products: Mapping[tuple[int, int], Term], size: int) -> Term:
         left -= block
         if len(block) > LARGEST_DETERMINANT:
             raise TooEntangled
-        term = product(term, _expanded(sorted(block), sorted(block), products))
+        term = times(term, _expanded(sorted(block), sorted(block), products))
     return term
 
 
@@ -217,5 +217,6 @@ def _expanded(rows: Sequence[int], columns: Sequence[int], products: Mapping[tup
     for k, column in enumerate(columns):
         entry = products[min(first, column), max(first, column)]
         rest = [c for c in columns if c != column]
-        term = total(term, product(entry, _expanded(rows[1:], rest, products)), negative=k % 2 == 1)
+        part = times(entry, _expanded(rows[1:], rest, products))
+        term = minus(term, part) if k % 2 else plus(term, part)
     return term

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from math import isqrt
 
-from dl2c.ir.logic import folded, symbols
+from dl2c.ir.logic import folded, plus, symbols
 from dl2c.ir.model import (
     ONE,
     ZERO,
@@ -35,7 +35,6 @@ from dl2c.sampling.algebra import (
     remainder,
     size_of,
     term_of,
-    total,
     without_content,
 )
 
@@ -131,7 +130,7 @@ def _limit(form: Normal, steps: Sequence[Normal], known: Mapping[tuple[str, str]
         if not quotients:
             return None
         shortest = min(quotients, key=lambda q: len(next(iter(q))))
-        bound = total(bound, Call("abs", (term_of(shortest, known),)))
+        bound = plus(bound, Call("abs", (term_of(shortest, known),)))
     return bound
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import assert_never
 
-from dl2c.ir.logic import folded
+from dl2c.ir.logic import folded, plus
 from dl2c.ir.model import (
     ZERO,
     Add,
@@ -77,7 +77,7 @@ def _error(term: Term, errors: Mapping[Symbol, float], conditions: list[Formula]
         case Call("min" | "max", (left, right)):
             return _larger(of(left), of(right))
         case Add(left, right) | Sub(left, right):
-            return _plus(_plus(of(left), of(right)), _rounding(term))
+            return plus(plus(of(left), of(right)), _rounding(term))
         case Mul(left, right):
             return _product(term, left, of(left), right, of(right))
         case Pow(base, exponent) if exponent % 2:
@@ -90,12 +90,12 @@ def _error(term: Term, errors: Mapping[Symbol, float], conditions: list[Formula]
         case Div(left, right):
             a, b = of(left), of(right)
             conditions.append(Compare(">", _size(right), _twice(b)))
-            inherited = _plus(a, _times(_size(term), b))
-            return _plus(_twice(folded(Div(inherited, _size(right)))), _rounding(term))
+            inherited = plus(a, _times(_size(term), b))
+            return plus(_twice(folded(Div(inherited, _size(right)))), _rounding(term))
         case Call("sqrt", (arg,)):
             a = of(arg)
             conditions.append(Compare(">=" if a == ZERO else ">", arg, _twice(a)))
-            return _plus(ZERO if a == ZERO else Div(a, term), _rounding(term))
+            return plus(ZERO if a == ZERO else Div(a, term), _rounding(term))
         case Call():
             raise AssertionError(f"the sampler refuses {term.function}")
         case _:
@@ -103,8 +103,8 @@ def _error(term: Term, errors: Mapping[Symbol, float], conditions: list[Formula]
 
 
 def _product(term: Term, left: Term, a: Term, right: Term, b: Term) -> Term:
-    crossed = _plus(_times(_size(left), b), _times(_size(right), a))
-    return _plus(_plus(crossed, _times(a, b)), _rounding(term))
+    crossed = plus(_times(_size(left), b), _times(_size(right), a))
+    return plus(plus(crossed, _times(a, b)), _rounding(term))
 
 
 def _rounding(term: Term) -> Term:
@@ -117,10 +117,6 @@ def _size(term: Term) -> Term:
 
 def _larger(a: Term, b: Term) -> Term:
     return folded(Call("max", (a, b))) if a != b else a
-
-
-def _plus(a: Term, b: Term) -> Term:
-    return b if a == ZERO else a if b == ZERO else folded(Add(a, b))
 
 
 def _times(a: Term, b: Term) -> Term:
