@@ -10,14 +10,12 @@ import time
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.model import Model, Symbol
 from dl2c.ir.printer import print_formula
-from dl2c.options import Options
 from dl2c.parse.parser import parse_archive
 from dl2c.pipeline import drawn_model_of
 from dl2c.sampling.draw import draw_many
@@ -25,9 +23,8 @@ from dl2c.sampling.plan import SamplingPlan, plan_sampling
 from dl2c.smt.precondition import Satisfiable, decide
 from dl2c.source import Source
 from tests.auditor import audited, audited_witness, definitions_of
+from tests.corpus_table import CORPUS, OPTIONS, files
 
-CORPUS = Path(__file__).resolve().parent.parent.parent / "shared" / "corpus"
-OPTIONS = Options(default_bound=(Fraction(-10), Fraction(10)))
 REQUIRED = 0.97
 STATES = 300
 RAREST = 1e-4
@@ -37,7 +34,7 @@ RAREST = 1e-4
 def models():
     """Name and model of each precondition."""
     seen = set()
-    for path in sorted(p for ending in ("kyx", "kya", "key") for p in CORPUS.rglob(f"*.{ending}")):
+    for path in files():
         try:
             archive, _ = parse_archive(Source.read(path))
         except CompileError:
