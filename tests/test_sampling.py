@@ -9,14 +9,14 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from dl2c.diagnostics import render
 from dl2c.interval.arithmetic import Interval
 from dl2c.ir.evaluate import evaluate as interp_value
 from dl2c.ir.evaluate import truth as interp_truth
-from dl2c.ir.model import Number, Symbol
+from dl2c.ir.model import Compare, Div, Neg, Number, Symbol
 from dl2c.sampling.acceptance import NoErrorBound, acceptance, error_bound
 from dl2c.sampling.arrays import holds as holds_on_arrays
 from dl2c.sampling.draw import draw, draw_many
@@ -135,6 +135,7 @@ def test_acceptance_proves_atoms_at_their_boundary():
 
 @settings(max_examples=300, deadline=None)
 @given(formulas, st.lists(st.floats(-2, 3), min_size=3, max_size=3))
+@example(Compare("=", SYMBOLS[0], Neg(Div(SYMBOLS[0], SYMBOLS[0]))), [1.0, 0.0, 0.0])
 def test_acceptance_in_doubles_implies_truth(f, numbers):
     box = {s: Interval(-2.0, 3.0) for s in SYMBOLS}
     try:

@@ -48,6 +48,8 @@ SMALLEST = 2.0**-1074
 LARGEST = 1e300
 """Magnitudes beyond this count as overflow."""
 
+SOLVED = "equalities are solved before: no difference proves one"
+
 ALLOWED_ERROR = 2.0**-42
 """Of a computed name, relative to its range; what is drawn where rounding costs more is rejected."""
 
@@ -135,6 +137,7 @@ def _proved_atom(atom: Compare, box: Box, errors: Errors) -> Formula:
         conditions = [f for side in (atom.left, atom.right) for f in _defined(side, box, errors)]
         return conjunction([*conditions, _separated(atom, box, errors)])
     except NoErrorBound:
+        assert atom.op != "=", SOLVED
         difference = _difference(atom)
         running = running_error(difference, errors)
         distance = Call("abs", (difference,)) if atom.op == "!=" else difference
@@ -157,7 +160,7 @@ def _separated(atom: Compare, box: Box, errors: Errors) -> Compare:
         return atom
     difference = _difference(atom)
     distance = Call("abs", (difference,)) if atom.op == "!=" else difference
-    assert atom.op != "=", "equalities are solved before"
+    assert atom.op != "=", SOLVED
     return Compare(">", distance, Number(Fraction(slack)), span=atom.span)
 
 
