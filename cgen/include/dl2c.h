@@ -13,7 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define DL2C_ABI_VERSION 3
+#define DL2C_ABI_VERSION 4
 #define DL2C_STREAM_VERSION 2
 
 #ifdef DL2C_SHARED
@@ -79,6 +79,7 @@ typedef struct dl2c_options {
   int32_t autoreset;      /* dl2c_autoreset */
   int32_t on_blocked;     /* dl2c_on_blocked */
   int32_t action_map;     /* dl2c_action_map */
+  int32_t threads;        /* that share the environments, at most 256; results are the same */
 } dl2c_options;
 
 /* Sizes of a compiled model, for whoever allocates the buffers. */

@@ -22,6 +22,7 @@ struct dl2c_batch {
   real *elapsed;     /* (n) time in this episode */
   int64_t *stalled;  /* (n) steps in a row that did not advance `elapsed` */
   struct dl2c_solver *solver; /* NULL where no flow needs one */
+  struct dl2c_team *team;     /* threads beside the caller's, NULL for none */
   dl2c_rng *rng;     /* (n) what the environment decides, only where it does */
   dl2c_start *start; /* (n) likewise */
   uint8_t *seen;     /* (n, NMASK) alternatives of open runs, only where masks look ahead */

@@ -37,7 +37,8 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
     of `Dl2cEnv`, with `status` (int8) and `reason` (int32) as codes that `status_names` and
     `reason_names` spell out. In SAME_STEP mode the infos of a step that ended an episode are in
     `final_info`, its observation in `final_obs`. `copy=False` hands out the buffers themselves for
-    observations and rewards: they change with the next step.
+    observations and rewards: they change with the next step. `num_threads` share the environments, to
+    the same bits: worth it where a step of all takes long, some 100 us, as with CVODES or thousands.
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         num_envs: int = 1,
         *,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        num_threads: int = 1,
         copy: bool = True,
         render_mode: str | None = None,
         **options: Any,
@@ -56,13 +58,17 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
             raise ValueError(f"no render mode {render_mode!r}; there is 'ansi'")
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": ["ansi"], "render_fps": 10, "autoreset_mode": self.autoreset_mode}
-        self.num_envs, self.copy, self.render_mode = num_envs, copy, render_mode
+        self.num_envs, self.num_threads = num_envs, num_threads
+        self.copy, self.render_mode = copy, render_mode
         self._source = source_of(model)
         library = open_library(self._source, options)
         self.manifest = library.manifest
         check_uniform(self.manifest)
         self.batch = library.batch(
-            num_envs, autoreset=_MODES[self.autoreset_mode], **batch_options(self.manifest)
+            num_envs,
+            autoreset=_MODES[self.autoreset_mode],
+            threads=num_threads,
+            **batch_options(self.manifest),
         )
         self._encoding = encoding(self.manifest)
         self.single_observation_space = observation_space(self.manifest)
@@ -185,17 +191,19 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
     def __getstate__(self) -> dict[str, Any]:
         return {
             "model": self._source,
-            "arguments": (self.num_envs, self.autoreset_mode, self.copy, self.render_mode),
+            "arguments": {
+                "num_envs": self.num_envs,
+                "autoreset_mode": self.autoreset_mode,
+                "num_threads": self.num_threads,
+                "copy": self.copy,
+                "render_mode": self.render_mode,
+            },
             "options": self.manifest.options,
             "spec": self.spec,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        num_envs, mode, copy, render_mode = state["arguments"]
-        given = state["options"]
-        self.__init__(
-            state["model"], num_envs, autoreset_mode=mode, copy=copy, render_mode=render_mode, **given
-        )
+        self.__init__(state["model"], **state["arguments"], **state["options"])
         self.spec = state["spec"]
 
 

@@ -31,6 +31,8 @@ AUTORESET = {"disabled": 0, "next_step": 1, "same_step": 2}
 ON_BLOCKED = {"fallback": 0, "truncate": 1, "terminate": 2}
 ACTION_MAP = {"project": 0, "squash": 1}
 
+MOST_THREADS = 256
+
 ERR_RESET, ERR_STATE, ERR_BLOCKED = -3, -4, -6
 
 
@@ -94,11 +96,15 @@ class Library:
         blocked_penalty: float = 0.0,
         max_steps: int = 1000,
         stall_limit: int = 0,
+        threads: int = 1,
     ) -> "Batch":
         """n environments, none of them begun: call `reset` first.
 
-        Raises `ValueError` for a value that is no option, `NativeError` if the library refuses.
+        `threads` of them share the work of a call; results are the same for any number. Raises
+        `ValueError` for a value that is no option, `NativeError` if the library refuses.
         """
+        if not 1 <= threads <= MOST_THREADS:
+            raise ValueError(f"`num_threads` is from 1 to {MOST_THREADS}, not {threads}")
         options = {
             "max_steps": max_steps,
             "stall_limit": stall_limit,
@@ -106,6 +112,7 @@ class Library:
             "autoreset": _code("autoreset", autoreset, AUTORESET),
             "on_blocked": _code("on_blocked", on_blocked, ON_BLOCKED),
             "action_map": _code("action_map", action_map, ACTION_MAP),
+            "threads": threads,
         }
         return Batch(self, n, options)
 
