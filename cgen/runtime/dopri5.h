@@ -68,18 +68,14 @@ static real dl2c_dopri_first(const dl2c_dopri *dopri, int flow, const real *p)
   const real slope = dl2c_dopri_norm(dopri->rates, x, x);
   const real size = dl2c_dopri_norm(x, x, x);
   real h = slope > 1e-5 && size > 1e-5 ? 0.01 * (size / slope) : 1e-6;
-  if (!(h < dopri->stop))
-    h = dopri->stop;
+  if (!(h < dopri->stop)) h = dopri->stop;
   real y[NX], rates[NX];
-  for (int k = 0; k < NX; k++)
-    y[k] = x[k] + h * dopri->rates[k];
+  for (int k = 0; k < NX; k++) y[k] = x[k] + h * dopri->rates[k];
   model_rates(flow, y, p, rates);
-  for (int k = 0; k < NX; k++)
-    rates[k] = (rates[k] - dopri->rates[k]) / h;
+  for (int k = 0; k < NX; k++) rates[k] = (rates[k] - dopri->rates[k]) / h;
   const real bend = dl2c_dopri_norm(rates, x, x);
   const real most = bend > slope ? bend : slope;
-  if (!(most <= DBL_MAX))
-    return h;
+  if (!(most <= DBL_MAX)) return h;
   const real next = most > 1e-15 ? dl2c_fifth_root(DL2C_DOPRI_SHARE / most) : 100.0 * h;
   return next < 100.0 * h ? next : 100.0 * h;
 }
@@ -93,70 +89,74 @@ static bool dl2c_dopri_start(dl2c_dopri *dopri, int flow, const real *x, const r
   dopri->stop = stop;
   memcpy(dopri->last, x, sizeof dopri->last);
   model_rates(flow, x, p, dopri->rates);
-  if (!dl2c_all_finite(dopri->rates, NX))
-    return false;
+  if (!dl2c_all_finite(dopri->rates, NX)) return false;
   dopri->wanted = dl2c_dopri_first(dopri, flow, p);
   return true;
 }
 
 static bool dl2c_dopri_done(const dl2c_dopri *dopri) { return dopri->now >= dopri->stop; }
 
-/* The stages of a step of length h from x: slopes k[0] to k[6], of which the first is given; y: its
- * end. */
+/* Row s: the weights of slopes 0 to s in the point at which slope s + 1 is taken, from Butcher's
+ * table. */
+static const real DL2C_DOPRI_WEIGHTS[6][6] = {
+    {0.2},
+    {3.0 / 40.0, 9.0 / 40.0},
+    {44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0},
+    {19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0},
+    {9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0},
+    {35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0},
+};
+
+/* The difference to the embedded method of order 4. */
+static const real DL2C_DOPRI_ERROR[7] = {
+    71.0 / 57600.0,      0.0,          -71.0 / 16695.0, 71.0 / 1920.0,
+    -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0,
+};
+
+/* What the interpolant has beyond Hermite's. */
+static const real DL2C_DOPRI_BOW[7] = {
+    -12715105075.0 / 11282082432.0,  0.0,
+    87487479700.0 / 32700410799.0,   -10690763975.0 / 1880347072.0,
+    701980252875.0 / 199316789632.0, -1453857185.0 / 822651844.0,
+    69997945.0 / 29380423.0,
+};
+
+/* The weighted sum of the first `count` slopes of variable i. */
+DL2C_INLINE real dl2c_dopri_sum(const real *weights, const real (*k)[NX], int count, int i)
+{
+  real sum = weights[0] * k[0][i];
+  DL2C_UNROLL
+  for (int j = 1; j < count; j++) sum += weights[j] * k[j][i];
+  return sum;
+}
+
+/* A step of length h from x to y: slopes k[0] to k[6], of which the first is given. */
 static void dl2c_dopri_stages(int flow, const real *p, const real *x, real h, real (*k)[NX],
                               real *y)
 {
-  for (int i = 0; i < NX; i++)
-    y[i] = x[i] + h * (0.2 * k[0][i]);
-  model_rates(flow, y, p, k[1]);
-  for (int i = 0; i < NX; i++)
-    y[i] = x[i] + h * (3.0 / 40.0 * k[0][i] + 9.0 / 40.0 * k[1][i]);
-  model_rates(flow, y, p, k[2]);
-  for (int i = 0; i < NX; i++)
-    y[i] = x[i] + h * (44.0 / 45.0 * k[0][i] - 56.0 / 15.0 * k[1][i] + 32.0 / 9.0 * k[2][i]);
-  model_rates(flow, y, p, k[3]);
-  for (int i = 0; i < NX; i++)
-    y[i] = x[i]
-           + h
-                 * (19372.0 / 6561.0 * k[0][i] - 25360.0 / 2187.0 * k[1][i]
-                    + 64448.0 / 6561.0 * k[2][i] - 212.0 / 729.0 * k[3][i]);
-  model_rates(flow, y, p, k[4]);
-  for (int i = 0; i < NX; i++)
-    y[i] = x[i]
-           + h
-                 * (9017.0 / 3168.0 * k[0][i] - 355.0 / 33.0 * k[1][i] + 46732.0 / 5247.0 * k[2][i]
-                    + 49.0 / 176.0 * k[3][i] - 5103.0 / 18656.0 * k[4][i]);
-  model_rates(flow, y, p, k[5]);
-  for (int i = 0; i < NX; i++)
-    y[i] = x[i]
-           + h
-                 * (35.0 / 384.0 * k[0][i] + 500.0 / 1113.0 * k[2][i] + 125.0 / 192.0 * k[3][i]
-                    - 2187.0 / 6784.0 * k[4][i] + 11.0 / 84.0 * k[5][i]);
-  model_rates(flow, y, p, k[6]);
+  DL2C_UNROLL
+  for (int s = 0; s < 6; s++) {
+    for (int i = 0; i < NX; i++)
+      y[i] = x[i] + h * dl2c_dopri_sum(DL2C_DOPRI_WEIGHTS[s], (const real(*)[NX])k, s + 1, i);
+    model_rates(flow, y, p, k[s + 1]);
+  }
 }
 
 /* The error of a step in units of what it may be; not finite where a rate has no value. */
 static real dl2c_dopri_error(const real *x, const real *y, real h, const real (*k)[NX])
 {
   real error[NX];
-  for (int i = 0; i < NX; i++)
-    error[i] = h
-               * (71.0 / 57600.0 * k[0][i] - 71.0 / 16695.0 * k[2][i] + 71.0 / 1920.0 * k[3][i]
-                  - 17253.0 / 339200.0 * k[4][i] + 22.0 / 525.0 * k[5][i] - 1.0 / 40.0 * k[6][i]);
+  for (int i = 0; i < NX; i++) error[i] = h * dl2c_dopri_sum(DL2C_DOPRI_ERROR, k, 7, i);
   return dl2c_dopri_norm(error, x, y) / DL2C_DOPRI_SHARE;
 }
 
 /* By what the next step is longer than one with this error. */
 static real dl2c_dopri_factor(real error)
 {
-  if (!(error <= DBL_MAX))
-    return DL2C_DOPRI_SHRINK;
-  if (!(error > 0.0))
-    return DL2C_DOPRI_GROWTH;
+  if (!(error <= DBL_MAX)) return DL2C_DOPRI_SHRINK;
+  if (!(error > 0.0)) return DL2C_DOPRI_GROWTH;
   const real factor = DL2C_DOPRI_CARE / dl2c_fifth_root(error);
-  return factor < DL2C_DOPRI_SHRINK   ? DL2C_DOPRI_SHRINK
-         : factor > DL2C_DOPRI_GROWTH ? DL2C_DOPRI_GROWTH
-                                      : factor;
+  return dl2c_max(DL2C_DOPRI_SHRINK, dl2c_min(factor, DL2C_DOPRI_GROWTH));
 }
 
 /* The interpolant of a step from x to y. */
@@ -168,11 +168,7 @@ static void dl2c_dopri_track(const real *x, const real *y, real h, const real (*
     const real rise = y[i] - x[i];
     const real left = h * k[0][i] - rise;
     const real right = rise - h * k[6][i] - left;
-    const real bow =
-        h
-        * (-12715105075.0 / 11282082432.0 * k[0][i] + 87487479700.0 / 32700410799.0 * k[2][i]
-           - 10690763975.0 / 1880347072.0 * k[3][i] + 701980252875.0 / 199316789632.0 * k[4][i]
-           - 1453857185.0 / 822651844.0 * k[5][i] + 69997945.0 / 29380423.0 * k[6][i]);
+    const real bow = h * dl2c_dopri_sum(DL2C_DOPRI_BOW, k, 7, i);
     track->c[i][0] = x[i];
     track->c[i][1] = rise + left;
     track->c[i][2] = right - left + bow;
@@ -192,10 +188,8 @@ static bool dl2c_dopri_step(dl2c_dopri *dopri, int flow, const real *p, dl2c_tra
   real h = dopri->wanted;
   for (;;) {
     const bool whole = !(h < left);
-    if (whole)
-      h = left;
-    if (dopri->steps++ >= DL2C_DOPRI_STEPS || !(dopri->now + h > dopri->now))
-      return false;
+    if (whole) h = left;
+    if (dopri->steps++ >= DL2C_DOPRI_STEPS || !(dopri->now + h > dopri->now)) return false;
     dl2c_dopri_stages(flow, p, dopri->last, h, k, y);
     const real error = dl2c_dopri_error(dopri->last, y, h, (const real(*)[NX])k);
     const real next = h * dl2c_dopri_factor(error);

@@ -46,8 +46,7 @@ DL2C_INLINE dl2c_status dl2c_alone(dl2c_batch *b, dl2c_work work, const dl2c_ord
   const int64_t blocks = dl2c_blocks(b);
   for (int64_t block = 0; block < blocks; block++) {
     const dl2c_status status = dl2c_do_block(b, block, work, order);
-    if (status != DL2C_OK)
-      return status;
+    if (status != DL2C_OK) return status;
   }
   return DL2C_OK;
 }
@@ -112,11 +111,9 @@ static void dl2c_take_part(dl2c_team *team, dl2c_batch *view)
   for (;;) {
     const int64_t first = atomic_fetch_add(&team->next, some);
     for (int64_t block = first; block < first + some; block++) {
-      if (block >= team->blocks)
-        return;
+      if (block >= team->blocks) return;
       const dl2c_status status = dl2c_do_block(view, block, team->work, team->order);
-      if (status == DL2C_OK)
-        continue;
+      if (status == DL2C_OK) continue;
       dl2c_fail(team, block, status);
       return;
     }
@@ -130,16 +127,13 @@ static void *dl2c_serve(void *data)
   uint64_t served = 0;
   pthread_mutex_lock(&team->lock);
   for (;;) {
-    while (team->call == served && !team->dismissed)
-      pthread_cond_wait(&team->called, &team->lock);
-    if (team->dismissed)
-      break;
+    while (team->call == served && !team->dismissed) pthread_cond_wait(&team->called, &team->lock);
+    if (team->dismissed) break;
     served = team->call;
     pthread_mutex_unlock(&team->lock);
     dl2c_take_part(team, &member->view);
     pthread_mutex_lock(&team->lock);
-    if (--team->busy == 0)
-      pthread_cond_signal(&team->finished);
+    if (--team->busy == 0) pthread_cond_signal(&team->finished);
   }
   pthread_mutex_unlock(&team->lock);
   return NULL;
@@ -147,22 +141,19 @@ static void *dl2c_serve(void *data)
 
 static void dl2c_team_free(dl2c_team *team)
 {
-  if (team == NULL)
-    return;
+  if (team == NULL) return;
   if (team->owner == getpid()) {
     pthread_mutex_lock(&team->lock);
     team->dismissed = true;
     pthread_cond_broadcast(&team->called);
     pthread_mutex_unlock(&team->lock);
-    for (int32_t k = 0; k < team->size; k++)
-      pthread_join(team->members[k].thread, NULL);
+    for (int32_t k = 0; k < team->size; k++) pthread_join(team->members[k].thread, NULL);
     pthread_cond_destroy(&team->finished);
     pthread_cond_destroy(&team->called);
     pthread_mutex_destroy(&team->lock);
   }
 #if DL2C_SOLVED_FLOWS
-  for (int32_t k = 0; k < team->size; k++)
-    dl2c_solver_free(team->members[k].view.solver);
+  for (int32_t k = 0; k < team->size; k++) dl2c_solver_free(team->members[k].view.solver);
 #endif
   free(team->members);
   free(team);
@@ -176,8 +167,7 @@ static dl2c_status dl2c_recruit(dl2c_team *team, const dl2c_batch *b)
 #if DL2C_SOLVED_FLOWS
   const dl2c_status solver =
       dl2c_solver_create(DL2C_RTOL, DL2C_ATOL, DL2C_STIFF, &member->view.solver);
-  if (solver != DL2C_OK)
-    return solver;
+  if (solver != DL2C_OK) return solver;
 #endif
   if (pthread_create(&member->thread, NULL, dl2c_serve, member) == 0) {
     team->size++;
@@ -194,11 +184,9 @@ static dl2c_status dl2c_team_create(dl2c_batch *b, int32_t threads)
 {
   const int64_t blocks = dl2c_blocks(b);
   const int64_t wanted = (threads < blocks ? threads : blocks) - 1;
-  if (wanted <= 0)
-    return DL2C_OK;
+  if (wanted <= 0) return DL2C_OK;
   dl2c_team *const team = calloc(1, sizeof *team);
-  if (team == NULL)
-    return DL2C_ERR_NOMEM;
+  if (team == NULL) return DL2C_ERR_NOMEM;
   team->members = calloc((size_t)wanted, sizeof *team->members);
   if (team->members == NULL || pthread_mutex_init(&team->lock, NULL) != 0) {
     free(team->members);
@@ -210,8 +198,7 @@ static dl2c_status dl2c_team_create(dl2c_batch *b, int32_t threads)
   team->owner = getpid();
   team->blocks = blocks;
   dl2c_status status = DL2C_OK;
-  for (int64_t k = 0; k < wanted && status == DL2C_OK; k++)
-    status = dl2c_recruit(team, b);
+  for (int64_t k = 0; k < wanted && status == DL2C_OK; k++) status = dl2c_recruit(team, b);
   if (status == DL2C_OK) {
     b->team = team;
   } else {
@@ -224,8 +211,7 @@ static dl2c_status dl2c_team_create(dl2c_batch *b, int32_t threads)
 DL2C_INLINE dl2c_status dl2c_together(dl2c_batch *b, dl2c_work work, const dl2c_order *order)
 {
   dl2c_team *const team = b->team;
-  if (team == NULL || team->owner != getpid())
-    return dl2c_alone(b, work, order);
+  if (team == NULL || team->owner != getpid()) return dl2c_alone(b, work, order);
   pthread_mutex_lock(&team->lock);
   team->work = work;
   team->order = order;
@@ -238,8 +224,7 @@ DL2C_INLINE dl2c_status dl2c_together(dl2c_batch *b, dl2c_work work, const dl2c_
   pthread_mutex_unlock(&team->lock);
   dl2c_take_part(team, b);
   pthread_mutex_lock(&team->lock);
-  while (team->busy > 0)
-    pthread_cond_wait(&team->finished, &team->lock);
+  while (team->busy > 0) pthread_cond_wait(&team->finished, &team->lock);
   const dl2c_status status = team->status;
   pthread_mutex_unlock(&team->lock);
   return status;
