@@ -5,6 +5,7 @@
 
 #include <stdlib.h>
 
+#include "snapshot.h"
 #include "threads.h"
 
 int32_t dl2c_abi_version(void) { return DL2C_ABI_VERSION; }
@@ -25,6 +26,7 @@ void dl2c_model_sizes(dl2c_sizes *out)
       .nflow = NFLOW,
       .nroot = NROOT,
       .obs_size = (int32_t)sizeof(dl2c_obs),
+      .snapshot_size = (int32_t)sizeof(dl2c_snapshot),
   };
 }
 
@@ -191,6 +193,24 @@ dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, cons
   if (NSTEPDRAW > 0) b->start[i].closed = false;
   dl2c_show_postcondition(b, i);
   dl2c_show(b, i);
+  return DL2C_OK;
+}
+
+dl2c_status dl2c_batch_save(const dl2c_batch *b, int64_t i, void *snapshot)
+{
+  if (b == NULL || i < 0 || i >= b->n || snapshot == NULL) return DL2C_ERR_ARG;
+  dl2c_snapshot kept;
+  dl2c_keep(b, i, &kept);
+  memcpy(snapshot, &kept, sizeof kept);
+  return DL2C_OK;
+}
+
+dl2c_status dl2c_batch_restore(dl2c_batch *b, int64_t i, const void *snapshot)
+{
+  if (b == NULL || i < 0 || i >= b->n || snapshot == NULL) return DL2C_ERR_ARG;
+  dl2c_snapshot kept;
+  memcpy(&kept, snapshot, sizeof kept);
+  dl2c_return_to(b, i, &kept);
   return DL2C_OK;
 }
 

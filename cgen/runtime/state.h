@@ -156,8 +156,7 @@ static void dl2c_show(dl2c_batch *b, int64_t i)
   dl2c_open_lanes(b, i, 1);
   model_observe(b->x + i, b->p + i, b->stride, 1, 1, (dl2c_obs *)b->out.obs + i * NOBS,
                 b->out.saturated + i);
-  const uint8_t final = 0;
-  dl2c_masks(1, b->enabled + i, b->stride, &final, b->seen + i * NMASK, b->out.mask + i * NMASK);
+  dl2c_masks(1, b->enabled + i, b->stride, b->ended + i, b->seen + i * NMASK, b->out.mask + i * NMASK);
 }
 
 /* Judges the postcondition where environment i is. */

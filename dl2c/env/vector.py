@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dl2c.env.actions import action_space, encoding, executed, masks, write
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin, spread
+from dl2c.env.snapshot import Snapshot, put, take
 from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
 from dl2c.env.state import check_reset_options, read_drawn, read_state, state_line
 from dl2c.env.targeted import check_uniform
@@ -177,6 +178,18 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
     def state(self, i: int = 0) -> dict[str, float]:
         """Variables and constants of environment i by name, exact."""
         return read_state(self.manifest, self.batch, i)
+
+    def save(self, i: int) -> Snapshot:
+        """Where environment i stands. Raises `ResetNeeded` before its first reset."""
+        if not self._seeded[i]:
+            raise gym.error.ResetNeeded(f"call reset() for the environment {i}")
+        return take(self.batch, i)
+
+    def restore(self, i: int, snapshot: Snapshot) -> None:
+        """Go on in environment i from a snapshot of this build. Raises `ValueError` for another one."""
+        put(self.batch, i, snapshot)
+        self._seeded[i] = True
+        self._ready[i] = self.autoreset_mode != AutoresetMode.DISABLED or not snapshot.ended
 
     def render(self) -> tuple[str, ...] | None:
         """Time and state of every environment, one line each (mode `ansi`)."""

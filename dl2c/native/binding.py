@@ -38,7 +38,8 @@ ERR_RESET, ERR_STATE, ERR_BLOCKED = -3, -4, -6
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """`dl2c_sizes`: how many entries each kind of row has; `obs_size` is bytes per observation entry."""
+    """`dl2c_sizes`: how many entries each kind of row has; `obs_size` is bytes per observation entry,
+    `snapshot_size` bytes of all that an environment keeps between steps."""
 
     nx: int
     np: int
@@ -52,6 +53,7 @@ class Sizes:
     nflow: int
     nroot: int
     obs_size: int
+    snapshot_size: int
 
 
 OUTCOME = struct.Struct("@3d3i6?")
@@ -270,6 +272,20 @@ class Batch:
     def set_state(self, i: int, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]) -> None:
         """Overwrite them as they are, mid-episode; the mask follows. For planners and tests."""
         self.check(self._lib.dl2c_batch_set_state(self._handle, self._index(i), *self.library.state(x, p)))
+
+    def save(self, i: int) -> bytes:
+        """All that environment i keeps between steps (`snapshot_size` bytes)."""
+        kept = np.empty(self.library.sizes.snapshot_size, np.uint8)
+        memory = self.library.row(kept, np.uint8, len(kept), "uint8_t[]")
+        self.check(self._lib.dl2c_batch_save(self._handle, self._index(i), memory))
+        return kept.tobytes()
+
+    def restore(self, i: int, kept: bytes) -> None:
+        """Go on in environment i from what `save` of the same library returned."""
+        memory = self.library.row(
+            np.frombuffer(kept, np.uint8), np.uint8, self.library.sizes.snapshot_size, "uint8_t[]"
+        )
+        self.check(self._lib.dl2c_batch_restore(self._handle, self._index(i), memory))
 
     def close(self) -> None:
         """Free the environments; the arrays stay. Any later call raises `NativeError`."""
