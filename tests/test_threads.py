@@ -31,7 +31,7 @@ def trace(model: str, threads: int, n: int, steps: int, mode: str) -> list[bytes
         batch.choices[:] = rng.integers(0, 4, batch.choices.shape)
         batch.inputs[:] = rng.uniform(-5, 5, batch.inputs.shape)
         batch.step()
-        seen.append(b"".join(array.tobytes() for _, array in batch._arrays()))
+        seen.append(b"".join(array.tobytes() for array in batch.arrays()))
     mask = rng.random(n) < 0.5
     batch.reset(mask)
     seen.append(batch.obs.tobytes())

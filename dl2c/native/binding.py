@@ -296,6 +296,10 @@ class Batch:
     def __reduce__(self) -> NoReturn:
         raise TypeError("a batch cannot be pickled; send the model's text and options")
 
+    def arrays(self) -> list[NDArray[Any]]:
+        """All arrays that a step reads or writes."""
+        return [array for _, array in self._arrays()]
+
     def _arrays(self) -> list[tuple[str, NDArray[Any]]]:
         """Every field of `dl2c_buffers` with its array."""
         names = [name for name, _ in self.library.ffi.typeof("dl2c_buffers").fields]
