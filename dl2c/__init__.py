@@ -36,14 +36,14 @@ def make(model: "Model", *, render_mode: str | None = None, **options: Any) -> "
 
 
 def make_vec(model: "Model", num_envs: int = 1, **options: Any) -> "Dl2cVectorEnv":
-    """A Gymnasium vector environment; `autoreset_mode` and `copy` are options too."""
+    """A Gymnasium vector environment; `autoreset_mode`, `num_threads` and `copy` are options too."""
     from dl2c.env.vector import Dl2cVectorEnv
 
     return Dl2cVectorEnv(model, num_envs, **options)
 
 
 def make_sb3(model: "Model", num_envs: int = 1, **options: Any) -> "Dl2cVecEnv":
-    """A Stable-Baselines3 VecEnv. Needs the extra `dl2c[train]`."""
+    """A Stable-Baselines3 VecEnv; `num_threads` is an option too. Needs the extra `dl2c[train]`."""
     try:
         from dl2c.env.sb3 import Dl2cVecEnv
     except ModuleNotFoundError as missing:

@@ -320,19 +320,19 @@ def bench(
     require: Annotated[
         list[str] | None, typer.Option(metavar="ROW=RATIO", help="Exit with 1 if a row is slower than this.")
     ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the table too.")] = None,
     json: Json = False,
     *,
     options: Mapping[str, Any],
 ) -> None:
     """Compare the speed of a model in C with scipy's solve_ivp and others, as ratios."""
-    from dl2c.commands.bench import compare, comparison_data, show_comparison
+    from dl2c.commands.bench import compare, comparison_data, draw_comparison, show_comparison
 
     with _working(f"measuring {model}") as note:
         comparison = compare(model, options, seconds, require or (), note)
-    if json:
-        print(to_json(comparison_data(comparison)))
-    else:
-        show_comparison(comparison)
+    print(to_json(comparison_data(comparison))) if json else show_comparison(comparison)
+    if plot is not None:
+        draw_comparison(comparison, plot)
     if not all(map(comparison.met, comparison.requirements)):
         raise typer.Exit(1)
 

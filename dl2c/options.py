@@ -18,7 +18,7 @@ ObservationDtype: TypeAlias = Literal["float32", "float64"]
 ObservationBounds: TypeAlias = Literal["declared", "unbounded"]
 Duration: TypeAlias = Literal["max", "sample", "agent"]
 SafetyCheck: TypeAlias = Literal["auto", "continuous", "step"]
-Integrator: TypeAlias = Literal["auto", "exact", "cvodes"]
+Integrator: TypeAlias = Literal["auto", "exact", "cvodes", "dopri5"]
 Stiff: TypeAlias = Literal["auto", "true", "false"]
 Provider: TypeAlias = Literal["casadi", "system"]
 ProgressFailure: TypeAlias = Literal["due", "literal"]
@@ -41,10 +41,10 @@ class Options:
     """Every option of an environment; see semantics for what each one means.
 
     `dt` None means: the model's own horizon, else `DEFAULT_DT`. `safety_check` "auto" is
-    "continuous" where every path of a step ends with its ODE, else "step". `rtol` and `atol` are
-    CVODES' tolerances. `constants` fixes episode constants by name, `default_bound` limits names on
-    the sides on which nothing else does, `entry` selects an archive entry by its name or its number in
-    the file (from 1), `loop` one of several top-level loops (from 1).
+    "continuous" where every path of a step ends with its ODE, else "step". `rtol` and `atol` are the
+    tolerances of CVODES and dopri5. `constants` fixes episode constants by name, `default_bound` limits
+    names on the sides on which nothing else does, `entry` selects an archive entry by its name or its
+    number in the file (from 1), `loop` one of several top-level loops (from 1).
     """
 
     entry: str | None = None

@@ -38,6 +38,18 @@ dl2c_status dl2c_flow_roots(int32_t flow, const double *x, const double *p, doub
   return DL2C_ERR_ARG;
 }
 
+dl2c_status dl2c_batch_save(const dl2c_batch *b, int64_t i, void *snapshot)
+{
+  (void)b, (void)i, (void)snapshot;
+  return DL2C_ERR_ARG;
+}
+
+dl2c_status dl2c_batch_restore(dl2c_batch *b, int64_t i, const void *snapshot)
+{
+  (void)b, (void)i, (void)snapshot;
+  return DL2C_ERR_ARG;
+}
+
 static void show(dl2c_batch *b, int64_t i)
 {
   float *obs = b->to.obs;

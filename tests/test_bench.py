@@ -4,6 +4,7 @@ import json
 import math
 import sys
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -159,11 +160,12 @@ def test_rows_agree_on_their_keys_and_order(waypoint: Subject, monkeypatch: pyte
     by_key = {r.key: r for r in results}
     batches = [f"batch{n}" for n in (1, 8, 64, 1024, 16384)]
     assert list(by_key) == [
-        *(BASELINE, "gym", *batches, "vector64", "vector1024", "loop", "cartpole", "empty")
+        *(BASELINE, "gym", *batches, "vector64", "vector1024", "loop"),
+        *("memory", "cartpole", "cartpole1024", "empty"),
     ]
     assert by_key[BASELINE].ratio == by_key[BASELINE].low == by_key[BASELINE].high == 1.0
     assert all(0 < r.low <= r.ratio <= r.high for r in results)
-    assert by_key["batch1024"].ratio > by_key["gym"].ratio > 1
+    assert by_key["memory"].ratio > by_key["batch1024"].ratio > by_key["gym"].ratio > 1
     assert list(growth(results)) == [1, 8, 64, 1024, 16384]
     assert growth(results)[1] == 1.0
 
@@ -209,6 +211,14 @@ def test_bench_prints_json(capsys: Any) -> None:
     assert [r["met"] for r in data["requirements"]] == [True, True]
     assert data["deviation"] < 1e-6
     assert data["growth"]["1"] == 1.0
+
+
+def test_bench_draws_its_table(capsys: Any, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    picture = tmp_path / "speed.png"
+    code, _, err = bench(capsys, "--plot", str(picture))
+    assert code == 0 and str(picture) in err
+    assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 10_000
 
 
 def test_bench_fails_where_a_requirement_is_missed(capsys: Any) -> None:

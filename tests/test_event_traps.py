@@ -22,7 +22,7 @@ from dl2c.ir.logic import conjunction
 from dl2c.ir.model import FALSE, ONE, TRUE, Compare, Flow, Horizon, Symbol
 from dl2c.ir.watch import Watch
 
-KERNELS = ("exact", "linear", "cvodes")
+KERNELS = ("exact", "linear", "cvodes", "dopri5")
 CONSTANTS = {"a": 1.0, "c": 0.3, "d": 2.0}
 
 
@@ -193,7 +193,7 @@ def library(kernel: str, tmp_path_factory: Any) -> Compiled:
     flows = tuple(flow_of(t, kernel) for t in (*TRAPS, *STRICT) if kernel in t.kernels)
     model = flows_model(f"traps_{kernel}", flows, ("x", "y", "z", "w"))
     folder: Path = tmp_path_factory.mktemp(kernel)
-    return compiled(model, folder, "cvodes" if kernel == "cvodes" else "auto")
+    return compiled(model, folder, kernel if kernel in ("cvodes", "dopri5") else "auto")
 
 
 def sprung(library: Compiled, kernel: str, trap: Trap) -> tuple[Arrival, Start]:
@@ -211,7 +211,7 @@ def test_traps(trap: Trap, kernel: str, library: Compiled) -> None:
         pytest.skip("cannot occur, or rounding decides")
     arrival, start = sprung(library, kernel, trap)
     assert not arrival.blocked and arrival.reason == ""
-    accuracy = {"exact": 1e-14, "linear": 1e-12, "cvodes": 1e-9}[kernel] * 10 / trap.slope
+    accuracy = {"exact": 1e-14, "linear": 1e-12, "cvodes": 1e-9, "dopri5": 1e-9}[kernel] * 10 / trap.slope
     if trap in STRICT and trap.equations == TOUCHES:
         accuracy = 1e-6
     exactly = trap.lasts == 0 or trap.clock
@@ -235,12 +235,19 @@ UNSOLVED = (
 )
 
 
-def test_where_there_is_no_solution_the_state_is_kept(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("integrator", "kernels"), [("auto", {"exact", "linear", "cvodes"}), ("dopri5", {"dopri5"})]
+)
+def test_where_there_is_no_solution_the_state_is_kept(
+    integrator: Any, kernels: set[str], tmp_path: Path
+) -> None:
     traps = [Trap(name, equations, "true", start, 0) for name, equations, start in UNSOLVED]
     library = compiled(
-        flows_model("unsolved", tuple(flow_of(t, "") for t in traps), ("x", "y", "z", "w")), tmp_path
+        flows_model("unsolved", tuple(flow_of(t, "") for t in traps), ("x", "y", "z", "w")),
+        tmp_path,
+        integrator,
     )
-    assert {f.kernel for f in library.flows} == {"exact", "linear", "cvodes"}
+    assert {f.kernel for f in library.flows} == kernels
     for k, trap in enumerate(traps):
         state = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0, "t": 0.0} | trap.start
         arrival = library.run(k, Start(state, CONSTANTS))
@@ -261,25 +268,27 @@ def test_a_solver_that_failed_can_be_used_again(tmp_path: Path) -> None:
     assert before.state["x"] == pytest.approx(1 / 9, rel=1e-8)
 
 
+@pytest.mark.parametrize("integrator", ["auto", "dopri5"])
 @pytest.mark.parametrize("bound", ["5e-324", "1e-300", "1e-101", "1e-99", "1e-30", "1e-16"])
-def test_flows_may_be_as_short_as_any_number(bound: str, tmp_path: Path) -> None:
+def test_flows_may_be_as_short_as_any_number(bound: str, integrator: Any, tmp_path: Path) -> None:
     limit = term(bound)
     domain = Compare("<=", Symbol("t", "variable"), limit)
     equations = (("x", term("-x*x")), ("t", ONE))
     flow = Flow(equations, domain, formula("True"), (Horizon("t", limit),), None)
-    library = compiled(flows_model("short" + bound.replace("-", "_"), (flow,)), tmp_path)
+    library = compiled(flows_model("short" + bound.replace("-", "_"), (flow,)), tmp_path, integrator)
     arrival = library.run(0, Start({"x": 1.0, "y": 0.0, "z": 0.0, "t": 0.0}, CONSTANTS))
     assert arrival.state == {"x": 1.0 - float(bound), "y": 0.0, "z": 0.0, "t": float(bound)}
     assert (arrival.duration, arrival.reason) == (float(bound), "")
 
 
-def test_margins_that_touch_zero_by_rounding_end_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("integrator", ["auto", "dopri5"])
+def test_margins_that_touch_zero_by_rounding_end_nothing(integrator: Any, tmp_path: Path) -> None:
     """Starts on a boundary that a tiny first step leaves inwards, where rounding is larger than the step."""
     trap = Trap("", "x' = exp(-x*x), y' = sin(t), t' = 1", "x + y >= d", {}, 0, cap=2)
     flow = replace(
         flow_of(trap, ""), watched=(on := Compare(">=", term("x + y"), Symbol("d", "constant"))), domain=on
     )
-    library = compiled(flows_model("edge", (flow,)), tmp_path)
+    library = compiled(flows_model("edge", (flow,)), tmp_path, integrator)
     for x, y, t in ((-0.5, 3.0, 0.0), (1.0, 0.0, 0.9), (3.0, 0.0, 0.9), (0.1, 0.2, 0.3), (-1e3, 1e3, 0.5)):
         start = Start({"x": x, "y": y, "z": 0.0, "t": t}, {**CONSTANTS, "d": x + y})
         assert library.run(0, start).duration == 2.0

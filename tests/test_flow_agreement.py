@@ -17,7 +17,7 @@ from dl2c.ir.logic import operands
 from dl2c.ir.model import Call, Compare, Flow, Neg, Symbol, Term
 from dl2c.ir.printer import print_flow
 
-ACCURACY: dict[Kernel, float] = {"exact": 1e-12, "linear": 1e-11, "cvodes": 3e-8}
+ACCURACY: dict[Kernel, float] = {"exact": 1e-12, "linear": 1e-11, "cvodes": 3e-8, "dopri5": 3e-8}
 """Of states and durations, relative to how much more than the start they move (`moved`)."""
 
 AT_A_BOUND = 1e-9

@@ -14,18 +14,23 @@ from dl2c.ir.kernel import FlowPlan, Integrator, Kernel, plan_flow
 from dl2c.ir.model import Flow
 from dl2c.ir.printer import print_flow
 
-KERNELS: tuple[Kernel, ...] = ("exact", "linear", "cvodes")
+KERNELS: tuple[Kernel, ...] = ("exact", "linear", "cvodes", "dopri5")
 KINDS: dict[Kernel, tuple[Kind, ...]] = {
     "exact": ("polynomial",),
     "linear": ("linear", "linear", "polynomial"),
     "cvodes": ("nonlinear", "nonlinear", "linear", "polynomial"),
+    "dopri5": ("nonlinear", "nonlinear", "linear", "polynomial"),
 }
 FLOWS = 30
 """In one library."""
 
 
 def integrator(kernel: Kernel) -> Integrator:
-    return "cvodes" if kernel == "cvodes" else "auto"
+    match kernel:
+        case "cvodes" | "dopri5":
+            return kernel
+        case "exact" | "linear":
+            return "auto"
 
 
 def random_flows(kernel: Kernel, seed: int) -> tuple[Flow, ...]:

@@ -13,7 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define DL2C_ABI_VERSION 3
+#define DL2C_ABI_VERSION 4
 #define DL2C_STREAM_VERSION 2
 
 #ifdef DL2C_SHARED
@@ -79,6 +79,7 @@ typedef struct dl2c_options {
   int32_t autoreset;      /* dl2c_autoreset */
   int32_t on_blocked;     /* dl2c_on_blocked */
   int32_t action_map;     /* dl2c_action_map */
+  int32_t threads;        /* that share the environments, at most 256; results are the same */
 } dl2c_options;
 
 /* Sizes of a compiled model, for whoever allocates the buffers. */
@@ -95,6 +96,7 @@ typedef struct dl2c_sizes {
   int32_t nflow;    /* flows */
   int32_t nroot;    /* margins of the flow that has most */
   int32_t obs_size; /* bytes of one observation entry: 4 or 8 */
+  int32_t snapshot_size; /* bytes of all that an environment keeps between steps */
 } dl2c_sizes;
 
 /* Where a batch reads actions and writes results. All arrays are the caller's, row-major. */
@@ -170,6 +172,15 @@ DL2C_API dl2c_status dl2c_batch_get_state(const dl2c_batch *batch, int64_t i, do
  * (DL2C_ERR_STATE) what is not finite: magnitudes above 1e100 count as infinite.
  */
 DL2C_API dl2c_status dl2c_batch_set_state(dl2c_batch *batch, int64_t i, const double *x, const double *p);
+
+/*
+ * Copies all that environment i keeps between steps, and puts it back, there or in another place or batch
+ * of the same library: what follows is the same to the last bit. For planners. Only what dl2c_batch_save
+ * wrote may be restored; nothing is checked. It begins with a uint64_t: whether the episode is over.
+ *   snapshot: (snapshot_size) bytes
+ */
+DL2C_API dl2c_status dl2c_batch_save(const dl2c_batch *batch, int64_t i, void *snapshot);
+DL2C_API dl2c_status dl2c_batch_restore(dl2c_batch *batch, int64_t i, const void *snapshot);
 
 /*
  * The right-hand sides of a flow's ODE in state x with constants p; 0 for variables that it

@@ -5,7 +5,8 @@
 
 #include <stdlib.h>
 
-#include "block.h"
+#include "snapshot.h"
+#include "threads.h"
 
 int32_t dl2c_abi_version(void) { return DL2C_ABI_VERSION; }
 int32_t dl2c_stream_version(void) { return DL2C_STREAM_VERSION; }
@@ -25,6 +26,7 @@ void dl2c_model_sizes(dl2c_sizes *out)
       .nflow = NFLOW,
       .nroot = NROOT,
       .obs_size = (int32_t)sizeof(dl2c_obs),
+      .snapshot_size = (int32_t)sizeof(dl2c_snapshot),
   };
 }
 
@@ -36,7 +38,8 @@ static bool dl2c_options_valid(const dl2c_options *o)
   return o->max_steps >= 0 && o->stall_limit >= 0 && isfinite(o->blocked_penalty)
          && o->autoreset >= DL2C_AUTORESET_DISABLED && o->autoreset <= DL2C_AUTORESET_SAME_STEP
          && o->on_blocked >= DL2C_BLOCKED_FALLBACK && o->on_blocked <= DL2C_BLOCKED_TERMINATE
-         && (o->action_map == DL2C_MAP_PROJECT || o->action_map == DL2C_MAP_SQUASH);
+         && (o->action_map == DL2C_MAP_PROJECT || o->action_map == DL2C_MAP_SQUASH)
+         && o->threads >= 0 && o->threads <= DL2C_MOST_THREADS;
 }
 
 dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c_buffers *buffers,
@@ -77,6 +80,11 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
     return solver;
   }
 #endif
+  const dl2c_status team = dl2c_team_create(b, options->threads);
+  if (team != DL2C_OK) {
+    dl2c_batch_free(b);
+    return team;
+  }
   *out = b;
   return DL2C_OK;
 }
@@ -84,6 +92,7 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
 void dl2c_batch_free(dl2c_batch *b)
 {
   if (b == NULL) return;
+  dl2c_team_free(b->team);
 #if DL2C_SOLVED_FLOWS
   dl2c_solver_free(b->solver);
 #endif
@@ -117,17 +126,23 @@ static void dl2c_reseed(dl2c_batch *b, int64_t i, const uint64_t *seed)
   b->episode[i] = 0;
 }
 
-dl2c_status dl2c_batch_reset(dl2c_batch *b, const uint8_t *mask, const uint64_t *seeds)
+static dl2c_status dl2c_reset_block(dl2c_batch *b, int64_t first, int64_t count,
+                                    const dl2c_order *order)
 {
-  if (b == NULL) return DL2C_ERR_ARG;
-  for (int64_t i = 0; i < b->n; i++) {
-    if (mask != NULL && !mask[i]) continue;
-    dl2c_reseed(b, i, seeds == NULL ? NULL : &seeds[i]);
+  for (int64_t i = first; i < first + count; i++) {
+    if (order->mask != NULL && !order->mask[i]) continue;
+    dl2c_reseed(b, i, order->seeds == NULL ? NULL : &order->seeds[i]);
     dl2c_clear_results(b, i);
     const dl2c_status status = dl2c_reset_one(b, i);
     if (status != DL2C_OK) return status;
   }
   return DL2C_OK;
+}
+
+dl2c_status dl2c_batch_reset(dl2c_batch *b, const uint8_t *mask, const uint64_t *seeds)
+{
+  if (b == NULL) return DL2C_ERR_ARG;
+  return dl2c_together(b, dl2c_reset_block, &(dl2c_order){mask, seeds});
 }
 
 dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, const double *x,
@@ -148,15 +163,17 @@ dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, 
   return DL2C_ERR_STATE;
 }
 
+static dl2c_status dl2c_advance_block(dl2c_batch *b, int64_t first, int64_t count,
+                                      const dl2c_order *order)
+{
+  (void)order;
+  return dl2c_step_block(b, first, count);
+}
+
 dl2c_status dl2c_batch_step(dl2c_batch *b)
 {
   if (b == NULL) return DL2C_ERR_ARG;
-  for (int64_t first = 0; first < b->n; first += DL2C_BLOCK) {
-    const int64_t rest = b->n - first;
-    const dl2c_status status = dl2c_step_block(b, first, rest < DL2C_BLOCK ? rest : DL2C_BLOCK);
-    if (status != DL2C_OK) return status;
-  }
-  return DL2C_OK;
+  return dl2c_together(b, dl2c_advance_block, NULL);
 }
 
 dl2c_status dl2c_batch_get_state(const dl2c_batch *b, int64_t i, double *x, double *p)
@@ -176,6 +193,24 @@ dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, cons
   if (NSTEPDRAW > 0) b->start[i].closed = false;
   dl2c_show_postcondition(b, i);
   dl2c_show(b, i);
+  return DL2C_OK;
+}
+
+dl2c_status dl2c_batch_save(const dl2c_batch *b, int64_t i, void *snapshot)
+{
+  if (b == NULL || i < 0 || i >= b->n || snapshot == NULL) return DL2C_ERR_ARG;
+  dl2c_snapshot kept;
+  dl2c_keep(b, i, &kept);
+  memcpy(snapshot, &kept, sizeof kept);
+  return DL2C_OK;
+}
+
+dl2c_status dl2c_batch_restore(dl2c_batch *b, int64_t i, const void *snapshot)
+{
+  if (b == NULL || i < 0 || i >= b->n || snapshot == NULL) return DL2C_ERR_ARG;
+  dl2c_snapshot kept;
+  memcpy(&kept, snapshot, sizeof kept);
+  dl2c_return_to(b, i, &kept);
   return DL2C_OK;
 }
 

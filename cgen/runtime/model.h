@@ -45,11 +45,11 @@
  *   void model_polynomials(int flow, x, p, real (*c)[NDEGREE + 1], int32_t *degree)   of margins
  *   void model_margins(int flow, x, p, real *g)                  where they are no polynomials
  *   bool model_condition(int flow, int formula, const int8_t *sign)  formulas over signs of margins
- *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) of the rates; kernels LINEAR, NUMERIC
+ *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) of the rates; kernels LINEAR, NUMERIC, DOPRI
  *   void model_lie(int flow, x, p, real *lie)                    (3, NMARGIN) where margins are sampled
  *   void model_project(int flow, p, real *y)                     back onto what the flow leaves invariant
  *   bool model_quiet(int flow, x, p, real duration, y)           it plainly changes no watch
- *   bool model_calm(int flow, const dl2c_hull *x, p, watch)      no event where x is inside; kernels LINEAR, NUMERIC
+ *   bool model_calm(int flow, const dl2c_hull *x, p, watch)      no event where x is inside; kernels LINEAR, NUMERIC, DOPRI
  *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE
  *   void model_roots(int flow, x, p, real *g, real *dg)          margins of its domain, their Lie derivatives
  *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) how its rates depend on x
@@ -156,6 +156,7 @@ typedef enum dl2c_kernel {
   DL2C_POLYNOMIAL = 2,    /* motion and margins are polynomials of time */
   DL2C_LINEAR = 3,        /* linear equations: power series */
   DL2C_NUMERIC = 4,       /* CVODES */
+  DL2C_DOPRI = 5,         /* the Runge-Kutta method of Dormand and Prince */
 } dl2c_kernel;
 
 /* What became of a watch in a step: a safety predicate that was violated on the way has failed. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * numeric.h -- flows that are followed track by track, by power series or by the solver.
+ * numeric.h -- flows that are followed track by track, by power series, by the solver or by dopri5.h.
  */
 #ifndef DL2C_NUMERIC_H
 #define DL2C_NUMERIC_H
@@ -10,13 +10,21 @@
 #if DL2C_SOLVED_FLOWS
 #include "flow_cvodes.h"
 #endif
+#if DL2C_DOPRI_FLOWS
+#include "dopri5.h"
+#endif
 
 /* What makes the tracks of a flow. */
 typedef struct dl2c_motor {
-  struct dl2c_solver *solver; /* for flows of kernel NUMERIC */
-  dl2c_linear linear;         /* for flows of kernel LINEAR */
   int flow;
   const real *p;
+  struct dl2c_solver *solver; /* for flows of kernel NUMERIC */
+  union {
+    dl2c_linear linear; /* for flows of kernel LINEAR */
+#if DL2C_DOPRI_FLOWS
+    dl2c_dopri dopri; /* for flows of kernel DOPRI */
+#endif
+  };
 } dl2c_motor;
 
 static bool dl2c_motor_start(dl2c_motor *motor, const real *x, real stop)
@@ -24,6 +32,10 @@ static bool dl2c_motor_start(dl2c_motor *motor, const real *x, real stop)
 #if DL2C_SOLVED_FLOWS
   if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC)
     return dl2c_solver_start(motor->solver, motor->flow, x, motor->p, stop);
+#endif
+#if DL2C_DOPRI_FLOWS
+  if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI)
+    return dl2c_dopri_start(&motor->dopri, motor->flow, x, motor->p, stop);
 #endif
   dl2c_linear_start(&motor->linear, motor->flow, x, motor->p, stop);
   return true;
@@ -34,6 +46,10 @@ static bool dl2c_motor_step(dl2c_motor *motor, dl2c_track *track)
 #if DL2C_SOLVED_FLOWS
   if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC) return dl2c_solver_step(motor->solver, track);
 #endif
+#if DL2C_DOPRI_FLOWS
+  if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI)
+    return dl2c_dopri_step(&motor->dopri, motor->flow, motor->p, track);
+#endif
   return dl2c_linear_step(&motor->linear, motor->flow, motor->p, track);
 }
 
@@ -41,6 +57,9 @@ static bool dl2c_motor_done(const dl2c_motor *motor)
 {
 #if DL2C_SOLVED_FLOWS
   if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC) return dl2c_solver_done(motor->solver);
+#endif
+#if DL2C_DOPRI_FLOWS
+  if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI) return dl2c_dopri_done(&motor->dopri);
 #endif
   return dl2c_linear_done(&motor->linear);
 }
@@ -128,7 +147,10 @@ static dl2c_motion dl2c_flow_tracks(int flow, dl2c_travel *travel, real *y)
 {
   real x[NX];
   memcpy(x, y, sizeof x);
-  dl2c_motor motor = {.solver = travel->solver, .flow = flow, .p = travel->p};
+  dl2c_motor motor;
+  motor.flow = flow;
+  motor.p = travel->p;
+  motor.solver = travel->solver;
   real cap = (real)INFINITY;
   if (travel->part < 1.0) {
     uint8_t closed[NWATCH + 1];

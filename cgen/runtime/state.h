@@ -22,6 +22,7 @@ struct dl2c_batch {
   real *elapsed;     /* (n) time in this episode */
   int64_t *stalled;  /* (n) steps in a row that did not advance `elapsed` */
   struct dl2c_solver *solver; /* NULL where no flow needs one */
+  struct dl2c_team *team;     /* threads beside the caller's, NULL for none */
   dl2c_rng *rng;     /* (n) what the environment decides, only where it does */
   dl2c_start *start; /* (n) likewise */
   uint8_t *seen;     /* (n, NMASK) alternatives of open runs, only where masks look ahead */
@@ -155,8 +156,7 @@ static void dl2c_show(dl2c_batch *b, int64_t i)
   dl2c_open_lanes(b, i, 1);
   model_observe(b->x + i, b->p + i, b->stride, 1, 1, (dl2c_obs *)b->out.obs + i * NOBS,
                 b->out.saturated + i);
-  const uint8_t final = 0;
-  dl2c_masks(1, b->enabled + i, b->stride, &final, b->seen + i * NMASK, b->out.mask + i * NMASK);
+  dl2c_masks(1, b->enabled + i, b->stride, b->ended + i, b->seen + i * NMASK, b->out.mask + i * NMASK);
 }
 
 /* Judges the postcondition where environment i is. */

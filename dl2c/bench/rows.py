@@ -77,7 +77,8 @@ def rows(what: Subject) -> tuple[list[Row], list[str]]:
     if is_there(what.source) and not what.options.keys() - POLICY.keys() - {"native"}:
         loop = HandWritten(LOOP, what.options.get("native", False))
         found.append(Row("loop", f"hand-written C loop, n = {LOOP}", LOOP, _repeated(loop.step)))
-    return [*found, cartpole_row(), empty_row(what)], notes
+    found += [memory_row(what, LOOP), cartpole_row(), cartpole_vector_row(LOOP), empty_row(what)]
+    return found, notes
 
 
 def starts(library: "Library", count: int = STARTS) -> list[Start]:
@@ -149,6 +150,26 @@ def cartpole_row() -> Row:
     env = gym.make("CartPole-v1")  # pyright: ignore[reportUnknownMemberType] # gym.make has a bare type
     env.reset(seed=0)
     return Row("cartpole", "CartPole-v1 of Gymnasium", 1, _episodes(env, [0, 1]))
+
+
+def cartpole_vector_row(n: int) -> Row:
+    """Gymnasium's own vector environment, in numpy."""
+    env: Any = gym.make_vec("CartPole-v1", n, vectorization_mode="vector_entry_point")  # pyright: ignore[reportUnknownMemberType] # gym.make_vec too
+    env.reset(seed=0)
+    actions = np.arange(n) % 2
+    title = f"CartPole-v1 of Gymnasium in numpy, n = {n}"
+    return Row(f"cartpole{n}", title, n, _repeated(lambda: env.step(actions)))
+
+
+def memory_row(what: Subject, n: int) -> Row:
+    """Nothing but copying what a step of a batch reads and writes: the least any way of stepping costs."""
+    batch = what.library.batch(n, **batch_options(what.library.manifest))
+    sizes = what.library.sizes
+    state = 8 * n * (sizes.nx + sizes.np)
+    batch.close()
+    source = np.zeros(state + sum(array.nbytes for array in batch.arrays()), np.uint8)
+    target = np.empty_like(source)
+    return Row("memory", f"copying its memory, n = {n}", n, _repeated(lambda: np.copyto(target, source)))
 
 
 def empty_row(what: Subject) -> Row:

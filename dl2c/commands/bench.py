@@ -1,9 +1,11 @@
 """What `dl2c bench` prints: how fast a model steps in C, in multiples of the same model in Python."""
 
 import math
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -112,6 +114,15 @@ def _agreement(deviation: float) -> str:
     if math.isinf(deviation):
         return "solve_ivp and C disagree on where an episode ends: the comparison is not of the same motion"
     return f"solve_ivp and C agree to {deviation:.1g} over 200 steps from the same initial states"
+
+
+def draw_comparison(comparison: Comparison, path: Path) -> None:
+    """Every row's ratio to the baseline as a bar, on a logarithmic axis, with its range."""
+    from dl2c.training.plots import bars, save
+
+    rows = [(r.title, r.ratio, r.low, r.high) for r in comparison.results]
+    save(bars(rows, f"{comparison.model}: environment steps per second, times solve_ivp"), path)
+    print(f"wrote {path}", file=sys.stderr)
 
 
 def comparison_data(comparison: Comparison) -> dict[str, Any]:

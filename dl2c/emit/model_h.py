@@ -95,14 +95,16 @@ def _kernels(environment: Environment) -> str:
     sampled = any(f.kernel == "exact" and f.curves is None for f in environment.flows)
     needs = {
         "SOLVED": "cvodes" in kernels,
+        "DOPRI": "dopri5" in kernels,
         "TRACKED": bool(kernels - {"exact"}),
         "SAMPLED": sampled or bool(kernels - {"exact"}),
     }
     text = "".join(f"#define DL2C_{name}_FLOWS {int(value)}\n" for name, value in needs.items())
-    if needs["SOLVED"]:
-        stiff = {"auto": "AUTO", "true": "YES", "false": "NO"}[options.stiff]
+    if needs["SOLVED"] or needs["DOPRI"]:
         text += f"#define DL2C_RTOL {number(float(options.rtol))}\n"
         text += f"#define DL2C_ATOL {number(float(options.atol))}\n"
+    if needs["SOLVED"]:
+        stiff = {"auto": "AUTO", "true": "YES", "false": "NO"}[options.stiff]
         text += f"#define DL2C_STIFF DL2C_STIFF_{stiff}\n"
     return text
 

@@ -70,11 +70,17 @@ def _durations(environment: Environment) -> list[str]:
 
 
 def _kind(plan: FlowPlan) -> str:
-    if plan.kernel != "exact":
-        return "DL2C_NUMERIC" if plan.kernel == "cvodes" else "DL2C_LINEAR"
-    if plan.curves is None:
-        return "DL2C_QUICK_SAMPLED"
-    return "DL2C_POLYNOMIAL" if plan.quick is None else "DL2C_QUICK"
+    match plan.kernel:
+        case "cvodes":
+            return "DL2C_NUMERIC"
+        case "dopri5":
+            return "DL2C_DOPRI"
+        case "linear":
+            return "DL2C_LINEAR"
+        case "exact" if plan.curves is None:
+            return "DL2C_QUICK_SAMPLED"
+        case _:
+            return "DL2C_POLYNOMIAL" if plan.quick is None else "DL2C_QUICK"
 
 
 def _polynomials(environment: Environment, leaves: Leaves) -> str:

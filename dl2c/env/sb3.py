@@ -22,7 +22,7 @@ from dl2c.env.targeted import check_uniform
 
 
 class Dl2cVecEnv(VecEnv):
-    """`num_envs` environments of one model; `model` and `options` as for `Dl2cEnv`.
+    """`num_envs` environments of one model, shared by `num_threads`; `model` and `options` as for `Dl2cEnv`.
 
     Stable-Baselines3 knows no Dict actions: a model with both kinds of decisions gets the Box format.
     An episode that ends says so in its info: `terminal_observation`, `TimeLimit.truncated`,
@@ -30,13 +30,21 @@ class Dl2cVecEnv(VecEnv):
     """
 
     def __init__(
-        self, model: Model, num_envs: int = 1, *, render_mode: str | None = None, **options: Any
+        self,
+        model: Model,
+        num_envs: int = 1,
+        *,
+        num_threads: int = 1,
+        render_mode: str | None = None,
+        **options: Any,
     ) -> None:
         self._source, self._render_mode = source_of(model), render_mode
         library = open_library(self._source, options)
         self.manifest = library.manifest
         check_uniform(self.manifest)
-        self.batch = library.batch(num_envs, autoreset="same_step", **batch_options(self.manifest))
+        self.batch = library.batch(
+            num_envs, autoreset="same_step", threads=num_threads, **batch_options(self.manifest)
+        )
         self.encoding = encoding(self.manifest, flat_format(self.manifest))
         self._reasons = reason_names(self.manifest)
         self._rng = np.random.default_rng()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dl2c.env.actions import action_space, encoding, masks, reader, writer
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import SEEDS, draw_seed
+from dl2c.env.snapshot import Snapshot, put, take
 from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
 from dl2c.env.state import check_reset_options, read_drawn, read_state, reset_state, state_line
 from dl2c.env.targeted import Targeted
@@ -149,6 +150,44 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
     def step(self, action: Any) -> Step:
         """One run of the loop's body. Raises `ValueError` for an action outside the action space."""
         return self._act(action)
+
+    def save(self) -> Snapshot:
+        """Where the episode stands, to `restore` later, here or in another environment of this build.
+
+        Raises `ResetNeeded` before the first reset.
+        """
+        if not self._seeded:
+            _not_running(None)
+        return take(self._batch, 0)
+
+    def restore(self, snapshot: Snapshot) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Go on from a snapshot; what follows is what followed it, to the last bit.
+
+        Returns the observation, and an info with `action_mask` where there is one. Raises `ValueError`
+        for a snapshot of another build.
+        """
+        put(self._batch, 0, snapshot)
+        self._seeded, self._act = True, _not_running if snapshot.ended else self._transition
+        info: dict[str, Any] = {"action_mask": self._fresh_mask()} if self.manifest.choices else {}
+        return self._obs.copy(), info
+
+    def transition(
+        self, snapshot: Snapshot, action: Any
+    ) -> tuple[Snapshot, float, bool, bool, dict[str, Any]]:
+        """What a step from a snapshot leads to: the next one, reward, terminated, truncated, info.
+
+        A function of its arguments, for planners: the episode of this environment goes on where it is.
+        """
+        own = self.save() if self._seeded else None
+        self.restore(snapshot)
+        try:
+            _, reward, terminated, truncated, info = self.step(action)
+            return self.save(), reward, terminated, truncated, info
+        finally:
+            if own is not None:
+                self.restore(own)
+            else:
+                self._seeded, self._act = False, _not_running
 
     def _fresh_mask(self) -> NDArray[np.int8]:
         return masks(self._encoding, self._batch.mask)[0]

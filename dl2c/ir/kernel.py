@@ -31,8 +31,8 @@ from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.watch import Watch
 from dl2c.source import Span
 
-Kernel: TypeAlias = Literal["exact", "linear", "cvodes"]
-Integrator: TypeAlias = Literal["auto", "exact", "cvodes"]
+Kernel: TypeAlias = Literal["exact", "linear", "cvodes", "dopri5"]
+Integrator: TypeAlias = Literal["auto", "exact", "cvodes", "dopri5"]
 
 QUICK_DEGREE = 2
 """Straight-line code proves of margins of this degree that they keep their sign."""
@@ -105,8 +105,8 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
         return Refused("its conditions have too many cases of abs, min and max", flow.span, FEWER)
     margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
     solved, why = _solved(flow, margins_of([domain]), margins, integrator)
-    kernel: Kernel = "exact" if solved is not None else "cvodes"
-    if solved is None and integrator != "cvodes" and is_linear(flow):
+    kernel: Kernel = "exact" if solved is not None else "dopri5" if integrator == "dopri5" else "cvodes"
+    if solved is None and integrator not in ("cvodes", "dopri5") and is_linear(flow):
         kernel, why = "linear", "its equations are linear: power series to the last digit"
     elif solved is None and integrator == "exact":
         advice = "leave out `integrator=exact`, or make the flow and its domain polynomial in time"
@@ -146,8 +146,8 @@ def _solved(
     flow: Flow, domain: Sequence[Term], margins: Sequence[Term], integrator: Integrator
 ) -> tuple[Solution | None, str]:
     """The polynomial solution if it can be used, and the reason for the kernel that follows from it."""
-    if integrator == "cvodes":
-        return None, "integrator=cvodes was asked for"
+    if integrator in ("cvodes", "dopri5"):
+        return None, f"integrator={integrator} was asked for"
     solution = solve(flow)
     if isinstance(solution, NotPolynomial):
         return None, solution.reason

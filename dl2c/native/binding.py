@@ -31,12 +31,15 @@ AUTORESET = {"disabled": 0, "next_step": 1, "same_step": 2}
 ON_BLOCKED = {"fallback": 0, "truncate": 1, "terminate": 2}
 ACTION_MAP = {"project": 0, "squash": 1}
 
+MOST_THREADS = 256
+
 ERR_RESET, ERR_STATE, ERR_BLOCKED = -3, -4, -6
 
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """`dl2c_sizes`: how many entries each kind of row has; `obs_size` is bytes per observation entry."""
+    """`dl2c_sizes`: how many entries each kind of row has; `obs_size` is bytes per observation entry,
+    `snapshot_size` bytes of all that an environment keeps between steps."""
 
     nx: int
     np: int
@@ -50,6 +53,7 @@ class Sizes:
     nflow: int
     nroot: int
     obs_size: int
+    snapshot_size: int
 
 
 OUTCOME = struct.Struct("@3d3i6?")
@@ -94,11 +98,15 @@ class Library:
         blocked_penalty: float = 0.0,
         max_steps: int = 1000,
         stall_limit: int = 0,
+        threads: int = 1,
     ) -> "Batch":
         """n environments, none of them begun: call `reset` first.
 
-        Raises `ValueError` for a value that is no option, `NativeError` if the library refuses.
+        `threads` of them share the work of a call; results are the same for any number. Raises
+        `ValueError` for a value that is no option, `NativeError` if the library refuses.
         """
+        if not 1 <= threads <= MOST_THREADS:
+            raise ValueError(f"`num_threads` is from 1 to {MOST_THREADS}, not {threads}")
         options = {
             "max_steps": max_steps,
             "stall_limit": stall_limit,
@@ -106,6 +114,7 @@ class Library:
             "autoreset": _code("autoreset", autoreset, AUTORESET),
             "on_blocked": _code("on_blocked", on_blocked, ON_BLOCKED),
             "action_map": _code("action_map", action_map, ACTION_MAP),
+            "threads": threads,
         }
         return Batch(self, n, options)
 
@@ -264,6 +273,20 @@ class Batch:
         """Overwrite them as they are, mid-episode; the mask follows. For planners and tests."""
         self.check(self._lib.dl2c_batch_set_state(self._handle, self._index(i), *self.library.state(x, p)))
 
+    def save(self, i: int) -> bytes:
+        """All that environment i keeps between steps (`snapshot_size` bytes)."""
+        kept = np.empty(self.library.sizes.snapshot_size, np.uint8)
+        memory = self.library.row(kept, np.uint8, len(kept), "uint8_t[]")
+        self.check(self._lib.dl2c_batch_save(self._handle, self._index(i), memory))
+        return kept.tobytes()
+
+    def restore(self, i: int, kept: bytes) -> None:
+        """Go on in environment i from what `save` of the same library returned."""
+        memory = self.library.row(
+            np.frombuffer(kept, np.uint8), np.uint8, self.library.sizes.snapshot_size, "uint8_t[]"
+        )
+        self.check(self._lib.dl2c_batch_restore(self._handle, self._index(i), memory))
+
     def close(self) -> None:
         """Free the environments; the arrays stay. Any later call raises `NativeError`."""
         if self._handle:
@@ -272,6 +295,10 @@ class Batch:
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a batch cannot be pickled; send the model's text and options")
+
+    def arrays(self) -> list[NDArray[Any]]:
+        """All arrays that a step reads or writes."""
+        return [array for _, array in self._arrays()]
 
     def _arrays(self) -> list[tuple[str, NDArray[Any]]]:
         """Every field of `dl2c_buffers` with its array."""

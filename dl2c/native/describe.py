@@ -16,7 +16,7 @@ from dl2c.options import Options
 from dl2c.paths.path import END
 from dl2c.sampling.plan import SamplingPlan
 
-ABI_VERSION = 3
+ABI_VERSION = 4
 STREAM_VERSION = 2
 """Of cgen/include/dl2c.h; a test holds them together."""
 

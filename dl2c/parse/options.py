@@ -44,7 +44,7 @@ OPTIONS = {
     "observation_bounds": Option(("declared", "unbounded")),
     "tolerance": Option(kind="decimal", least=0),
     "safety_check": Option(("auto", "continuous", "step")),
-    "integrator": Option(("auto", "exact", "cvodes")),
+    "integrator": Option(("auto", "exact", "cvodes", "dopri5")),
     "stiff": Option(("auto", "true", "false")),
     "rtol": Option(kind="decimal", least=0, open=True),
     "atol": Option(kind="decimal", least=0, open=True),

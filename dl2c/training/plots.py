@@ -33,7 +33,7 @@ def plot_curves(curves: Mapping[str, Sequence[Sequence["Point"]]], path: Path) -
             axis.set_ylim(-0.02, 1.02)
     axes[-1].set_xlabel("environment steps")
     axes[0].legend(loc="best", fontsize="small")
-    _save(figure, path)
+    save(figure, path)
 
 
 def plot_trajectory(
@@ -48,7 +48,7 @@ def plot_trajectory(
         axis.grid(alpha=0.3)
     axes[0].set_title(title, fontsize="medium")
     axes[-1].set_xlabel("time / s")
-    _save(figure, path)
+    save(figure, path)
 
 
 def _axes(rows: int) -> tuple[Any, Any]:
@@ -61,6 +61,29 @@ def _axes(rows: int) -> tuple[Any, Any]:
     return figure, figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
 
 
-def _save(figure: Any, path: Path) -> None:
+def bars(rows: Sequence[tuple[str, float, float, float]], title: str) -> Any:
+    """Titles with a value, its lowest and its highest each, as bars on a logarithmic axis."""
+    figure, (axis,) = _axes(1)
+    figure.set_size_inches(8, 1 + 0.3 * len(rows))
+    names, values, lows, highs = zip(*rows, strict=True)
+    places = range(len(rows))
+    spread = [
+        [v - low for v, low in zip(values, lows, strict=True)],
+        [high - v for v, high in zip(values, highs, strict=True)],
+    ]
+    axis.barh(places, values, xerr=spread, color="C0", ecolor="C1", capsize=3)
+    for place, high, value in zip(places, highs, values, strict=True):
+        axis.annotate(f"{value:,.0f}", (high, place), (6, 0), textcoords="offset points", va="center")
+    axis.set_yticks(places, names)
+    axis.invert_yaxis()
+    axis.set_xscale("log")
+    axis.set_xlim(right=6 * max(highs))
+    axis.set_title(title, fontsize="medium")
+    axis.grid(axis="x", alpha=0.3)
+    return figure
+
+
+def save(figure: Any, path: Path) -> None:
+    """Write a figure as PNG; folders are made."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120, metadata={"Software": None})

@@ -121,7 +121,7 @@ static void check(const dl2c_batch *b, const arrays *a, int64_t n)
   }
 }
 
-static void run(int64_t n, int mode, uint64_t seed)
+static void run(int64_t n, int mode, uint64_t seed, int32_t threads)
 {
   dl2c_rng rng = dl2c_rng_make(seed, (uint64_t)mode);
   arrays a;
@@ -131,7 +131,8 @@ static void run(int64_t n, int mode, uint64_t seed)
                                 .blocked_penalty = -0.25,
                                 .autoreset = mode % 3,
                                 .on_blocked = mode / 3 % 3,
-                                .action_map = mode / 9 % 2};
+                                .action_map = mode / 9 % 2,
+                                .threads = threads};
   dl2c_batch *b = NULL;
   expect(dl2c_batch_create(n, &options, &a.out, &b) == DL2C_OK, "create");
   uint64_t *seeds = malloc((size_t)n * sizeof *seeds);
@@ -168,7 +169,8 @@ static void misuse(void)
          "none");
   const dl2c_options wrong[] = {{.max_steps = -1}, {.stall_limit = -1},     {.autoreset = 3},
                                 {.autoreset = -1}, {.on_blocked = 3},       {.on_blocked = -1},
-                                {.action_map = 2}, {.blocked_penalty = NAN}};
+                                {.action_map = 2}, {.blocked_penalty = NAN},
+                                {.threads = -1},   {.threads = 257}};
   for (size_t k = 0; k < sizeof wrong / sizeof *wrong; k++)
     expect(dl2c_batch_create(1, &wrong[k], &a.out, &b) == DL2C_ERR_ARG,
            "an option that does not exist");
@@ -188,7 +190,7 @@ static void misuse(void)
 
 static void *thread(void *seed)
 {
-  for (int mode = 0; mode < MODES; mode += 5) run(97, mode, *(const uint64_t *)seed);
+  for (int mode = 0; mode < MODES; mode += 5) run(97, mode, *(const uint64_t *)seed, 1);
   return NULL;
 }
 
@@ -201,12 +203,13 @@ int main(int argc, char **argv)
       expect(pthread_create(&threads[k], NULL, thread, (void *)(uintptr_t)&seeds[k]) == 0,
              "create");
     for (int k = 0; k < 2; k++) pthread_join(threads[k], NULL);
+    for (int mode = 0; mode < MODES; mode += 5) run(1000, mode, 3, 3);
     return 0;
   }
   const int64_t sizes[] = {1, 7, 64, 1000};
   const int every = argc > 1 && strcmp(argv[1], "long") == 0 ? 1 : 5;
   misuse();
   for (int k = 0; k < 4; k++)
-    for (int mode = k % every; mode < MODES; mode += every) run(sizes[k], mode, (uint64_t)mode + 1);
+    for (int mode = k % every; mode < MODES; mode += every) run(sizes[k], mode, (uint64_t)mode + 1, 1 + k % 2);
   return 0;
 }

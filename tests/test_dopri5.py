@@ -1,0 +1,133 @@
+"""The Runge-Kutta kernel: its order, its tolerance, its interpolant; and that it agrees with CVODES."""
+
+import math
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+from flow_library import Compiled, compiled
+from flow_oracle import judge, moved
+from ir_builder import formula, term
+from random_odes import VARIABLES, Start, flows_model, random_flow
+from test_flow_agreement import difference, horizon
+from test_flow_laws import FLOWS, starts
+
+import dl2c
+from dl2c.ir.kernel import FlowPlan, plan_flow
+from dl2c.ir.model import Flow
+from dl2c.ir.printer import print_flow
+
+CONSTANTS = {"a": 1.0, "b": 2.0, "c": 0.3, "d": 2.0}
+
+
+def pendulum(folder: Path, rtol: str, stop: str = "3", domain: str = "True") -> Callable[[], Any]:
+    """A swing from a quarter turn; runs it."""
+    inside = formula(domain)
+    flow = Flow((("x", term("y")), ("y", term("-sin(x)"))), inside, inside, (), Fraction(stop))
+    tolerances: dict[str, Any] = {"rtol": Fraction(rtol), "atol": Fraction(rtol)}
+    library = compiled(flows_model("swing", (flow,)), folder, "dopri5", **tolerances)
+    state = dict.fromkeys(VARIABLES, 0.0) | {"x": 1.5, "t": 0.0}
+    return lambda: library.run(0, Start(state, CONSTANTS))
+
+
+def test_errors_fall_with_the_tolerance(tmp_path: Path) -> None:
+    best = pendulum(tmp_path / "best", "1e-13")().state["x"]
+    errors = [abs(pendulum(tmp_path / rtol, rtol)().state["x"] - best) for rtol in ("1e-4", "1e-7", "1e-10")]
+    assert all(error < 3 * float(rtol) for error, rtol in zip(errors, ("1e-4", "1e-7", "1e-10"), strict=True))
+    assert errors[0] > 30 * errors[1] > 900 * errors[2] > 0
+
+
+def test_events_lie_on_the_interpolant_as_exactly_as_steps(tmp_path: Path) -> None:
+    """The first time that y = -1/2: between two steps, whatever the tolerance."""
+    true = pendulum(tmp_path / "true", "1e-13", domain="y >= -1/2")().duration
+    for rtol in ("1e-5", "1e-7", "1e-9", "1e-11"):
+        arrival = pendulum(tmp_path / rtol, rtol, domain="y >= -1/2")()
+        assert arrival.state["y"] == -0.5
+        assert abs(arrival.duration - true) < 10 * float(rtol)
+
+
+def test_it_uses_no_solver_and_no_pointer_per_flow() -> None:
+    flows = dl2c.build("example:dubins", integrator="dopri5").library.manifest.flows
+    assert [(f.kernel, f.reason) for f in flows] == [("dopri5", "integrator=dopri5 was asked for")]
+
+
+def test_a_car_drives_as_with_cvodes() -> None:
+    batches = [
+        dl2c.build("example:dubins", integrator=kind).library.batch(64, autoreset="same_step")
+        for kind in ("dopri5", "cvodes")
+    ]
+    rng = np.random.default_rng(2)
+    for batch in batches:
+        batch.reset(seeds=np.arange(64, dtype=np.uint64))
+    for _ in range(50):
+        wanted = rng.uniform(-2, 2, batches[0].inputs.shape)
+        for batch in batches:
+            batch.inputs[:] = wanted
+            batch.step()
+        for i in range(64):
+            batches[1].set_state(i, *batches[0].get_state(i))
+        assert np.allclose(batches[0].obs, batches[1].obs, rtol=1e-6, atol=1e-6)
+
+
+def agreement(seed: int, count: int, folder: Path) -> tuple[int, int]:
+    """How many random flows were compared with CVODES at its tolerance, and how many met an event."""
+    rng = Random(f"dopri5 {seed}")
+    flows: list[Flow] = []
+    while len(flows) < FLOWS:
+        flow = random_flow(rng, rng.choice(("nonlinear", "nonlinear", "linear", "polynomial")))
+        if isinstance(plan_flow(flow, [], "dopri5"), FlowPlan):
+            flows.append(flow)
+    libraries: list[Compiled] = [
+        compiled(flows_model(f"{kind}{seed}", tuple(flows)), folder, kind) for kind in ("dopri5", "cvodes")
+    ]
+    compared = ended = 0
+    for k, start in starts(tuple(flows), seed, count):
+        ours, theirs = (library.run(k, start) for library in libraries)
+        if ours.reason or theirs.reason:
+            continue
+        state = {x: theirs.state[x] for x, _ in flows[k].equations}
+        compared += 1
+        ended += 0 < theirs.duration < horizon(flows[k], start)
+        error = difference(ours, theirs.duration, state)
+        if error > 3e-8:
+            size = moved(flows[k], start.environment, judge(flows[k], start.environment))
+            assert error <= 6e-8 * size, f"{print_flow(flows[k])}\n{start}\n{ours}\n{theirs}"
+    return compared, ended
+
+
+def test_random_flows_end_as_with_cvodes(tmp_path: Path) -> None:
+    compared, ended = agreement(0, 700, tmp_path)
+    assert compared > 500 and ended > 100
+
+
+@pytest.mark.slow
+def test_ten_thousand_random_flows_end_as_with_cvodes(tmp_path: Path) -> None:
+    counts = [agreement(seed, 1300, tmp_path) for seed in range(1, 11)]
+    assert sum(c for c, _ in counts) >= 10_000 and sum(e for _, e in counts) > 2_000
+
+
+def test_the_fifth_root_is_one(tmp_path: Path) -> None:
+    """Step lengths follow from it: within a thousandth, over all magnitudes."""
+    import ctypes
+    import subprocess
+
+    from dl2c.native import cgen_dir
+
+    text = (cgen_dir() / "runtime" / "dopri5.h").read_text(encoding="utf-8")
+    start = text.index("static real dl2c_fifth_root")
+    body = text[start : text.index("\n}\n", start) + 3].replace("static real", "double")
+    source = tmp_path / "root.c"
+    source.write_text(f"#include <math.h>\ntypedef double real;\n{body}")
+    subprocess.run(
+        ["cc", "-O1", "-fPIC", "-shared", str(source), "-o", str(tmp_path / "root.so"), "-lm"], check=True
+    )
+    root: Any = ctypes.CDLL(str(tmp_path / "root.so")).dl2c_fifth_root
+    root.restype, root.argtypes = ctypes.c_double, [ctypes.c_double]
+    for k in range(-320, 308):
+        for part in (1.0, 1.7, 3.3, 9.9):
+            value = part * 10.0**k
+            assert math.isclose(root(value), value**0.2, rel_tol=1e-3)
