@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 from dl2c.env.actions import action_space, encoding, flat_format, masks, write
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin
-from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
+from dl2c.env.spaces import STATUS, SUCCESS, cells_of, observation_space, reason_names
 from dl2c.env.state import state_line
 from dl2c.env.targeted import check_uniform
 
@@ -47,6 +47,9 @@ class Dl2cVecEnv(VecEnv):
         )
         self.encoding = encoding(self.manifest, flat_format(self.manifest))
         self._reasons = reason_names(self.manifest)
+        b = self.batch
+        columns = (b.terminated, b.truncated, b.status, b.reason, b.cost, b.blocked, b.time)
+        self._cells = tuple(map(cells_of, columns))
         self._rng = np.random.default_rng()
         self._seeded = np.zeros(num_envs, np.bool_)
         self._actions: Any = None
@@ -78,16 +81,16 @@ class Dl2cVecEnv(VecEnv):
         return self.batch.obs.copy(), self.batch.rewards.astype(np.float32), dones, infos
 
     def _last_info(self, i: int) -> dict[str, Any]:
-        b = self.batch
+        terminated, truncated, status, reason, cost, blocked, time = self._cells
         return {
-            "terminal_observation": b.final_obs[i].copy(),
-            "TimeLimit.truncated": bool(b.truncated[i]) and not b.terminated[i],
-            "is_success": bool(b.status[i] == SUCCESS),
-            "status": STATUS[b.status[i]],
-            "reason": self._reasons[int(b.reason[i])],
-            "cost": int(b.cost[i]),
-            "blocked": bool(b.blocked[i]),
-            "time": float(b.time[i]),
+            "terminal_observation": self.batch.final_obs[i].copy(),
+            "TimeLimit.truncated": truncated[i] and not terminated[i],
+            "is_success": status[i] == SUCCESS,
+            "status": STATUS[status[i]],
+            "reason": self._reasons[reason[i]],
+            "cost": cost[i],
+            "blocked": blocked[i],
+            "time": time[i],
         }
 
     def action_masks(self) -> NDArray[np.bool_]:
