@@ -171,6 +171,7 @@ def test_what_is_no_number_is_not_satisfied(bad: str, tmp_path: Path) -> None:
 def test_every_operation_compiles(tmp_path: Path) -> None:
     text = prelude(" ".join(f"{name}(" for name in OPERATIONS))
     limits = "".join(f"#define IV_{n} DBL_{v}\n" for n, v in LIMITS.items())
+    limits += "#define IV_TINY 1e-100\n"
     truths = "enum { IV_FALSE, IV_UNKNOWN, IV_TRUE };\n#define IV_SQRT sqrt\ntypedef double real;\n"
     headers = "#include <float.h>\n#include <math.h>\n#include <stdbool.h>\n"
     compile_program({"main.c": f"{headers}{limits}{truths}{text}int main(void) {{ return 0; }}\n"}, tmp_path)
