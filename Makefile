@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo test test-slow lint bench corpus sampling-report fuzz clean
+.PHONY: help demo test test-slow test-target lint bench corpus sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | test | test-slow | lint | bench | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | test | test-slow | test-target | lint | bench | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -23,6 +23,16 @@ test: $(READY)
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q -m slow
+
+# Exported monitors on an emulated Cortex-M4, and what an analyser says of their C.
+TARGET_PROGRAMS := arm-none-eabi-gcc qemu-system-arm frama-c
+TARGET_PACKAGES := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm frama-c-base
+
+test-target: $(READY)
+	@command -v $(TARGET_PROGRAMS) >/dev/null && test "$$(command -v $(TARGET_PROGRAMS) | wc -l)" = 3 || \
+	  { echo "make test-target: needs $(TARGET_PROGRAMS): apt install $(TARGET_PACKAGES)" >&2; exit 1; }
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -q tests/test_target.py \
+	  tests/test_monitor_size.py tests/test_monitor_analysed.py
 
 lint: $(READY)
 	@status=0; \

@@ -11,11 +11,12 @@ from typing import Any
 
 import pytest
 from conftest import REPOSITORY
-from monitor_program import Program, program_of
+from monitor_program import program_of
 
 from dl2c.commands.monitor import unit_of
 from dl2c.diagnostics import CompileError
 from dl2c.emit.interval_c import OPERATIONS, enclosing, prelude
+from dl2c.emit.monitor_h import Unit
 from dl2c.emit.monitor_text import monitor_files
 from dl2c.emit.sound_monitor_c import LIMITS
 from dl2c.ir.evaluate import evaluate, truth
@@ -48,9 +49,9 @@ def exactly(check: Check, row: Row) -> bool:
     return any(all(truth(c.formula, env, exact=True) for c in case.conditions) for case in check.cases)
 
 
-def random_row(check: Check, case: Case, program: Program, rng: random.Random) -> Row:
+def random_row(check: Check, case: Case, unit: Unit, rng: random.Random) -> Row:
     """States and parameters inside their bounds, or near numbers of small size; equalities of a case hold."""
-    model = program.unit.monitor.model
+    model = unit.monitor.model
 
     def inside(bound: Any) -> float:
         low = -10.0 if bound.low is None else float(bound.low)
@@ -58,7 +59,7 @@ def random_row(check: Check, case: Case, program: Program, rng: random.Random) -
         return rng.uniform(low, high)
 
     before = {v.name: inside(v.bound) for v in model.variables}
-    row = [before, {c.name: inside(c.bound) for c in program.unit.parameters}]
+    row = [before, {c.name: inside(c.bound) for c in unit.parameters}]
     return [before, before | explained(case, before, row[1]), row[1]] if check.transition else row
 
 
@@ -125,7 +126,7 @@ def test_no_verdict_near_a_boundary_is_wrong(example: str, real: str, count: int
         rows: list[Row] = []
         for _ in range(count):
             case = rng.choice(check.cases)
-            row = random_row(check, case, program, rng)
+            row = random_row(check, case, unit, rng)
             rows += [row, *(boundaries(row, check, rng) if exactly(check, row) else ())]
         rows = list(map(to_single, rows)) if unit.single else rows
         for row, (number, unknown) in zip(rows, program.verdicts(check.kind, rows), strict=True):
@@ -171,6 +172,7 @@ def test_what_is_no_number_is_not_satisfied(bad: str, tmp_path: Path) -> None:
 def test_every_operation_compiles(tmp_path: Path) -> None:
     text = prelude(" ".join(f"{name}(" for name in OPERATIONS))
     limits = "".join(f"#define IV_{n} DBL_{v}\n" for n, v in LIMITS.items())
+    limits += "#define IV_TINY 1e-100\n"
     truths = "enum { IV_FALSE, IV_UNKNOWN, IV_TRUE };\n#define IV_SQRT sqrt\ntypedef double real;\n"
     headers = "#include <float.h>\n#include <math.h>\n#include <stdbool.h>\n"
     compile_program({"main.c": f"{headers}{limits}{truths}{text}int main(void) {{ return 0; }}\n"}, tmp_path)

@@ -91,7 +91,7 @@ def wrapped(statement: str) -> list[str]:
     """A long statement over several lines, broken before operators."""
     if len(statement) <= WIDTH - 2:
         return [statement]
-    parts = statement.replace(" & ", "\n& ").replace(" | ", "\n| ").replace(", ", ",\n").split("\n")
+    parts = re.sub(r" (?=(&&?|\|\|?) )", "\n", statement).replace(", ", ",\n").split("\n")
     lines: list[str] = []
     for part in parts:
         if lines and len(lines[-1]) + len(part) + 1 <= WIDTH - 2:

@@ -4,7 +4,7 @@ Every operation widens its result by more than the rounding error of one operati
 the smallest normal number, which covers results that are denormal or flushed to zero (after Rump,
 Zimmermann, Boldo, Melquiond: "Computing predecessor and successor in rounding to nearest", 2009). So a
 contraction to fused operations does no harm. An interval with `lo > hi` says nothing: an operand is
-undefined, or a number too large. Truth is 0, 1 (not decided) or 2.
+undefined, or a number too large or a divisor too small. Truth is 0, 1 (not decided) or 2.
 """
 
 import re
@@ -105,7 +105,7 @@ static inline iv_pair iv_product(iv_pair a, iv_pair b)
     "iv_quotient": """\
 static inline iv_pair iv_quotient(iv_pair a, iv_pair b)
 {
-  if (!(is_known(a) && is_known(b) && (b.lo > 0 || b.hi < 0)))
+  if (!(is_known(a) && (b.lo >= IV_TINY || b.hi <= -IV_TINY) && b.lo <= b.hi))
     return (iv_pair){1, 0};
   const real p = a.lo / b.lo, q = a.lo / b.hi, r = a.hi / b.lo, s = a.hi / b.hi;
   return iv_around(p, q, r, s);

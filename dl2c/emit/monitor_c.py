@@ -6,6 +6,7 @@ condition of the case that came closest.
 """
 
 import re
+import struct
 from collections.abc import Callable
 from fractions import Fraction
 
@@ -15,7 +16,7 @@ from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor_h import Unit, head, title_of
 from dl2c.interval.arithmetic import Interval, enclosure
 from dl2c.ir.logic import delta
-from dl2c.ir.model import Bound, Symbol
+from dl2c.ir.model import UNBOUNDED, Bound, Symbol
 from dl2c.monitor.check import OUT_OF_RANGE, Case, Check, Condition, after
 from dl2c.symbolic.terms import Builder
 
@@ -34,7 +35,7 @@ def monitor_c(unit: Unit) -> str:
     functions: list[str] = []
     for check in unit.monitor.checks:
         functions += [_case(unit, check, k, case, leaves) for k, case in enumerate(check.cases)]
-        functions += [_margin(unit, check, leaves), _check(unit, check)]
+        functions += [_margin(unit, check, leaves), *_choice(unit, check), _check(unit, check)]
     body = "\n".join([*leaves.texts, in_range(unit), *functions])
     used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
     smallest = "FLT_MIN" if unit.single else "DBL_MIN"
@@ -51,20 +52,32 @@ def monitor_c(unit: Unit) -> str:
 
 
 def _builder(unit: Unit) -> Builder:
-    """Conditions of definedness are left out where the range of all numbers proves them."""
+    """Conditions of definedness are left out where the ranges of all numbers prove them."""
+    constants = unit.monitor.model.constants
+    ranges = {Symbol(c.name, "constant"): _enclosed(unit, c.bound, c.value) for c in constants}
     if unit.single:
         limit = float(unit.largest)
-        return Builder({}, Interval(-limit, limit), LARGEST_SINGLE)
-    constants = unit.monitor.model.constants
-    return Builder({Symbol(c.name, "constant"): _enclosed(unit, c.bound, c.value) for c in constants})
+        return Builder(ranges, Interval(-limit, limit), LARGEST_SINGLE)
+    return Builder(ranges)
 
 
 def _enclosed(unit: Unit, bound: Bound, value: Fraction | None) -> Interval:
-    if value is not None:
-        return enclosure(value)
-    low = -unit.largest if bound.low is None else bound.low
-    high = unit.largest if bound.high is None else bound.high
-    return Interval(enclosure(low).low, enclosure(high).high)
+    """What a constant is limited to, as the code has these limits."""
+    ends = _limits(unit, bound) if value is None else (value, value)
+    around = [_single(end) if unit.single else enclosure(end) for end in ends]
+    return Interval(around[0].low, around[1].high)
+
+
+def _limits(unit: Unit, bound: Bound) -> tuple[Fraction, Fraction]:
+    """A range, no wider than that of all numbers."""
+    low = -unit.largest if bound.low is None else max(bound.low, -unit.largest)
+    return low, unit.largest if bound.high is None else min(bound.high, unit.largest)
+
+
+def _single(value: Fraction) -> Interval:
+    """The nearest float."""
+    (nearest,) = struct.unpack("f", struct.pack("f", float(value)))
+    return Interval(nearest, nearest)
 
 
 def order_of(unit: Unit) -> Callable[[Symbol], int]:
@@ -129,16 +142,19 @@ def _grouped(text: str) -> str:
 
 def _margin(unit: Unit, check: Check, leaves: Leaves) -> str:
     """How far a state is from satisfying a condition."""
+    values: dict[int, str] = {}
+    numbers: dict[int, list[int]] = {}
+    for condition in (c for case in check.cases for c in case.conditions):
+        term = delta(condition.formula)
+        if term is None:
+            continue
+        first = condition.first
+        about = f"The margin of condition {first}."
+        values[first] = leaves.term(f"margin_n{first}", term, about, places(unit, check))
+        numbers.setdefault(first, []).append(condition.number)
     body: list[str] = []
-    for case in check.cases:
-        for condition in case.conditions:
-            term = delta(condition.formula)
-            if term is None:
-                continue
-            first = condition.first
-            name, about = f"margin_n{first}", f"The margin of condition {first}."
-            value = leaves.term(name, term, about, places(unit, check))
-            body += [f"case {condition.number}:", *wrapped(f"  return {value};")]
+    for first, value in values.items():
+        body += [*(f"case {n}:" for n in numbers[first]), *wrapped(f"  return {value};")]
     return function(
         f"static real {check.kind}_margin(int id, {arguments(unit, check)}",
         [*(["switch (id) {", *(f"  {b}" for b in body), "  default:", "    break;", "}"] if body else []),
@@ -147,63 +163,70 @@ def _margin(unit: Unit, check: Check, leaves: Leaves) -> str:
     )  # fmt: skip
 
 
+def _choice(unit: Unit, check: Check) -> list[str]:
+    """Any of several cases by its index."""
+    if len(check.cases) < 2:
+        return []
+    called = [f"  return {check.kind}_case{k}({passed(check)});" for k in range(len(check.cases))]
+    labels = [*(f"case {k}:" for k in range(len(called) - 1)), "default:"]
+    body = [line for pair in zip(labels, called, strict=True) for line in pair]
+    signature = f"static int {check.kind}_case(int k, {arguments(unit, check)}"
+    return [function(signature, ["switch (k) {", *(f"  {b}" for b in body), "}"])]
+
+
 def _check(unit: Unit, check: Check) -> str:
-    """A check, as the header declares it."""
+    """A check, as the header declares it. A loop over the cases takes less code than one after another."""
     states = ("before", "after") if check.transition else ("state",)
     usable = " && ".join([*(f"is_state({s})" for s in states), "are_parameters(parameters)"])
-    lines = [
-        f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, -DL2C_SMALLEST}};",
-        f"if (!({usable}))",
-        "  return verdict;",
-        *(["int closest = -1;"] if any(case.conditions for case in check.cases) else []),
-    ]
-    for k, case in enumerate(check.cases):
-        first = case.conditions[0].number if case.conditions else 0
+    count = len(check.cases)
+    firsts = [str(case.conditions[0].number if case.conditions else 0) for case in check.cases]
+    lines = [f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, -DL2C_SMALLEST}};"]
+    satisfied = ["if (id == 0) {", "  verdict.id = 0;", "  verdict.val = 0;", "  return verdict;", "}"]
+    if count > 1:
+        lines += wrapped(f"static const int firsts[{count}] = {{{', '.join(firsts)}}};")
+    lines += [f"if (!({usable}))", "  return verdict;"]
+    if count == 1:
+        lines += [f"const int id = {check.kind}_case0({passed(check)});", *satisfied, "verdict.id = id;"]
+    elif count > 1:
+        nearer = ["if (id - firsts[k] > closest) {", "  closest = id - firsts[k];", "  verdict.id = id;", "}"]
+        found = f"const int id = {check.kind}_case(k, {passed(check)});"
+        loop = [found, *satisfied, *nearer]
         lines += [
-            f"const int case{k} = {check.kind}_case{k}({passed(check)});",
-            f"if (case{k} == 0) {{",
-            "  verdict.id = 0;",
-            "  verdict.val = 0;",
-            "  return verdict;",
+            "int closest = -1;",
+            f"for (int k = 0; k < {count}; k++) {{",
+            *(f"  {b}" for b in loop),
             "}",
         ]
-        if case.conditions:
-            lines += [
-                f"if (case{k} - {first} > closest) {{",
-                f"  closest = case{k} - {first};",
-                f"  verdict.id = case{k};",
-                "}",
-            ]
-    lines += [
-        f"const real margin = {check.kind}_margin(verdict.id, {passed(check)});",
-        "if (margin < verdict.val)",
-        "  verdict.val = margin;",
-        "return verdict;",
-    ]
-    return function(head(unit, check), lines)
+    return function(
+        head(unit, check),
+        [
+            *lines,
+            f"const real margin = {check.kind}_margin(verdict.id, {passed(check)});",
+            "if (margin < verdict.val)",
+            "  verdict.val = margin;",
+            "return verdict;",
+        ],
+    )
 
 
 def in_range(unit: Unit) -> str:
     """The conditions under which numbers may be used at all; every comparison is false for a NaN."""
     model = unit.monitor.model
     limit = unit.literal(unit.largest)
-    inside = [_bounded(f"state->{names.member(v.name)}", f"-{limit}", limit) for v in model.variables]
-    allowed = [
-        _bounded(
-            f"parameters->{names.member(c.name)}",
-            f"-{limit}" if c.bound.low is None else unit.literal(c.bound.low),
-            limit if c.bound.high is None else unit.literal(c.bound.high),
-        )
-        for c in unit.parameters
-    ]
+    magnitude = "fabsf" if unit.single else "fabs"
+
+    def bounded(value: str, bound: Bound) -> str:
+        if bound == UNBOUNDED and not unit.sound:
+            return f"{magnitude}({value}) <= {limit}"
+        low, high = map(unit.literal, _limits(unit, bound))
+        return f"{low} <= {value} && {value} <= {high}"
+
+    inside = [bounded(f"state->{names.member(v.name)}", UNBOUNDED) for v in model.variables]
+    allowed = [bounded(f"parameters->{names.member(c.name)}", c.bound) for c in unit.parameters]
     checks = (("is_state", "state", inside), ("are_parameters", "parameters", allowed))
     texts: list[str] = []
     for name, kind, parts in checks:
-        condition = " & ".join(parts or ["true"])
+        condition = " && ".join(parts or ["true"])
         signature = f"static bool {name}(const {unit.stem}_{kind} *{kind})"
         texts.append(function(signature, wrapped(f"return {condition};")))
     return "\n".join(texts)
-
-
-def _bounded(value: str, low: str, high: str) -> str:
-    return f"({low} <= {value}) & ({value} <= {high})"

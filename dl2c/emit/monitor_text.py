@@ -74,8 +74,9 @@ def _readme(unit: Unit) -> str:
     kinds = "\n".join(_kind(unit, check) for check in unit.monitor.checks)
     return f"""# Monitor of {model.name}
 
-`{stem}_monitor.h` and `{stem}_monitor.c` are complete: C99, no allocation, no state, no recursion, no
-loops; of the C library only `<math.h>`, `<float.h>` and `<stdbool.h>`. Numbers are `{unit.real}`.
+`{stem}_monitor.h` and `{stem}_monitor.c` are complete: C99, no allocation, no state, no recursion,
+loops of constant length; of the C library only `<math.h>`, `<float.h>` and `<stdbool.h>`. Numbers are
+`{unit.real}`.
 
     cc -std=c99 -O2 -ffp-contract=off -c {stem}_monitor.c
 

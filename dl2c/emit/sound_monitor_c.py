@@ -24,16 +24,18 @@ def sound_monitor_c(unit: Unit) -> str:
     body = "\n".join([*leaves, in_range(unit), _settled(unit), *functions])
     kind = "FLT" if unit.single else "DBL"
     needs_root = "iv_root(" in body
+    text = prelude(body)
     return "\n".join(
         [
             f'{title_of(unit)}\n#include "{unit.stem}_monitor.h"\n',
             "#include <float.h>" + ("\n#include <math.h>" if needs_root else "") + "\n",
             *(f"#define IV_{name} {kind}_{value}" for name, value in LIMITS.items()),
+            *([f"#define IV_TINY {unit.literal(1 / unit.largest)}"] if "IV_TINY" in text else []),
             *([f"#define IV_SQRT {'sqrtf' if unit.single else 'sqrt'}"] if needs_root else []),
             "",
             "enum { IV_FALSE, IV_UNKNOWN, IV_TRUE };\n",
             f"typedef {unit.real} real;\n",
-            prelude(body),
+            text,
             body,
         ]
     )
