@@ -11,11 +11,19 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from dl2c.interval.arithmetic import Box
+from dl2c.interval.arithmetic import Box, Interval, truth
 from dl2c.ir.logic import atoms, folded, mapped, symbols
 from dl2c.ir.model import ONE, ZERO, Compare, Formula, Neg, Number, Sub, Symbol, Term
 from dl2c.ir.normal import normal_form
-from dl2c.sampling.algebra import derivative, fraction, is_affine, remainder, term_of
+from dl2c.sampling.algebra import (
+    content,
+    derivative,
+    fraction,
+    is_affine,
+    remainder,
+    term_of,
+    without_content,
+)
 from dl2c.sampling.linear import Solution, is_tautology, rank, replaced, solutions
 from dl2c.sampling.quadrics import Branch, Row, branches_of
 
@@ -72,6 +80,11 @@ def _eliminated(
     solved, left = _directly_solved(pending, names, rest, box, steep=False)
     if any(isinstance(e.left, Number) and isinstance(e.right, Number) for e in left):
         return
+    if (shorter := [_cancelled(e, rest, solved, box) for e in left]) != left:
+        others = shorter + [Compare("=", s.symbol, s.term) for s in solved]
+        conditions = [c for s in solved for c in s.conditions if c not in rest]
+        yield from _eliminated(others, (*rest, *conditions), names, chosen, box)
+        return
     known = {s.symbol for s in solved}
     equality, branches = _branching(left, [n for n in names if n not in known])
     if left and not branches:
@@ -86,6 +99,23 @@ def _eliminated(
         conditions = [c for s in solved for c in s.conditions] + [c for _, cs in reduced for c in cs]
         free = tuple(n for n in names if n != branch.symbol and n not in symbols(branch.term))
         yield from _eliminated(others, (*rest, *conditions, *branch.conditions), free, (*chosen, branch), box)
+
+
+def _cancelled(equality: Compare, rest: Sequence[Formula], solved: Sequence[Solution], box: Box) -> Compare:
+    """A polynomial equality divided by names that the other conjuncts keep from being zero."""
+    form = normal_form(Sub(equality.left, equality.right))
+    if form is None:
+        return equality
+    known = {(s.kind, s.name): s for s in symbols(equality)}
+    others = [*rest, *(c for s in solved for c in s.conditions)]
+    nonzero = {
+        key
+        for key in content(form)
+        if any(truth(c, {**box, known[key]: Interval(0.0, 0.0)}) == "false" for c in others)
+    }
+    if not nonzero:
+        return equality
+    return Compare("=", term_of(without_content(form, nonzero), known), ZERO, span=equality.span)
 
 
 def _branching(
