@@ -12,10 +12,11 @@ from typing import TypeAlias
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import INF, Box, Interval, enclosure, meet
 from dl2c.interval.contract import contract
-from dl2c.ir.logic import conjunction, conjuncts, mapped, negation, oriented, relaxed
-from dl2c.ir.model import Bound, Compare, Constant, Formula, Number, Sub, Symbol, Term, Variable
+from dl2c.ir.logic import conjunction, conjuncts, mapped, negation, oriented, relaxed, symbols
+from dl2c.ir.model import ZERO, Bound, Compare, Constant, Formula, Number, Sub, Symbol, Term, Variable
 from dl2c.ir.normal import normal_form
 from dl2c.sampling.acceptance import LARGEST
+from dl2c.sampling.algebra import term_of
 from dl2c.sampling.cases import Conjuncts, TooMany, alternatives
 from dl2c.sampling.equalities import Elimination, Unsolved, eliminate
 from dl2c.sampling.linear import replaced
@@ -140,7 +141,8 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
     free = tuple(s for s in items if s not in defined)
     bent = {row.symbol for row in elimination.rows}
     equal = [Compare("=", s, t) for s, t in elimination.definitions if s in bent]
-    formula = conjunction([*case, *(c for c in elimination.rest if c not in case), *equal])
+    further = [c for c in elimination.rest if c not in case]
+    formula = conjunction([*case, *further, *equal, *_shortened(elimination)])
     around = contract(formula, box)
     if around is None:
         return None
@@ -156,6 +158,19 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
         box={**around, **inside},
         measure=measure_of(elimination),
     )
+
+
+def _shortened(elimination: Elimination) -> Iterator[Compare]:
+    """Conjuncts that lose names where defined ones are replaced by their polynomials: intervals do not see
+    that these cancel."""
+    values = {s: t for s, t in elimination.definitions if normal_form(t) is not None}
+    for atom in elimination.rest:
+        if not isinstance(atom, Compare) or not symbols(atom) & values.keys():
+            continue
+        difference = replaced(Sub(atom.left, atom.right), values)
+        form, known = normal_form(difference), {(s.kind, s.name): s for s in symbols(difference)}
+        if form is not None and len(symbols(shorter := term_of(form, known))) < len(known):
+            yield Compare(atom.op, shorter, ZERO, span=atom.span)
 
 
 def _impossible(formula: Formula, items: Items, box: Box) -> Diagnostic:

@@ -17,7 +17,7 @@ from fractions import Fraction
 from typing import TypeAlias
 
 from dl2c.interval.arithmetic import INF, Box, enclosure, evaluate, magnitude
-from dl2c.interval.rounding import add_up, mul_up
+from dl2c.interval.rounding import add_up, div_up, mul_down, mul_up
 from dl2c.ir.logic import minus, plus, symbols, times
 from dl2c.ir.model import ONE, ZERO, Number, Symbol, Term
 from dl2c.ir.normal import normal_form
@@ -49,12 +49,15 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """The density is `scale * sqrt(squared)`; `rows` bound it one by one (Hadamard's inequality)."""
+    """The density is `scale * sqrt(squared)`; `rows`, or the columns that follow from them and from the
+    coefficients of `affine` names, bound it one by one (Hadamard's inequality). The first name of a row is
+    its own, and no other of it has a later row."""
 
     scale: float
     squared: Term
     rows: tuple[Mapping[Symbol, tuple[Entry, ...]], ...]
     inverse: Mapping[tuple[Symbol, Symbol], Fraction]
+    affine: tuple[Affine, ...] = ()
     widths: tuple[tuple[Term, ...], ...] = ()
     """The squares of the least of each are factors of `squared`."""
 
@@ -67,33 +70,68 @@ def measure_of(elimination: Elimination) -> Measure:
         if symbol not in bent:
             affine[symbol] = _affine(term, affine)
     determinant, inverse = _metric(list(affine.values()))
-    rows = [_entries(row, affine) for row in elimination.rows]
+    order = [symbol for symbol, _ in elimination.definitions]
+    rows = [_entries(r, affine) for r in sorted(elimination.rows, key=lambda r: order.index(r.symbol))]
     products = {
         (i, k): _inner(a, b, inverse) for i, a in enumerate(rows) for k, b in enumerate(rows) if i <= k
     }
     squared = _determinant(products, len(rows))
     if isinstance(squared, Number):
         return Measure(math.sqrt(determinant * squared.value), ONE, (), {})
-    return Measure(math.sqrt(determinant), squared, tuple(rows), inverse)
+    return Measure(math.sqrt(determinant), squared, tuple(rows), inverse, tuple(affine.values()))
 
 
 def largest_squared(measure: Measure, box: Box) -> float:
     """An upper bound of `squared` on a box of all names; may be infinite."""
-    result = 1.0
-    for row in measure.rows:
-        sizes = [(z, _size(entries, box)) for z, entries in row.items()]
-        plain, refined = 0.0, 0.0
-        for a, first in sizes:
-            plain = add_up(plain, mul_up(first, first))
-            for b, second in sizes:
-                if share := abs(_at(measure.inverse, a, b)):
-                    part = mul_up(enclosure(share).high, mul_up(first, second))
-                    refined = add_up(refined, part)
-        result = mul_up(result, min(plain, refined))
+    sizes = [{z: _size(entries, box) for z, entries in row.items()} for row in measure.rows]
+    result = min(_by_rows(measure, sizes), _by_columns(measure, sizes))
     for widths in measure.widths:
         longest = max(min(evaluate(w, box).high for w in widths), 0.0)
         result = mul_up(result, mul_up(longest, longest))
     return result if not math.isnan(result) else INF
+
+
+def _by_rows(measure: Measure, sizes: Sequence[Mapping[Symbol, float]]) -> float:
+    result = 1.0
+    for row in sizes:
+        plain, refined = 0.0, 0.0
+        for a, first in row.items():
+            plain = add_up(plain, mul_up(first, first))
+            for b, second in row.items():
+                if share := abs(_at(measure.inverse, a, b)):
+                    part = mul_up(enclosure(share).high, mul_up(first, second))
+                    refined = add_up(refined, part)
+        result = mul_up(result, min(plain, refined))
+    return result if not math.isnan(result) else INF
+
+
+def _by_columns(measure: Measure, sizes: Sequence[Mapping[Symbol, float]]) -> float:
+    """By how much all names together change with each drawn one."""
+    whole: dict[Symbol, dict[Symbol, float]] = {}
+    for row in sizes:
+        own = next(iter(row))
+        whole[own] = _changes({z: size for z, size in row.items() if z != own}, whole)
+    affine = [_changes({z: enclosure(abs(c)).high for z, c in a.items()}, whole) for a in measure.affine]
+    columns: dict[Symbol, float] = {}
+    for changes in (*whole.values(), *affine):
+        for drawn, size in changes.items():
+            columns[drawn] = add_up(columns.get(drawn, 1.0), mul_up(size, size))
+    result = 1.0
+    for column in columns.values():
+        result = mul_up(result, column)
+    scale = mul_down(measure.scale, measure.scale) * (1 - 1e-12)
+    return div_up(result, scale) if not math.isnan(result) else INF
+
+
+def _changes(
+    sizes: Mapping[Symbol, float], whole: Mapping[Symbol, Mapping[Symbol, float]]
+) -> dict[Symbol, float]:
+    """By drawn names, of what changes by these factors with drawn names and those of `whole`."""
+    changes: dict[Symbol, float] = {}
+    for z, factor in sizes.items():
+        for drawn, size in whole.get(z, {z: 1.0}).items():
+            changes[drawn] = add_up(changes.get(drawn, 0.0), mul_up(factor, size))
+    return changes
 
 
 def steep_names(measure: Measure, box: Box) -> set[Symbol]:

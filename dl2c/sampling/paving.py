@@ -160,7 +160,7 @@ def _best_split(
         parts = (Interval(edge.low, middle), Interval(middle, edge.high))
         halves = [contract(root.formula, {**leaf.box, symbol: part}, ROUNDS) for part in parts]
         kept = [h for h in halves if h is not None and _volume(root, h, widths) > 0]
-        left = math.fsum(_volume(root, h, widths) * _relative(root, h, leaf) for h in kept) / before
+        left = math.fsum(_volume(root, h, widths) * _relative(root, h, leaf, symbol) for h in kept) / before
         score = left - 1e-3 * _edge(leaf.box, symbol, widths)
         if best is None or score < best[0]:
             best = score, kept
@@ -171,8 +171,12 @@ def _edge(box: Box, symbol: Symbol, widths: Widths) -> float:
     return (box[symbol].high - box[symbol].low) / widths[symbol]
 
 
-def _relative(root: Root, box: Box, leaf: Leaf) -> float:
-    """The largest density on a part of a leaf, relative to the leaf's."""
+def _relative(root: Root, box: Box, leaf: Leaf, symbol: Symbol) -> float:
+    """The largest density on a part of a leaf, relative to the leaf's: the mean of that of its halves, since
+    it is mostly largest on both sides of zero."""
     if not root.bent or not math.isfinite(leaf.density):
         return 1.0
-    return root.density(box) / leaf.density
+    edge = box[symbol]
+    middle = edge.low + (edge.high - edge.low) / 2
+    parts = (Interval(edge.low, middle), Interval(middle, edge.high))
+    return math.fsum(root.density({**box, symbol: part}) for part in parts) / 2 / leaf.density

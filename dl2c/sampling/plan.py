@@ -171,8 +171,8 @@ def _better_block(
     plain = _block(problem, charts, boxes, time_limit_s)
     if plain[0].estimated_acceptance >= RARE:
         return plain
-    narrowed = [c for c in map(conditional, charts) if c is not None]
-    if len(narrowed) != len(charts):
+    narrowed = [conditional(c) or c for c in charts]
+    if narrowed == list(charts):
         return plain
     other = _block(problem, narrowed, boxes, time_limit_s)
     return max(plain, other, key=lambda found: found[0].estimated_acceptance)
