@@ -123,7 +123,9 @@ def _of_products(symbol: Symbol, chart: Chart, values: Mapping[Symbol, Term]) ->
             continue
         least = _number(div_down(largest, farthest))
         half = Div(_number(largest), Call("max", (Call("abs", (parts[0],)), least)))
-        return _Limits(symbol, (minus(centre, half),), (plus(centre, half),), (Mul(Number(Fraction(2)), half),))
+        return _Limits(
+            symbol, (minus(centre, half),), (plus(centre, half),), (Mul(Number(Fraction(2)), half),)
+        )
     return None
 
 

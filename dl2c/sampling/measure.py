@@ -16,9 +16,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
 
-from dl2c.interval.arithmetic import INF, Box, enclosure, evaluate, magnitude
-from dl2c.interval.rounding import add_up, div_up, mul_down, mul_up
-from dl2c.ir.logic import minus, plus, symbols, times
+from dl2c.ir.logic import minus, plus, times
 from dl2c.ir.model import ONE, ZERO, Number, Symbol, Term
 from dl2c.ir.normal import normal_form
 from dl2c.sampling.algebra import is_affine
@@ -81,75 +79,6 @@ def measure_of(elimination: Elimination) -> Measure:
     return Measure(math.sqrt(determinant), squared, tuple(rows), inverse, tuple(affine.values()))
 
 
-def largest_squared(measure: Measure, box: Box) -> float:
-    """An upper bound of `squared` on a box of all names; may be infinite."""
-    sizes = [{z: _size(entries, box) for z, entries in row.items()} for row in measure.rows]
-    result = min(_by_rows(measure, sizes), _by_columns(measure, sizes))
-    for widths in measure.widths:
-        longest = max(min(evaluate(w, box).high for w in widths), 0.0)
-        result = mul_up(result, mul_up(longest, longest))
-    return result if not math.isnan(result) else INF
-
-
-def _by_rows(measure: Measure, sizes: Sequence[Mapping[Symbol, float]]) -> float:
-    result = 1.0
-    for row in sizes:
-        plain, refined = 0.0, 0.0
-        for a, first in row.items():
-            plain = add_up(plain, mul_up(first, first))
-            for b, second in row.items():
-                if share := abs(_at(measure.inverse, a, b)):
-                    part = mul_up(enclosure(share).high, mul_up(first, second))
-                    refined = add_up(refined, part)
-        result = mul_up(result, min(plain, refined))
-    return result if not math.isnan(result) else INF
-
-
-def _by_columns(measure: Measure, sizes: Sequence[Mapping[Symbol, float]]) -> float:
-    """By how much all names together change with each drawn one."""
-    whole: dict[Symbol, dict[Symbol, float]] = {}
-    for row in sizes:
-        own = next(iter(row))
-        whole[own] = _changes({z: size for z, size in row.items() if z != own}, whole)
-    affine = [_changes({z: enclosure(abs(c)).high for z, c in a.items()}, whole) for a in measure.affine]
-    columns: dict[Symbol, float] = {}
-    for changes in (*whole.values(), *affine):
-        for drawn, size in changes.items():
-            columns[drawn] = add_up(columns.get(drawn, 1.0), mul_up(size, size))
-    result = 1.0
-    for column in columns.values():
-        result = mul_up(result, column)
-    scale = mul_down(measure.scale, measure.scale) * (1 - 1e-12)
-    return div_up(result, scale) if not math.isnan(result) else INF
-
-
-def _changes(
-    sizes: Mapping[Symbol, float], whole: Mapping[Symbol, Mapping[Symbol, float]]
-) -> dict[Symbol, float]:
-    """By drawn names, of what changes by these factors with drawn names and those of `whole`."""
-    changes: dict[Symbol, float] = {}
-    for z, factor in sizes.items():
-        for drawn, size in whole.get(z, {z: 1.0}).items():
-            changes[drawn] = add_up(changes.get(drawn, 0.0), mul_up(factor, size))
-    return changes
-
-
-def steep_names(measure: Measure, box: Box) -> set[Symbol]:
-    """The names on which slopes without a bound on the box depend."""
-    entries = [e for row in measure.rows for es in row.values() for e in es]
-    return {s for e in entries if not math.isfinite(_size([e], box)) for s in symbols(e.term)}
-
-
-def _size(entries: Sequence[Entry], box: Box) -> float:
-    """The largest size of a sum of slopes."""
-    around = 0.0
-    for entry in entries:
-        bounds = [evaluate(t, box) for t in (entry.term, entry.limit) if t is not None]
-        size = min(INF if b.empty else magnitude(b).high for b in bounds)
-        around = add_up(around, mul_up(enclosure(abs(entry.scale)).high, size))
-    return around
-
-
 def _affine(term: Term, known: Mapping[Symbol, Affine]) -> Affine:
     """The coefficients of an affine term, names that are affine themselves replaced."""
     form = normal_form(term)
@@ -201,7 +130,8 @@ def _metric(rows: Sequence[Affine]) -> tuple[Fraction, Matrix]:
     return determinant, inverse
 
 
-def _at(inverse: Mapping[tuple[Symbol, Symbol], Fraction], a: Symbol, b: Symbol) -> Fraction:
+def at(inverse: Mapping[tuple[Symbol, Symbol], Fraction], a: Symbol, b: Symbol) -> Fraction:
+    """An entry of a matrix of which those are left out that the identity has."""
     return inverse.get((a, b), Fraction(int(a == b)))
 
 
@@ -212,7 +142,7 @@ def _inner(
     result: Term = ZERO
     for a, first in left.items():
         for b, second in right.items():
-            if share := _at(inverse, a, b):
+            if share := at(inverse, a, b):
                 part = times(_sum(first), _sum(second))
                 result = plus(result, times(Number(share), part))
     return result

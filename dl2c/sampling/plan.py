@@ -16,6 +16,7 @@ import numpy as np
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import Box, hull_of
+from dl2c.interval.contract import contractor
 from dl2c.ir.logic import atoms, conjunction, operands, symbols
 from dl2c.ir.model import ONE, Formula, Model, Term
 from dl2c.sampling.acceptance import acceptance
@@ -23,7 +24,7 @@ from dl2c.sampling.algebra import size_of
 from dl2c.sampling.arrays import Bools, Columns, Floats, completed, holds, uniform, values
 from dl2c.sampling.charts import Chart, inward
 from dl2c.sampling.conditional import conditional
-from dl2c.sampling.measure import largest_squared, steep_names
+from dl2c.sampling.density import density_bound
 from dl2c.sampling.paving import Leaf, Root, pave
 from dl2c.sampling.problem import Problem, problem_of
 from dl2c.sampling.refusal import imprecise, too_long, unbounded_density, without_sample
@@ -205,13 +206,15 @@ def _block(
 def _root(chart: Chart) -> Root:
     wanted = conjunction([chart.rest, *chart.bounds.values()])
     plain = _named(chart, wanted)
+    bound = density_bound(chart.measure)
     return Root(
         chart.formula,
+        contractor(chart.formula),
         chart.box,
         chart.free,
         frozenset(symbols(chart.measure.squared)),
-        lambda box: steep_names(chart.measure, box),
-        lambda box: chart.measure.scale * math.sqrt(largest_squared(chart.measure, box)),
+        bound.steep,
+        bound.density,
         lambda box, density: _accepted(chart, plain, box, density, PROBES),
     )
 
