@@ -282,6 +282,17 @@ def leaves_of(t):
     return set().union(*(leaves_of(p) for p in flat if not isinstance(p, (int, str))))
 
 
+def test_names_that_cannot_be_zero_are_cancelled():
+    """The tangent of a circle around (cx, cy) has length 1 wherever the radius is not 0."""
+    m = model(
+        "dx == (cy - y)/r and dy == (x - cx)/r and (x - cx)*(x - cx) + (y - cy)*(y - cy) == r*r and r > 0",
+        dict.fromkeys(["dx", "dy", "x", "y", "cx", "cy"], "-10:10") | {"r": "0:10"},
+    )
+    plan = planned(m)
+    assert plan.estimated_acceptance > 0.1
+    audit(m, plan, draw_many(plan, np.random.default_rng(10), 1000))
+
+
 def test_bounds_of_defined_names_are_checked():
     plan = planned(model("x == 2*y", {"x": "0:1", "y": "-5:5"}))
     columns = draw_many(plan, np.random.default_rng(9), 2000)

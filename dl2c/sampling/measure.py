@@ -11,13 +11,14 @@ sqrt(det G) * sqrt(det(N G^-1 N')), where G = I + C'C (Federer, "Geometric Measu
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 from typing import TypeAlias
 
-from dl2c.ir.logic import minus, plus, times
-from dl2c.ir.model import ONE, ZERO, Number, Symbol, Term
+from dl2c.ir.logic import folded, minus, plus, times
+from dl2c.ir.model import ONE, ZERO, Div, Number, Symbol, Term
 from dl2c.ir.normal import normal_form
 from dl2c.sampling.algebra import is_affine
 from dl2c.sampling.equalities import Elimination
@@ -27,6 +28,9 @@ Affine: TypeAlias = dict[Symbol, Fraction]
 """Coefficients; the constant term plays no part."""
 
 Matrix: TypeAlias = dict[tuple[Symbol, Symbol], Fraction]
+
+Entries: TypeAlias = Mapping[Symbol, Sequence["Entry"]]
+"""The slopes of a name, its own first, which is 1."""
 
 LARGEST_DETERMINANT = 4
 """Rows that may hang together: the determinant is written out."""
@@ -53,7 +57,7 @@ class Measure:
 
     scale: float
     squared: Term
-    rows: tuple[Mapping[Symbol, tuple[Entry, ...]], ...]
+    rows: tuple[Entries, ...]
     inverse: Mapping[tuple[Symbol, Symbol], Fraction]
     affine: tuple[Affine, ...] = ()
     widths: tuple[tuple[Term, ...], ...] = ()
@@ -73,7 +77,7 @@ def measure_of(elimination: Elimination) -> Measure:
     products = {
         (i, k): _inner(a, b, inverse) for i, a in enumerate(rows) for k, b in enumerate(rows) if i <= k
     }
-    squared = _determinant(products, len(rows))
+    squared = _determinant(products, rows, inverse)
     if isinstance(squared, Number):
         return Measure(math.sqrt(determinant * squared.value), ONE, (), {})
     return Measure(math.sqrt(determinant), squared, tuple(rows), inverse, tuple(affine.values()))
@@ -155,17 +159,49 @@ def _sum(entries: Sequence[Entry]) -> Term:
     return result
 
 
-def _determinant(products: Mapping[tuple[int, int], Term], size: int) -> Term:
+def _determinant(
+    products: Mapping[tuple[int, int], Term],
+    rows: Sequence[Mapping[Symbol, Sequence[Entry]]],
+    inverse: Matrix,
+) -> Term:
     """Of a symmetric matrix: the product of those of its independent blocks."""
-    left = set(range(size))
+    left = set(range(len(rows)))
     term: Term = ONE
     while left:
-        block = _block(min(left), left, products)
-        left -= block
-        if len(block) > LARGEST_DETERMINANT:
-            raise TooEntangled
-        term = times(term, _expanded(sorted(block), sorted(block), products))
+        block = sorted(_block(min(left), left, products))
+        left -= set(block)
+        small = len(block) <= LARGEST_DETERMINANT
+        own = _expanded(block, block, products) if small else _by_columns([rows[k] for k in block], inverse)
+        term = times(term, own)
     return term
+
+
+def _by_columns(rows: Sequence[Entries], inverse: Matrix) -> Term:
+    """det(N N'), where few columns are shared by rows: with D what is left of N N' without these columns U,
+    a diagonal matrix, it is det(D) * det(I + U' D^-1 U). Raises `TooEntangled`."""
+    columns = [z for row in rows for z in row]
+    shared = [z for z in dict.fromkeys(columns) if columns.count(z) > 1]
+    if len(shared) > LARGEST_DETERMINANT or any(next(iter(row)) in shared for row in rows):
+        raise TooEntangled
+    if any(a in columns for a, _ in inverse):
+        raise TooEntangled
+    diagonal = [reduce(plus, (_square(row[z]) for z in row if z not in shared)) for row in rows]
+
+    def entry(a: Symbol, b: Symbol) -> Term:
+        parts: Iterator[Term] = (
+            folded(Div(times(_sum(row[a]), _sum(row[b])), d))
+            for row, d in zip(rows, diagonal, strict=True)
+            if a in row and b in row
+        )
+        return reduce(plus, parts, ONE if a == b else ZERO)
+
+    size = range(len(shared))
+    small = {(i, k): entry(shared[i], shared[k]) for i in size for k in size if i <= k}
+    return times(reduce(times, diagonal), _expanded(list(size), list(size), small))
+
+
+def _square(entries: Sequence[Entry]) -> Term:
+    return times(_sum(entries), _sum(entries))
 
 
 def _block(start: int, left: set[int], products: Mapping[tuple[int, int], Term]) -> set[int]:
