@@ -153,7 +153,7 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
         free=free,
         definitions=elimination.definitions,
         rest=conjunction(elimination.rest),
-        bounds={s: _within(items[s].bound, t if isinstance(t, Number) else s) for s, t in defined.items()},
+        bounds={s: within(items[s].bound, t if isinstance(t, Number) else s) for s, t in defined.items()},
         formula=formula,
         box={**around, **inside},
         measure=measure_of(elimination),
@@ -204,7 +204,8 @@ def _is_equality(formula: Formula) -> bool:
     return isinstance(formula, Compare) and formula.op == "="
 
 
-def _within(bound: Bound, term: Symbol | Number) -> Formula:
+def within(bound: Bound, term: Symbol | Number) -> Formula:
+    """That a value lies inside a bound."""
     sides: list[Formula] = []
     if bound.low is not None:
         sides.append(Compare(">=", term, Number(bound.low)))
