@@ -36,7 +36,8 @@ class Chart:
 
     The ends of `box` are doubles inside their bounds; `definitions` give all other
     names, in order. `rest` is what else must hold, and for each defined name the condition of
-    `bounds`; `formula` says the same with equalities, to contract boxes with. `between` are names that
+    `bounds`; `formula` says the same with equalities and without the boundaries of charts, to contract
+    boxes with. `between` are names that
     are computed first and count as drawn: whatever their doubles are, they are exact.
     """
 
@@ -141,7 +142,7 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
     free = tuple(s for s in items if s not in defined)
     bent = {row.symbol for row in elimination.rows}
     equal = [Compare("=", s, t) for s, t in elimination.definitions if s in bent]
-    further = [c for c in elimination.rest if c not in case]
+    further = [_inner(c) for c in elimination.rest if c not in case]
     formula = conjunction([*case, *further, *equal, *_shortened(elimination)])
     around = contract(formula, box)
     if around is None:
@@ -158,6 +159,15 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
         box={**around, **inside},
         measure=measure_of(elimination),
     )
+
+
+def _inner(condition: Formula) -> Formula:
+    """Without its boundary, where charts meet: a set of measure zero."""
+    match condition:
+        case Compare("<=" | ">=" as op, left, right):
+            return Compare("<" if op == "<=" else ">", left, right, span=condition.span)
+        case _:
+            return condition
 
 
 def _shortened(elimination: Elimination) -> Iterator[Compare]:

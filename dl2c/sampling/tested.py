@@ -27,7 +27,8 @@ LONGEST_TEST = 20_000
 class SampleChart:
     """`free` names are drawn, `between` and `definitions` computed in order from them. A draw is kept if
     `acceptance` holds in doubles and, with probability sqrt(`squared_density` / the box's), by chance.
-    To drawn names of `grid` a number is added and subtracted again, which rounds them."""
+    To drawn names of `grid` a number is added and subtracted again, which rounds them. Over the reals,
+    the chart is `region`, without its boundary."""
 
     free: tuple[str, ...]
     grid: Mapping[str, float]
@@ -35,6 +36,7 @@ class SampleChart:
     definitions: tuple[tuple[str, Term], ...]
     acceptance: Formula
     squared_density: Term
+    region: Formula
 
 
 def tested(chart: Chart, around: Box, bounds: Mapping[Symbol, Bound]) -> tuple[SampleChart, float]:
@@ -72,6 +74,7 @@ def named(chart: Chart, test: Formula, grid: Grid) -> SampleChart:
         definitions=tuple((s.name, t) for s, t in chart.definitions),
         acceptance=test,
         squared_density=chart.measure.squared,
+        region=chart.formula,
     )
 
 
