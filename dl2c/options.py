@@ -22,7 +22,7 @@ Integrator: TypeAlias = Literal["auto", "exact", "cvodes", "dopri5"]
 Stiff: TypeAlias = Literal["auto", "true", "false"]
 Provider: TypeAlias = Literal["casadi", "system"]
 ProgressFailure: TypeAlias = Literal["due", "literal"]
-InitialDistribution: TypeAlias = Literal["uniform", "z3"]
+InitialDistribution: TypeAlias = Literal["uniform", "target", "z3"]
 
 LARGEST = 10**300
 MAX_LENGTH = 400

@@ -126,6 +126,38 @@ def elapsed(work):
     return time.perf_counter() - begun
 
 
+GRID = Source(
+    "grid.kyx",
+    """ArchiveEntry "grid"
+ProgramVariables
+  // @var: bound=[0.1:5]
+  Real x;
+  // @var: bound=[-4:4]
+  Real y;
+  // @var: bound=[-4:0.3]
+  Real z;
+End.
+Problem
+  x = y + 3 & z = 0.5*y - x/4 & y*y + z > 0.2 -> [{ {x' = 1 & true} }*] x >= 0
+End.
+End.
+""",
+)
+
+
+def test_linear_equalities_hold_in_doubles():
+    """And as they are written: a state can be set again."""
+    names, rows, manifest = states(GRID, 2000)
+    assert manifest.certificate == "exact"
+    audit_all(GRID, names, rows, manifest)
+    env = make(GRID.text)
+    for seed in range(20):
+        env.reset(seed=seed)
+        x, y, z = env.state.values()
+        assert (x, z) == (y + 3, 0.5 * y - x / 4)
+        env.reset(options={"state": env.state})
+
+
 BAND = Source(
     "band.kyx",
     """ArchiveEntry "band"

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from typer.testing import CliRunner
 
 from dl2c import make
 from dl2c.cli import app
+from dl2c.commands.sample import regions
 from dl2c.smt.coverage import Covered, Outside, coverage
 from tests.ir_builder import PAPER, model
 from tests.test_native_sampling import ROBOT
@@ -68,6 +70,26 @@ def test_a_missing_box_is_noticed():
     heaviest = int(np.argmax([b.weight for b in plan.blocks[-1].boxes]))
     boxes = [b for k, b in enumerate(boxes_of(plan)) if k != heaviest]
     assert isinstance(coverage(PAPER, plan.around, boxes), Outside)
+
+
+CHARTED = [
+    model("x*x + y*y == 1 and x >= -0.5", {"x": "-1:1", "y": "-1:1"}),
+    model("x == 1 or x == y", {"x": "-1:1", "y": "-1:3"}),
+    model("(x - c)*(x - c) + y*y == r*r", {"x": "-2:2", "y": "-2:2", "r": "-2:2", "c": "-1:1"}),
+    model("x <= y + 0.001 and x >= y - 0.001 and x <= z and z <= 3*y", {"x": "0:1", "y": "0:1", "z": "0:3"}),
+]
+
+
+@pytest.mark.parametrize("m", CHARTED, ids=lambda m: m.source[:30])
+def test_z3_proves_the_boxes_of_charts(m):
+    """And notices it where the heaviest box of one is missing."""
+    for block in planned(m).blocks:
+        heaviest = max(block.boxes, key=lambda box: box.weight)
+        for boxes, verdict in ((block.boxes, Covered), (set(block.boxes) - {heaviest}, Outside)):
+            plan = replace(planned(m), blocks=(replace(block, boxes=tuple(boxes)),))
+            found = [coverage(m, *region) for region in regions(plan)]
+            assert any(isinstance(f, verdict) for f in found)
+            assert verdict is Outside or all(isinstance(f, Covered) for f in found)
 
 
 def test_definitions_do_not_hinder_the_proof():

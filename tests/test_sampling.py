@@ -251,9 +251,14 @@ def test_draw_gives_every_name_a_double():
         ("x == 2", {"x": "2"}, "exact"),
         ("0.1 == x", {"x": "0.1"}, "witness"),
         ("x == y", {"x": "y"}, "exact"),
-        ("x - y == 3", {"x": "3 + y"}, "witness"),
-        ("2*x + y == 1", None, "witness"),
-        ("x == y and y == 0.5*z", {"x": "y", "y": "0.5*z"}, "witness"),
+        ("x - y == 3", {"x": "3 + y"}, "exact"),
+        ("2*x + y == 1", None, "exact"),
+        ("3*x + y == 1", None, "exact"),
+        ("3*x + 3*y == z", None, "exact"),
+        ("3*x + 3*y == 7*z", None, "witness"),
+        ("x == y + 0.1", None, "witness"),
+        ("x == 0.75*y - z/4 + 3", None, "exact"),
+        ("x == y and y == 0.5*z", {"x": "y", "y": "0.5*z"}, "exact"),
         ("x == y and y == x and x == z", None, "exact"),
         ("y*x == z and y > 0.5", None, "witness"),
         ("x == c", {"x": "1.5"}, "exact"),
@@ -281,6 +286,17 @@ def leaves_of(t):
     parts = [getattr(t, slot) for slot in t.__slots__]
     flat = [p for part in parts for p in (part if isinstance(part, tuple) else (part,))]
     return set().union(*(leaves_of(p) for p in flat if not isinstance(p, (int, str))))
+
+
+def test_names_that_cannot_be_zero_are_cancelled():
+    """The tangent of a circle around (cx, cy) has length 1 wherever the radius is not 0."""
+    m = model(
+        "dx == (cy - y)/r and dy == (x - cx)/r and (x - cx)*(x - cx) + (y - cy)*(y - cy) == r*r and r > 0",
+        dict.fromkeys(["dx", "dy", "x", "y", "cx", "cy"], "-10:10") | {"r": "0:10"},
+    )
+    plan = planned(m)
+    assert plan.estimated_acceptance > 0.1
+    audit(m, plan, draw_many(plan, np.random.default_rng(10), 1000))
 
 
 def test_bounds_of_defined_names_are_checked():

@@ -10,7 +10,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from dl2c.sampling.arrays import completed, values
 from dl2c.sampling.draw import draw_many
+from dl2c.sampling.problem import problem_of
+from dl2c.smt.precondition import decide
 from tests.ir_builder import PAPER, model
 from tests.test_sampling import planned, rejected
 
@@ -102,6 +105,22 @@ def components(rng, count):
     return np.concatenate(found)[:count]
 
 
+def rotations(rng, count):
+    """Velocities d = om * (x - c) of points that turn around c, by volume; few are slow enough."""
+    found = []
+    while sum(map(len, found)) < count:
+        n = 2**19
+        om, x, y, c = rng.uniform(-10, 10, n), *rng.uniform(-1, 1, (3, n))
+        inside = (np.abs(om * (x - c)) <= 0.1) & (np.abs(om * (y - c)) <= 0.1)
+        om, x, y, c = om[inside], x[inside], y[inside], c[inside]
+        # slopes of d and e by om, x, y, c, beside which the drawn names have slope 1
+        slopes = np.array([[x - c, om, 0 * om, -om], [y - c, 0 * om, om, -om]])
+        gram = np.moveaxis(np.einsum("ikn,jkn->ijn", slopes, slopes), 2, 0) + np.eye(2)
+        kept = rng.random(len(om)) * 201 <= np.sqrt(np.linalg.det(gram))
+        found.append(np.stack([om, x, y, c, om * (x - c)], 1)[kept])
+    return np.concatenate(found)[:count]
+
+
 CASES = {
     "waypoint": (PAPER, ("ep", "b", "A", "GDelta", "Vmax", "T", "xr", "xg"), rejected, 5),
     "static_safety": (
@@ -126,6 +145,15 @@ CASES = {
         4,
     ),
     "lines": (model("x == 1 or x == y", {"x": "-1:2", "y": "-1:3"}), ("x", "y"), lines, 2),
+    "rotations": (
+        model(
+            "d == om*(x - c) and e == om*(y - c)",
+            {"d": "-0.1:0.1", "e": "-0.1:0.1", "x": "-1:1", "y": "-1:1", "c": "-1:1", "om": "-10:10"},
+        ),
+        ("om", "x", "y", "c", "d"),
+        rotations,
+        5,
+    ),
     "disjunctive": (
         model(
             "x < 1 and y > x or x > 5 and x < 7 and y*z < 4 or x > 9 and z > 8",
@@ -185,3 +213,32 @@ def test_names_between_limits_keep_the_law():
     expected = chain(np.random.default_rng(1), 20_000)
     cuts = cuts_of(expected, 3, CELLS // 4)
     assert p_value(counts(expected, cuts), counts(sample, cuts)) > 0.001
+
+
+def test_limits_come_from_products():
+    """A name in a bounded product is drawn where the product can be in its bounds."""
+    plan = plan_of("rotations")
+    assert plan.charts[0].between
+    assert plan.estimated_acceptance > 0.1
+
+
+def test_the_density_is_that_of_the_jacobian():
+    """Of six equalities that have three names in common, by central differences."""
+    points = {"d": "x", "e": "y", "f": "z"}
+    text = " and ".join(f"{d}1 == -(om*({x}2 - c2)) and {d}2 == om*({x}1 - c1)" for d, x in points.items())
+    names = [f"{n}{k}" for pair in points.items() for n in pair for k in (1, 2)]
+    m = model(text, dict.fromkeys(names, "-10:10"), dict.fromkeys(["om", "c1", "c2"], "-10:10"))
+    (chart,) = problem_of(m, decide(m)).blocks[0]
+    free = [s.name for s in chart.free]
+    definitions = [(s.name, t) for s, t in chart.definitions]
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        at = rng.uniform(-3, 3, len(free))
+        moved = np.array(
+            [at, *(at + 1e-5 * e for e in np.eye(len(free))), *(at - 1e-5 * e for e in np.eye(len(free)))]
+        )
+        columns = completed(dict(zip(free, moved.T, strict=True)), definitions, len(moved))
+        rows = np.array([columns[n] for n, _ in definitions])
+        slopes = (rows[:, 1 : len(free) + 1] - rows[:, len(free) + 1 :]) / 2e-5
+        squared = values(chart.measure.squared, columns, len(moved))[0] * chart.measure.scale**2
+        assert squared == pytest.approx(np.linalg.det(np.eye(len(free)) + slopes.T @ slopes), rel=1e-6)

@@ -8,8 +8,8 @@
  * count work on lanes: value k of environment i is x[k*stride + i], i < count.
  *
  *   enum { NX, NP, NU, NINPUT, NENVINPUT, NDECISION, NCHOICE, NENVCHOICE, NMASK, NSTEPDRAW, NDRAW,
- *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NCHART, DL2C_WEIGHTED, NBLOCK,
- *          NMARGIN, NDEGREE, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
+ *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NCHART, DL2C_WEIGHTED,
+ *          DL2C_TARGETED, NBLOCK, NMARGIN, NDEGREE, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
  *          DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
  *   typedef float dl2c_obs;                      one observation entry, or double

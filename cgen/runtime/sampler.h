@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * sampler.h -- initial states: a box by its share, a uniform point in it, then the rest of the precondition.
+ * sampler.h -- initial states: a box by its share, a uniform point in it, then the precondition.
  *
- * Names that have nothing to do with each other are blocks, and drawn apart. Where equalities bend the set of initial states, a box belongs to a chart of it, which says what the
- * drawn numbers are; a point is kept with a probability by the part of the set that it stands for.
+ * Names that have nothing to do with each other are blocks, and drawn apart. Where equalities bend
+ * the set of initial states, a box belongs to a chart of it, which says what the drawn numbers
+ * are; a point is kept with a probability by the part of the set that it stands for.
  */
 #ifndef DL2C_SAMPLER_H
 #define DL2C_SAMPLER_H
@@ -13,10 +14,9 @@
 /* Draws that may fail before a reset gives up, and states without a run that may be drawn. */
 enum { DL2C_MAX_DRAWS = 10000000, DL2C_MAX_DEADLOCKS = 1000 };
 
-/* One draw of the names of a block; false if it is not admissible. */
-static inline bool dl2c_draw(dl2c_rng *rng, int block, real *x, real *p)
+/* One draw of the names of a block, and of which chart; false if it is not admissible. */
+static inline bool dl2c_draw(dl2c_rng *rng, int block, real *drawn, int *of_chart, real *x, real *p)
 {
-  real drawn[NFREE + 1];
   int box = SAMPLE_START[block];
   const int count = SAMPLE_START[block + 1] - box;
   if (count > 1) {
@@ -24,7 +24,7 @@ static inline bool dl2c_draw(dl2c_rng *rng, int block, real *x, real *p)
     box += (int)place;
     if (place - (real)(int)place >= SAMPLE_SHARE[box]) box = SAMPLE_ALIAS[box];
   }
-  const int chart = SAMPLE_CHART[NCHART > 1 ? box : 0];
+  const int chart = *of_chart = SAMPLE_CHART[NCHART > 1 ? box : 0];
   for (int k = 0; k < SAMPLE_FREE[chart]; k++)
     drawn[k] = dl2c_rng_uniform(rng, SAMPLE_LOW[box][k], SAMPLE_HIGH[box][k]);
   model_initial(chart, drawn, x, p);
@@ -35,15 +35,13 @@ static inline bool dl2c_draw(dl2c_rng *rng, int block, real *x, real *p)
   return model_accept(chart, x, p);
 }
 
-/* Draws until each block is admissible; false if one never was. */
-static bool dl2c_sample(dl2c_rng *rng, real *x, real *p)
+/* Draws until a block is admissible; false if it never was. */
+static inline bool dl2c_draw_until(dl2c_rng *rng, int block, real *drawn, int *chart, real *x,
+                                   real *p)
 {
-  for (int block = 0; block < NBLOCK; block++) {
-    int tries = 0;
-    while (!dl2c_draw(rng, block, x, p))
-      if (++tries >= DL2C_MAX_DRAWS) return false;
-  }
-  return NBLOCK > 0;
+  for (int tries = 0; tries < DL2C_MAX_DRAWS; tries++)
+    if (dl2c_draw(rng, block, drawn, chart, x, p)) return true;
+  return false;
 }
 
 #endif

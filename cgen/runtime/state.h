@@ -5,7 +5,7 @@
 
 #include "ahead.h"
 #include "lanes.h"
-#include "sampler.h"
+#include "target.h"
 
 struct dl2c_batch {
   int64_t n;

@@ -21,7 +21,7 @@ HELP = {
     "dt": "Longest time of a continuous evolution, in seconds.",
     "duration": "Flows last as long as they may, a random part of that, or one the agent chooses.",
     "safety_check": "Watch safety predicates along the motion, or after each step.",
-    "initial_distribution": "How initial states are drawn: uniformly, or by Z3 near random targets.",
+    "initial_distribution": "How initial states are drawn: uniformly, or near random targets, in C or by Z3.",
     "integrator": "How a differential equation is solved.",
     "stiff": "Solve with the method for stiff equations; auto: as the model suggests.",
     "rtol": "Relative tolerance of CVODES and dopri5.",

@@ -3,10 +3,10 @@
 import csv
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,11 @@ from numpy.typing import NDArray
 from dl2c.commands.failures import CommandError, to_json
 from dl2c.env.opening import build, source_of
 from dl2c.native.manifest import Manifest
+
+if TYPE_CHECKING:
+    from dl2c.ir.model import Formula
+    from dl2c.sampling.plan import SamplingPlan
+    from dl2c.smt.coverage import Region
 
 LARGEST_BATCH = 4096
 MOST_PLOTTED = 12
@@ -165,13 +170,9 @@ def coverage_of(model: str, options: Mapping[str, Any]) -> tuple[str, bool]:
     plan = plan_sampling(drawn)
     if isinstance(plan, NoSampler):
         return f"initial states are not sampled: {plan.diagnostic.label}", False
-    if len(plan.charts) != len(plan.blocks) or any(c.between for c in plan.charts):
-        return "boxes of charts and of names between limits are proved by interval arithmetic only", False
     seconds = 0.0
-    for block in plan.blocks:
-        free = block.charts[0].free
-        boxes = [dict(zip(free, zip(b.low, b.high, strict=True), strict=True)) for b in block.boxes]
-        match coverage(drawn, plan.around, boxes):
+    for around, boxes, region in regions(plan):
+        match coverage(drawn, around, boxes, region):
             case Covered(taken):
                 seconds += taken
             case Outside(state):
@@ -179,5 +180,20 @@ def coverage_of(model: str, options: Mapping[str, Any]) -> tuple[str, bool]:
                 return f"an initial state lies outside of the boxes: {listed}", False
             case unknown:
                 return f"not proved: {unknown.reason}", False
-    proof = f"Z3 proves that no initial state lies outside of the {len(plan.boxes)} boxes ({seconds:.2f} s)"
-    return proof, True
+    of = f" of {len(plan.charts)} charts" if len(plan.charts) > len(plan.blocks) else ""
+    proof = f"Z3 proves that no initial state lies outside of the {len(plan.boxes)} boxes{of}"
+    return f"{proof} ({seconds:.2f} s)", True
+
+
+def regions(plan: "SamplingPlan") -> Iterator[tuple["Region", list["Region"], "Formula"]]:
+    """Of each chart: what limits its names, its boxes, and which states it holds."""
+    from dl2c.smt.coverage import EVERYWHERE
+
+    for block in plan.blocks:
+        for k, chart in enumerate(block.charts):
+            own = [box for box in block.boxes if box.chart == k]
+            limits = [zip(box.low, box.high, strict=True) for box in own]
+            parts = {name: (0.0, 1.0) for name in chart.free if name not in plan.names}
+            whole = len(block.charts) == 1 and not chart.between
+            boxes: list[Region] = [dict(zip(chart.free, box, strict=True)) for box in limits]
+            yield {**plan.around, **parts}, boxes, EVERYWHERE if whole else chart.region

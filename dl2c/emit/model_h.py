@@ -65,6 +65,7 @@ def _sizes(environment: Environment) -> str:
         "NFREE": free_names(sampling),
         "NCHART": 0 if sampling is None else len(sampling.charts),
         "DL2C_WEIGHTED": int(sampling is not None and sampling.weighted),
+        "DL2C_TARGETED": int(sampling is not None and environment.options.initial_distribution == "target"),
         "NBLOCK": 0 if sampling is None else len(sampling.blocks),
         "NMARGIN": max(1, margin_count(environment)),
         "NDEGREE": max(1, margin_degree(environment)),

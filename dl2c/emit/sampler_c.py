@@ -9,7 +9,8 @@ from dl2c.emit.names import index, slot
 from dl2c.emit.plan import Environment
 from dl2c.ir.model import Model, Symbol
 from dl2c.ir.printer import print_formula, print_term
-from dl2c.sampling.plan import SampleChart, SamplingPlan
+from dl2c.sampling.plan import SamplingPlan
+from dl2c.sampling.tested import SampleChart
 
 MOST_TEXT = 2000
 """Characters of a test that is shown as a comment too."""
@@ -60,10 +61,11 @@ def _initial(environment: Environment, chart: SampleChart, leaves: Leaves, suffi
     """What is fixed is set with the first block."""
     model, plan = environment.model, environment.sampling
     symbols = {s.name: s for s in _symbols(model)}
-    body = [f"{_target(symbols[n])} = drawn[{k}];" for k, n in enumerate(chart.free) if n in symbols]
+    drawn = {n: _rounded(f"drawn[{k}]", chart.grid.get(n)) for k, n in enumerate(chart.free)}
+    body = [f"{_target(symbols[n])} = {value};" for n, value in drawn.items() if n in symbols]
     if plan is not None and chart in plan.blocks[0].charts:
         body += _fixed(model)
-    parts = {n: f"drawn[{k}]" for k, n in enumerate(chart.free) if n not in symbols}
+    parts = {n: value for n, value in drawn.items() if n not in symbols}
 
     def place(symbol: Symbol) -> str:
         return parts.get(symbol.name) or slot(symbol)
@@ -72,6 +74,11 @@ def _initial(environment: Environment, chart: SampleChart, leaves: Leaves, suffi
         value = leaves.term(f"initial_set_{name}{suffix}", term, f"{name} = {print_term(term)}", place)
         body.append(f"{_target(symbols[name])} = {value};")
     return body
+
+
+def _rounded(value: str, far: float | None) -> str:
+    """To the grid on which what follows is exact."""
+    return value if far is None else f"({value} + {number(far)}) - {number(far)}"
 
 
 def _fixed(model: Model) -> list[str]:

@@ -19,8 +19,10 @@ TIMEOUT_S = 10.0
 
 def check_uniform(manifest: Manifest) -> None:
     """Refuse what only a single environment does. Raises `UnknownOption`."""
-    if manifest.options.get("initial_distribution", "uniform") != "uniform":
-        raise UnknownOption("`initial_distribution` 'z3' is for single environments: `dl2c.make`")
+    if manifest.options.get("initial_distribution") == "z3":
+        raise UnknownOption(
+            "`initial_distribution` 'z3' is for single environments, `dl2c.make`; 'target' is for all"
+        )
 
 
 class Targeted:

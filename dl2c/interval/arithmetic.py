@@ -122,7 +122,7 @@ def truth(formula: Formula, box: Box) -> Verdict:
         case Compare(op, Number(a), Number(b)):
             return "true" if holds(op, a, b) else "false"
         case Compare(op, left, right):
-            return _compared(op, evaluate(left, box), evaluate(right, box))
+            return compared(op, evaluate(left, box), evaluate(right, box))
         case And(children):
             return _all([truth(c, box) for c in children])
         case Or(children):
@@ -139,7 +139,8 @@ def _any(verdicts: list[Verdict]) -> Verdict:
     return "true" if "true" in verdicts else "unknown" if "unknown" in verdicts else "false"
 
 
-def _compared(op: Comparison, a: Interval, b: Interval) -> Verdict:
+def compared(op: Comparison, a: Interval, b: Interval) -> Verdict:
+    """Whether `op` holds between all, no or some values of two terms."""
     if a.empty or b.empty:
         return "false"
     always, never = _decided(op, a, b)
@@ -216,7 +217,15 @@ def times(a: Interval, b: Interval) -> Interval:
     if a.low >= 0 and b.low >= 0:
         return Interval(mul_down(a.low, b.low), mul_up(a.high, b.high), total)
     corners = ((a.low, b.low), (a.low, b.high), (a.high, b.low), (a.high, b.high))
-    return Interval(min(mul_down(x, y) for x, y in corners), max(mul_up(x, y) for x, y in corners), total)
+    products = [x * y for x, y in corners]
+    least, most = min(products), max(products)
+    if not -INF < least <= most < INF or any(map(math.isnan, products)):
+        return Interval(min(mul_down(x, y) for x, y in corners), max(mul_up(x, y) for x, y in corners), total)
+    return Interval(
+        min(mul_down(x, y) for (x, y), p in zip(corners, products, strict=True) if p == least),
+        max(mul_up(x, y) for (x, y), p in zip(corners, products, strict=True) if p == most),
+        total,
+    )
 
 
 def quotients(a: Interval, b: Interval) -> tuple[Interval, ...]:

@@ -7,15 +7,15 @@ consistency", 1999). Conjunctions are iterated, disjunctions give the hull of th
 branches.
 """
 
-from typing import assert_never
+from dataclasses import dataclass
+from typing import TypeAlias, assert_never
 
 from dl2c.interval.arithmetic import (
     INF,
     WHOLE,
     Box,
     Interval,
-    enclosure,
-    evaluate,
+    compared,
     hull_of,
     meet,
     minus,
@@ -24,13 +24,14 @@ from dl2c.interval.arithmetic import (
     quotients,
     root,
     times,
-    truth,
 )
+from dl2c.interval.nodes import Graph, Node
 from dl2c.ir.model import (
     Add,
     And,
     Call,
     Compare,
+    Comparison,
     Div,
     Formula,
     Mul,
@@ -40,161 +41,219 @@ from dl2c.ir.model import (
     Pow,
     Sub,
     Symbol,
-    Term,
     Truth,
 )
 
 NONNEGATIVE = Interval(0.0, INF)
 
 
-def contract(formula: Formula, box: Box, rounds: int = 8) -> dict[Symbol, Interval] | None:
-    """A box inside `box` that keeps every point satisfying the formula; None: there is none.
+@dataclass(frozen=True, slots=True)
+class _Atom:
+    op: Comparison
+    left: Node
+    right: Node
 
-    Conjunctions are gone through at most `rounds` times, or until nothing changes.
-    """
-    current = dict(box)
+
+@dataclass(frozen=True, slots=True)
+class _All:
+    parts: tuple["_Part", ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Some:
+    parts: tuple["_Part", ...]
+
+
+_Part: TypeAlias = "Truth | _Atom | _All | _Some"
+
+
+@dataclass(frozen=True, slots=True)
+class Contractor:
+    """A formula made ready to contract many boxes that differ little."""
+
+    graph: Graph
+    part: _Part
+
+    def contract(self, box: Box, rounds: int = 8) -> dict[Symbol, Interval] | None:
+        """A box inside `box` that keeps every point satisfying the formula; None: there is none.
+
+        Conjunctions are gone through at most `rounds` times, or until nothing changes.
+        """
+        self.graph.assign(box)
+        if not _narrow_part(self.part, self.graph, rounds):
+            return None
+        return {**box, **{s: node.value() for s, node in self.graph.symbols.items()}}
+
+
+def contractor(formula: Formula) -> Contractor:
+    """To contract boxes by a formula."""
+    graph = Graph()
+    return Contractor(graph, _part(formula, graph))
+
+
+def contract(formula: Formula, box: Box, rounds: int = 8) -> dict[Symbol, Interval] | None:
+    """What a `Contractor` of the formula makes of a box."""
+    return contractor(formula).contract(box, rounds)
+
+
+def _part(formula: Formula, graph: Graph) -> _Part:
     match formula:
-        case Truth(value):
-            return current if value else None
-        case Compare():
-            return current if _narrow_atom(formula, current) else None
-        case Or(children):
-            branches = [b for c in children if (b := contract(c, box, rounds)) is not None]
-            return {s: hull_of(b[s] for b in branches) for s in box} if branches else None
+        case Truth():
+            return formula
+        case Compare(op, left, right):
+            return _Atom(op, graph.node(left), graph.node(right))
         case And(children):
-            for _ in range(rounds):
-                before = dict(current)
-                for child in children:
-                    if isinstance(child, Compare):
-                        if not _narrow_atom(child, current):
-                            return None
-                        continue
-                    inner = contract(child, current, rounds)
-                    if inner is None:
-                        return None
-                    current = inner
-                if current == before:
-                    break
-            return current
+            return _All(tuple(_part(c, graph) for c in children))
+        case Or(children):
+            return _Some(tuple(_part(c, graph) for c in children))
         case _:
             assert_never(formula)
 
 
-# The functions below shrink `box` in place and return False when nothing is left.
-
-Working = dict[Symbol, Interval]
+# The functions below shrink the ranges of symbols and return False when nothing is left.
 
 
-def _narrow_atom(atom: Compare, box: Working) -> bool:
-    if truth(atom, box) == "false":
-        return False
+def _narrow_part(part: _Part, graph: Graph, rounds: int) -> bool:
+    match part:
+        case Truth(value):
+            return value
+        case _Atom():
+            return _narrow_atom(part)
+        case _Some(parts):
+            before = _ranges(graph)
+            branches: list[dict[Symbol, Interval]] = []
+            for child in parts:
+                graph.assign(before)
+                if _narrow_part(child, graph, rounds):
+                    branches.append(_ranges(graph))
+            if branches:
+                graph.assign({s: hull_of(b[s] for b in branches) for s in before})
+            return bool(branches)
+        case _All(parts):
+            for _ in range(rounds):
+                before = _ranges(graph)
+                if not all(_narrow_part(child, graph, rounds) for child in parts):
+                    return False
+                if _ranges(graph) == before:
+                    break
+            return True
+        case _:
+            assert_never(part)
+
+
+def _ranges(graph: Graph) -> dict[Symbol, Interval]:
+    return {s: node.value() for s, node in graph.symbols.items()}
+
+
+def _narrow_atom(atom: _Atom) -> bool:
     left, right = atom.left, atom.right
+    if compared(atom.op, left.value(), right.value()) == "false":
+        return False
     match atom.op:
         case "<" | "<=":
-            return _narrow_ordered(left, right, box)
+            return _narrow_ordered(left, right)
         case ">" | ">=":
-            return _narrow_ordered(right, left, box)
+            return _narrow_ordered(right, left)
         case "=":
-            return _narrow(left, evaluate(right, box), box) and _narrow(right, evaluate(left, box), box)
+            return _narrow(left, right.value()) and _narrow(right, left.value())
         case "!=":
             return True
         case _:
             assert_never(atom.op)
 
 
-def _narrow_ordered(small: Term, large: Term, box: Working) -> bool:
-    return _narrow(small, Interval(-INF, evaluate(large, box).high), box) and _narrow(
-        large, Interval(evaluate(small, box).low, INF), box
+def _narrow_ordered(small: Node, large: Node) -> bool:
+    return _narrow(small, Interval(-INF, large.value().high)) and _narrow(
+        large, Interval(small.value().low, INF)
     )
 
 
-def _narrow(term: Term, target: Interval, box: Working) -> bool:
+def _narrow(node: Node, target: Interval) -> bool:
     """Keep the points of the box at which the term is defined with a value in `target`."""
-    match term:
-        case Number(value):
-            return not meet(enclosure(value), target).empty
-        case Symbol():
-            kept = meet(box[term], target)
-            if kept.empty:
-                return False
-            box[term] = Interval(kept.low, kept.high)
+    kept = meet(node.value(), target)
+    if kept.empty:
+        return False
+    match node.term:
+        case Number():
             return True
-        case _:
-            target = meet(evaluate(term, box), target)
-            return not target.empty and _narrow_operands(term, target, box)
+        case Symbol():
+            node.assign(Interval(kept.low, kept.high))
+            return True
+        case term:
+            return _narrow_operands(term, node.args, kept)
 
 
-def _narrow_operands(term: Neg | Add | Sub | Mul | Div | Pow | Call, target: Interval, box: Working) -> bool:
+def _narrow_operands(
+    term: Neg | Add | Sub | Mul | Div | Pow | Call, args: tuple[Node, ...], target: Interval
+) -> bool:
+    a, b = args[0], args[-1]
     match term:
-        case Neg(child):
-            return _narrow(child, negated(target), box)
-        case Add(a, b):
-            return _narrow(a, minus(target, evaluate(b, box)), box) and _narrow(
-                b, minus(target, evaluate(a, box)), box
-            )
-        case Sub(a, b):
-            return _narrow(a, plus(target, evaluate(b, box)), box) and _narrow(
-                b, minus(evaluate(a, box), target), box
-            )
-        case Mul(a, b) if a == b:
-            return _narrow_power(a, 2, target, box)
-        case Mul(a, b):
-            return _narrow_factor(a, target, evaluate(b, box), box) and _narrow_factor(
-                b, target, evaluate(a, box), box
-            )
-        case Div(a, b):
-            return _narrow(a, times(target, evaluate(b, box)), box) and _narrow_factor(
-                b, evaluate(a, box), target, box
-            )
-        case Pow(base, exponent):
-            return _narrow_power(base, exponent, target, box)
-        case Call("abs", (a,)):
-            return _narrow_mirrored(a, meet(target, NONNEGATIVE), box)
-        case Call("sqrt", (a,)):
-            return _narrow(a, times(meet(target, NONNEGATIVE), meet(target, NONNEGATIVE)), box)
-        case Call("min", (a, b)):
-            return _narrow_least(a, b, target, box) and _narrow_least(b, a, target, box)
-        case Call("max", (a, b)):
-            least = negated(target)
-            return _narrow_least(Neg(a), Neg(b), least, box) and _narrow_least(Neg(b), Neg(a), least, box)
+        case Neg():
+            return _narrow(a, negated(target))
+        case Add():
+            return _narrow(a, minus(target, b.value())) and _narrow(b, minus(target, a.value()))
+        case Sub():
+            return _narrow(a, plus(target, b.value())) and _narrow(b, minus(a.value(), target))
+        case Mul() if a is b:
+            return _narrow_power(a, 2, target)
+        case Mul():
+            return _narrow_factor(a, target, b.value()) and _narrow_factor(b, target, a.value())
+        case Div():
+            return _narrow(a, times(target, b.value())) and _narrow_factor(b, a.value(), target)
+        case Pow(_, exponent):
+            return _narrow_power(a, exponent, target)
+        case Call("abs"):
+            return _narrow_mirrored(a, meet(target, NONNEGATIVE))
+        case Call("sqrt"):
+            return _narrow(a, times(meet(target, NONNEGATIVE), meet(target, NONNEGATIVE)))
+        case Call("min"):
+            return _narrow_least(a, b, target) and _narrow_least(b, a, target)
+        case Call("max"):
+            return _narrow_greatest(a, b, target) and _narrow_greatest(b, a, target)
         case Call():
             return True
         case _:
             assert_never(term)
 
 
-def _narrow_factor(factor: Term, product: Interval, other: Interval, box: Working) -> bool:
+def _narrow_factor(factor: Node, product: Interval, other: Interval) -> bool:
     """factor * other = product. Nothing follows where `other` may be 0 and `product` too."""
     if product.contains(0.0) and other.contains(0.0):
-        return _narrow(factor, WHOLE, box)
-    return _narrow_pieces(factor, quotients(product, other), box)
+        return _narrow(factor, WHOLE)
+    return _narrow_pieces(factor, quotients(product, other))
 
 
-def _narrow_power(base: Term, exponent: int, target: Interval, box: Working) -> bool:
+def _narrow_power(base: Node, exponent: int, target: Interval) -> bool:
     if exponent % 2 == 0:
         target = meet(target, NONNEGATIVE)
-        return not target.empty and _narrow_mirrored(base, root(target, exponent), box)
+        return not target.empty and _narrow_mirrored(base, root(target, exponent))
     pieces: list[Interval] = []
     if target.high >= 0:
         pieces.append(root(target, exponent))
     if target.low <= 0:
         pieces.append(negated(root(negated(target), exponent)))
-    return _narrow_pieces(base, tuple(pieces), box)
+    return _narrow_pieces(base, tuple(pieces))
 
 
-def _narrow_mirrored(term: Term, size: Interval, box: Working) -> bool:
+def _narrow_mirrored(node: Node, size: Interval) -> bool:
     """|term| lies in `size`."""
-    return _narrow_pieces(term, (negated(size), size), box)
+    return _narrow_pieces(node, (negated(size), size))
 
 
-def _narrow_pieces(term: Term, pieces: tuple[Interval, ...], box: Working) -> bool:
+def _narrow_pieces(node: Node, pieces: tuple[Interval, ...]) -> bool:
     """The term lies in one of the pieces."""
-    value = evaluate(term, box)
+    value = node.value()
     reached = [kept for piece in pieces if not (kept := meet(value, piece)).empty]
-    return bool(reached) and _narrow(term, hull_of(reached), box)
+    return bool(reached) and _narrow(node, hull_of(reached))
 
 
-def _narrow_least(term: Term, other: Term, target: Interval, box: Working) -> bool:
+def _narrow_least(node: Node, other: Node, target: Interval) -> bool:
     """min(term, other) lies in `target`: the term is the minimum where the other one is too large."""
-    is_least = evaluate(other, box).low > target.high
-    return _narrow(term, Interval(target.low, target.high if is_least else INF), box)
+    is_least = other.value().low > target.high
+    return _narrow(node, Interval(target.low, target.high if is_least else INF))
+
+
+def _narrow_greatest(node: Node, other: Node, target: Interval) -> bool:
+    """max(term, other) lies in `target`."""
+    is_greatest = other.value().high < target.low
+    return _narrow(node, Interval(target.low if is_greatest else -INF, target.high))

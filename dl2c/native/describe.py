@@ -17,7 +17,7 @@ from dl2c.paths.path import END
 from dl2c.sampling.plan import SamplingPlan
 
 ABI_VERSION = 4
-STREAM_VERSION = 2
+STREAM_VERSION = 3
 """Of cgen/include/dl2c.h; a test holds them together."""
 
 
@@ -144,6 +144,8 @@ def _notes(environment: Environment) -> tuple[str, ...]:
         notes.append(
             "an equality that decides an input is solved: it counts as true at its root, which is rounded"
         )
+    if environment.sampling is not None and environment.options.initial_distribution == "target":
+        notes.append("initial states lie near random targets, often on the boundary of the precondition")
     if environment.sampling is None:
         notes.append('initial states cannot be drawn: give one, reset(options={"state": {...}})')
     return tuple(notes)

@@ -49,7 +49,7 @@ OPTIONS = {
     "rtol": Option(kind="decimal", least=0, open=True),
     "atol": Option(kind="decimal", least=0, open=True),
     "progress_failure": Option(("due", "literal")),
-    "initial_distribution": Option(("uniform", "z3")),
+    "initial_distribution": Option(("uniform", "target", "z3")),
     "max_repeat": Option(kind="integer", least=0),
     "max_loop": Option(kind="integer", least=1),
     "loop": Option(kind="integer", least=1),

@@ -39,6 +39,7 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
+from dl2c.sampling.grid import Grid, granule
 from dl2c.sampling.running import NoErrorBound, running_error
 
 Errors: TypeAlias = Mapping[Symbol, float]
@@ -68,12 +69,14 @@ def acceptance(
     bounds: Mapping[Symbol, Formula],
     box: Box,
     between: Sequence[Symbol] = (),
+    grid: Grid | None = None,
 ) -> Acceptance:
     """A test for `formula`, the definedness of the definitions and the bounds of what they define.
 
     `box` limits the drawn names, and where no initial state is lost by it the defined ones. Those of
-    `between` are exact, but only the formula says where they lie.
+    `between` are exact, but only the formula says where they lie. On a `grid`, definitions may be exact.
     """
+    known = dict(grid or {})
     defined = dict(definitions)
     ranges = {s: i for s, i in box.items() if s not in defined} | dict.fromkeys(between, WHOLE)
     errors = dict.fromkeys(ranges, 0.0)
@@ -86,7 +89,10 @@ def acceptance(
     for symbol, term in definitions:
         limits = [bounds[symbol]]
         try:
-            errors[symbol] = _moderate(error_bound(term, ranges, errors), box[symbol])
+            if (exponent := granule(term, known, ranges)) is not None:
+                known[symbol] = exponent
+            error = error_bound(term, ranges, errors) if exponent is None else 0.0
+            errors[symbol] = _moderate(error, box[symbol])
             tests += _defined(term, ranges, errors)
         except NoErrorBound:
             errors[symbol] = ALLOWED_ERROR * max(1.0, magnitude(box[symbol]).high)

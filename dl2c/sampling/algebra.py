@@ -95,6 +95,12 @@ def is_affine(term: Term) -> bool:
     return form is not None and all(sum(e for _, _, e in m) <= 1 for m in form)
 
 
+def has_dyadic_numbers(term: Term) -> bool:
+    """Whether all coefficients of a polynomial have powers of two below."""
+    form = normal_form(term)
+    return form is not None and all(c.denominator & (c.denominator - 1) == 0 for c in form.values())
+
+
 def term_of(form: Normal, known: Mapping[tuple[str, str], Symbol]) -> Term:
     """The polynomial as a term, over symbols found by kind and name."""
     parts = [_monomial(m, c, known) for m, c in sorted(form.items(), key=lambda i: (-len(i[0]), i[0]))]

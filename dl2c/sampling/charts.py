@@ -12,10 +12,11 @@ from typing import TypeAlias
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import INF, Box, Interval, enclosure, meet
 from dl2c.interval.contract import contract
-from dl2c.ir.logic import conjunction, conjuncts, mapped, negation, oriented, relaxed
-from dl2c.ir.model import Bound, Compare, Constant, Formula, Number, Sub, Symbol, Term, Variable
+from dl2c.ir.logic import conjunction, conjuncts, mapped, negation, oriented, relaxed, symbols
+from dl2c.ir.model import ZERO, Bound, Compare, Constant, Formula, Number, Sub, Symbol, Term, Variable
 from dl2c.ir.normal import normal_form
 from dl2c.sampling.acceptance import LARGEST
+from dl2c.sampling.algebra import term_of
 from dl2c.sampling.cases import Conjuncts, TooMany, alternatives
 from dl2c.sampling.equalities import Elimination, Unsolved, eliminate
 from dl2c.sampling.linear import replaced
@@ -35,7 +36,8 @@ class Chart:
 
     The ends of `box` are doubles inside their bounds; `definitions` give all other
     names, in order. `rest` is what else must hold, and for each defined name the condition of
-    `bounds`; `formula` says the same with equalities, to contract boxes with. `between` are names that
+    `bounds`; `formula` says the same with equalities and without the boundaries of charts, to contract
+    boxes with. `between` are names that
     are computed first and count as drawn: whatever their doubles are, they are exact.
     """
 
@@ -140,7 +142,8 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
     free = tuple(s for s in items if s not in defined)
     bent = {row.symbol for row in elimination.rows}
     equal = [Compare("=", s, t) for s, t in elimination.definitions if s in bent]
-    formula = conjunction([*case, *(c for c in elimination.rest if c not in case), *equal])
+    further = [_inner(c) for c in elimination.rest if c not in case]
+    formula = conjunction([*case, *further, *equal, *_shortened(elimination)])
     around = contract(formula, box)
     if around is None:
         return None
@@ -151,11 +154,33 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
         free=free,
         definitions=elimination.definitions,
         rest=conjunction(elimination.rest),
-        bounds={s: _within(items[s].bound, t if isinstance(t, Number) else s) for s, t in defined.items()},
+        bounds={s: within(items[s].bound, t if isinstance(t, Number) else s) for s, t in defined.items()},
         formula=formula,
         box={**around, **inside},
         measure=measure_of(elimination),
     )
+
+
+def _inner(condition: Formula) -> Formula:
+    """Without its boundary, where charts meet: a set of measure zero."""
+    match condition:
+        case Compare("<=" | ">=" as op, left, right):
+            return Compare("<" if op == "<=" else ">", left, right, span=condition.span)
+        case _:
+            return condition
+
+
+def _shortened(elimination: Elimination) -> Iterator[Compare]:
+    """Conjuncts that lose names where defined ones are replaced by their polynomials: intervals do not see
+    that these cancel."""
+    values = {s: t for s, t in elimination.definitions if normal_form(t) is not None}
+    for atom in elimination.rest:
+        if not isinstance(atom, Compare) or not symbols(atom) & values.keys():
+            continue
+        difference = replaced(Sub(atom.left, atom.right), values)
+        form, known = normal_form(difference), {(s.kind, s.name): s for s in symbols(difference)}
+        if form is not None and len(symbols(shorter := term_of(form, known))) < len(known):
+            yield Compare(atom.op, shorter, ZERO, span=atom.span)
 
 
 def _impossible(formula: Formula, items: Items, box: Box) -> Diagnostic:
@@ -189,7 +214,8 @@ def _is_equality(formula: Formula) -> bool:
     return isinstance(formula, Compare) and formula.op == "="
 
 
-def _within(bound: Bound, term: Symbol | Number) -> Formula:
+def within(bound: Bound, term: Symbol | Number) -> Formula:
+    """That a value lies inside a bound."""
     sides: list[Formula] = []
     if bound.low is not None:
         sides.append(Compare(">=", term, Number(bound.low)))

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dl2c.sampling.arrays import Floats, completed, holds, uniform
-from dl2c.sampling.plan import SampleBlock, SampleChart, SamplingPlan, by_chance
+from dl2c.sampling.plan import SampleBlock, SamplingPlan
+from dl2c.sampling.tested import SampleChart, by_chance
 
 LARGEST_BATCH = 2**16
 
@@ -62,6 +63,7 @@ def _of_chart(
     boxes, count = [block.boxes[int(k)] for k in chosen], len(chosen)
     lows, highs = np.array([b.low for b in boxes]), np.array([b.high for b in boxes])
     columns = {n: uniform(lows[:, k], highs[:, k], count, rng) for k, n in enumerate(chart.free)}
+    columns |= {n: (columns[n] + far) - far for n, far in chart.grid.items()}
     columns = completed(columns, (*chart.between, *chart.definitions), count)
     kept = by_chance(chart, np.array([b.squared_density for b in boxes]), columns, count, rng)
     kept &= holds(chart.acceptance, columns, count)

@@ -8,15 +8,24 @@ proved to vanish nowhere in the box; else an equality is solved in charts (quadr
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
-from dl2c.interval.arithmetic import Box
+from dl2c.interval.arithmetic import Box, Interval, magnitude, truth
 from dl2c.ir.logic import atoms, folded, mapped, symbols
-from dl2c.ir.model import ONE, ZERO, Compare, Formula, Neg, Number, Sub, Symbol, Term
+from dl2c.ir.model import ONE, ZERO, Compare, Div, Formula, Neg, Number, Sub, Symbol, Term
 from dl2c.ir.normal import normal_form
-from dl2c.sampling.algebra import derivative, fraction, is_affine, remainder, term_of
-from dl2c.sampling.linear import Solution, is_tautology, rank, replaced, solutions
+from dl2c.sampling.algebra import (
+    content,
+    derivative,
+    fraction,
+    is_affine,
+    remainder,
+    term_of,
+    without_content,
+)
+from dl2c.sampling.linear import Solution, is_tautology, linear_parts, rank, replaced, solutions
 from dl2c.sampling.quadrics import Branch, Row, branches_of
 
 
@@ -72,14 +81,20 @@ def _eliminated(
     solved, left = _directly_solved(pending, names, rest, box, steep=False)
     if any(isinstance(e.left, Number) and isinstance(e.right, Number) for e in left):
         return
+    limits = (*rest, *(c for s in solved for c in s.conditions if c not in rest))
+    if (shorter := [_cancelled(e, limits, box) for e in left]) != left:
+        others = shorter + [Compare("=", s.symbol, s.term) for s in solved]
+        yield from _eliminated(others, limits, names, chosen, box)
+        return
     known = {s.symbol for s in solved}
-    equality, branches = _branching(left, [n for n in names if n not in known])
+    unknown = [n for n in names if n not in known]
+    equality, branches = _branching(left, unknown, lambda s: _is_nonzero(s, limits, box))
     if left and not branches:
         solved, left = _directly_solved(pending, names, rest, box, steep=True)
         if left:
             raise _Stuck(Unsolved(left[0], len(solved) + len(chosen) + 1))
     if not branches:
-        yield _assembled(chosen, solved, rest)
+        yield _assembled(chosen, solved, rest, box)
     for branch in branches:
         reduced = [_reduced(e, branch) for e in left if e is not equality]
         others = [e for e, _ in reduced] + [Compare("=", s.symbol, s.term) for s in solved]
@@ -88,19 +103,39 @@ def _eliminated(
         yield from _eliminated(others, (*rest, *conditions, *branch.conditions), free, (*chosen, branch), box)
 
 
+def _is_nonzero(symbol: Symbol, conjuncts: Iterable[Formula], box: Box) -> bool:
+    """Whether one of the conjuncts is false wherever the name is zero."""
+    there = {**box, symbol: Interval(0.0, 0.0)}
+    return any(truth(c, there) == "false" for c in conjuncts)
+
+
+def _cancelled(equality: Compare, others: Sequence[Formula], box: Box) -> Compare:
+    """A polynomial equality divided by names that the other conjuncts keep from being zero."""
+    form = normal_form(Sub(equality.left, equality.right))
+    if form is None:
+        return equality
+    known = {(s.kind, s.name): s for s in symbols(equality)}
+    nonzero = {key for key in content(form) if _is_nonzero(known[key], others, box)}
+    if not nonzero:
+        return equality
+    return Compare("=", term_of(without_content(form, nonzero), known), ZERO, span=equality.span)
+
+
 def _branching(
-    equalities: Sequence[Compare], names: Sequence[Symbol]
+    equalities: Sequence[Compare], names: Sequence[Symbol], is_nonzero: Callable[[Symbol], bool]
 ) -> tuple[Compare | None, tuple[Branch, ...]]:
     """The shortest equality that can be solved in charts, and these."""
     for equality in sorted(equalities, key=lambda e: len(symbols(e))):
-        if branches := branches_of(equality, names):
+        if branches := branches_of(equality, names, is_nonzero):
             return equality, branches
     return None, ()
 
 
-def _assembled(chosen: Sequence[Branch], solved: Sequence[Solution], rest: Sequence[Formula]) -> Elimination:
+def _assembled(
+    chosen: Sequence[Branch], solved: Sequence[Solution], rest: Sequence[Formula], box: Box
+) -> Elimination:
     definitions = [(s.symbol, s.term) for s in (*chosen, *reversed(solved))]
-    rows = [*(b.row for b in chosen), *(r for s in solved if (r := _row(s)) is not None)]
+    rows = [*(b.row for b in chosen), *(r for s in solved if (r := _row(s, box)) is not None)]
     return _with_numbers(definitions, [*rest, *(c for s in solved for c in s.conditions)], rows)
 
 
@@ -143,13 +178,20 @@ def _reduced(equality: Compare, branch: Branch) -> tuple[Compare, tuple[Formula,
     return Compare("=", term_of(rest, known), ZERO, span=equality.span), divisor
 
 
-def _row(solution: Solution) -> Row | None:
-    """How the name follows the others; None where it is an affine function of them."""
+def _row(solution: Solution, box: Box) -> Row | None:
+    """How the name follows the others; None where it is an affine function of them. Where it is a multiple
+    of one of them, its own range limits the factor."""
     if is_affine(solution.term):
         return None
     found = symbols(solution.term)
     ordered = sorted(found, key=lambda s: (s.kind, s.name))
-    return Row(solution.symbol, {s: folded(Neg(derivative(solution.term, s))) for s in ordered})
+    largest = magnitude(box[solution.symbol]).high
+    limits: dict[Symbol, Term] = {}
+    if math.isfinite(largest):
+        multiples = [s for s in ordered if (p := linear_parts(solution.term, s)) and p[1] == ZERO]
+        limits = {s: Div(Number(Fraction(largest)), s) for s in multiples}
+    slopes = {s: folded(Neg(derivative(solution.term, s))) for s in ordered}
+    return Row(solution.symbol, slopes, limits=limits)
 
 
 def _with_numbers(

@@ -27,7 +27,7 @@ from dl2c.ir.model import (
     Term,
 )
 from dl2c.ir.normal import normal_form
-from dl2c.sampling.algebra import derivative, fraction, is_affine, size_of
+from dl2c.sampling.algebra import derivative, fraction, has_dyadic_numbers, is_affine, size_of
 
 MODERATE = 16.0
 """Slopes up to this are not avoided."""
@@ -44,18 +44,20 @@ class Solution:
     slope: float
 
 
-Rank: TypeAlias = tuple[bool, bool, bool, bool, bool, int, int, int]
+Rank: TypeAlias = tuple[bool, bool, bool, bool, bool, bool, int, int, int]
 
 
 def rank(s: Solution, names: Sequence[Symbol], mentions: Mapping[Symbol, int]) -> Rank:
-    """Smaller is better: plain numbers, affine, moderate, no division, variables before constants, seldom
-    mentioned elsewhere, short, declared early."""
+    """Smaller is better: plain numbers, affine, exact in doubles, moderate, no division, variables before
+    constants, seldom mentioned elsewhere, short, declared early."""
     is_number = isinstance(s.term, Number)
     steep = s.slope > MODERATE
     affine = is_affine(s.term)
     variable = s.symbol.kind == "variable"
     mentioned, size = mentions.get(s.symbol, 0), size_of(s.term)
-    return not is_number, not affine, steep, s.divided, not variable, mentioned, size, names.index(s.symbol)
+    exact = affine and has_dyadic_numbers(s.term)
+    place = names.index(s.symbol)
+    return not is_number, not affine, not exact, steep, s.divided, not variable, mentioned, size, place
 
 
 def solutions(equality: Compare, names: Sequence[Symbol], box: Box) -> Iterator[Solution]:

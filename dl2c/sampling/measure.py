@@ -11,15 +11,14 @@ sqrt(det G) * sqrt(det(N G^-1 N')), where G = I + C'C (Federer, "Geometric Measu
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 from typing import TypeAlias
 
-from dl2c.interval.arithmetic import INF, Box, enclosure, evaluate, magnitude
-from dl2c.interval.rounding import add_up, mul_up
-from dl2c.ir.logic import minus, plus, symbols, times
-from dl2c.ir.model import ONE, ZERO, Number, Symbol, Term
+from dl2c.ir.logic import folded, minus, plus, times
+from dl2c.ir.model import ONE, ZERO, Div, Number, Symbol, Term
 from dl2c.ir.normal import normal_form
 from dl2c.sampling.algebra import is_affine
 from dl2c.sampling.equalities import Elimination
@@ -29,6 +28,9 @@ Affine: TypeAlias = dict[Symbol, Fraction]
 """Coefficients; the constant term plays no part."""
 
 Matrix: TypeAlias = dict[tuple[Symbol, Symbol], Fraction]
+
+Entries: TypeAlias = Mapping[Symbol, Sequence["Entry"]]
+"""The slopes of a name, its own first, which is 1."""
 
 LARGEST_DETERMINANT = 4
 """Rows that may hang together: the determinant is written out."""
@@ -49,12 +51,15 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """The density is `scale * sqrt(squared)`; `rows` bound it one by one (Hadamard's inequality)."""
+    """The density is `scale * sqrt(squared)`; `rows`, or the columns that follow from them and from the
+    coefficients of `affine` names, bound it one by one (Hadamard's inequality). The first name of a row is
+    its own, and no other of it has a later row."""
 
     scale: float
     squared: Term
-    rows: tuple[Mapping[Symbol, tuple[Entry, ...]], ...]
+    rows: tuple[Entries, ...]
     inverse: Mapping[tuple[Symbol, Symbol], Fraction]
+    affine: tuple[Affine, ...] = ()
     widths: tuple[tuple[Term, ...], ...] = ()
     """The squares of the least of each are factors of `squared`."""
 
@@ -67,49 +72,15 @@ def measure_of(elimination: Elimination) -> Measure:
         if symbol not in bent:
             affine[symbol] = _affine(term, affine)
     determinant, inverse = _metric(list(affine.values()))
-    rows = [_entries(row, affine) for row in elimination.rows]
+    order = [symbol for symbol, _ in elimination.definitions]
+    rows = [_entries(r, affine) for r in sorted(elimination.rows, key=lambda r: order.index(r.symbol))]
     products = {
         (i, k): _inner(a, b, inverse) for i, a in enumerate(rows) for k, b in enumerate(rows) if i <= k
     }
-    squared = _determinant(products, len(rows))
+    squared = _determinant(products, rows, inverse)
     if isinstance(squared, Number):
         return Measure(math.sqrt(determinant * squared.value), ONE, (), {})
-    return Measure(math.sqrt(determinant), squared, tuple(rows), inverse)
-
-
-def largest_squared(measure: Measure, box: Box) -> float:
-    """An upper bound of `squared` on a box of all names; may be infinite."""
-    result = 1.0
-    for row in measure.rows:
-        sizes = [(z, _size(entries, box)) for z, entries in row.items()]
-        plain, refined = 0.0, 0.0
-        for a, first in sizes:
-            plain = add_up(plain, mul_up(first, first))
-            for b, second in sizes:
-                if share := abs(_at(measure.inverse, a, b)):
-                    part = mul_up(enclosure(share).high, mul_up(first, second))
-                    refined = add_up(refined, part)
-        result = mul_up(result, min(plain, refined))
-    for widths in measure.widths:
-        longest = max(min(evaluate(w, box).high for w in widths), 0.0)
-        result = mul_up(result, mul_up(longest, longest))
-    return result if not math.isnan(result) else INF
-
-
-def steep_names(measure: Measure, box: Box) -> set[Symbol]:
-    """The names on which slopes without a bound on the box depend."""
-    entries = [e for row in measure.rows for es in row.values() for e in es]
-    return {s for e in entries if not math.isfinite(_size([e], box)) for s in symbols(e.term)}
-
-
-def _size(entries: Sequence[Entry], box: Box) -> float:
-    """The largest size of a sum of slopes."""
-    around = 0.0
-    for entry in entries:
-        bounds = [evaluate(t, box) for t in (entry.term, entry.limit) if t is not None]
-        size = min(INF if b.empty else magnitude(b).high for b in bounds)
-        around = add_up(around, mul_up(enclosure(abs(entry.scale)).high, size))
-    return around
+    return Measure(math.sqrt(determinant), squared, tuple(rows), inverse, tuple(affine.values()))
 
 
 def _affine(term: Term, known: Mapping[Symbol, Affine]) -> Affine:
@@ -163,7 +134,8 @@ def _metric(rows: Sequence[Affine]) -> tuple[Fraction, Matrix]:
     return determinant, inverse
 
 
-def _at(inverse: Mapping[tuple[Symbol, Symbol], Fraction], a: Symbol, b: Symbol) -> Fraction:
+def at(inverse: Mapping[tuple[Symbol, Symbol], Fraction], a: Symbol, b: Symbol) -> Fraction:
+    """An entry of a matrix of which those are left out that the identity has."""
     return inverse.get((a, b), Fraction(int(a == b)))
 
 
@@ -174,7 +146,7 @@ def _inner(
     result: Term = ZERO
     for a, first in left.items():
         for b, second in right.items():
-            if share := _at(inverse, a, b):
+            if share := at(inverse, a, b):
                 part = times(_sum(first), _sum(second))
                 result = plus(result, times(Number(share), part))
     return result
@@ -187,17 +159,49 @@ def _sum(entries: Sequence[Entry]) -> Term:
     return result
 
 
-def _determinant(products: Mapping[tuple[int, int], Term], size: int) -> Term:
+def _determinant(
+    products: Mapping[tuple[int, int], Term],
+    rows: Sequence[Mapping[Symbol, Sequence[Entry]]],
+    inverse: Matrix,
+) -> Term:
     """Of a symmetric matrix: the product of those of its independent blocks."""
-    left = set(range(size))
+    left = set(range(len(rows)))
     term: Term = ONE
     while left:
-        block = _block(min(left), left, products)
-        left -= block
-        if len(block) > LARGEST_DETERMINANT:
-            raise TooEntangled
-        term = times(term, _expanded(sorted(block), sorted(block), products))
+        block = sorted(_block(min(left), left, products))
+        left -= set(block)
+        small = len(block) <= LARGEST_DETERMINANT
+        own = _expanded(block, block, products) if small else _by_columns([rows[k] for k in block], inverse)
+        term = times(term, own)
     return term
+
+
+def _by_columns(rows: Sequence[Entries], inverse: Matrix) -> Term:
+    """det(N N'), where few columns are shared by rows: with D what is left of N N' without these columns U,
+    a diagonal matrix, it is det(D) * det(I + U' D^-1 U). Raises `TooEntangled`."""
+    columns = [z for row in rows for z in row]
+    shared = [z for z in dict.fromkeys(columns) if columns.count(z) > 1]
+    if len(shared) > LARGEST_DETERMINANT or any(next(iter(row)) in shared for row in rows):
+        raise TooEntangled
+    if any(a in columns for a, _ in inverse):
+        raise TooEntangled
+    diagonal = [reduce(plus, (_square(row[z]) for z in row if z not in shared)) for row in rows]
+
+    def entry(a: Symbol, b: Symbol) -> Term:
+        parts: Iterator[Term] = (
+            folded(Div(times(_sum(row[a]), _sum(row[b])), d))
+            for row, d in zip(rows, diagonal, strict=True)
+            if a in row and b in row
+        )
+        return reduce(plus, parts, ONE if a == b else ZERO)
+
+    size = range(len(shared))
+    small = {(i, k): entry(shared[i], shared[k]) for i in size for k in size if i <= k}
+    return times(reduce(times, diagonal), _expanded(list(size), list(size), small))
+
+
+def _square(entries: Sequence[Entry]) -> Term:
+    return times(_sum(entries), _sum(entries))
 
 
 def _block(start: int, left: set[int], products: Mapping[tuple[int, int], Term]) -> set[int]:

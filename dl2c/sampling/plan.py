@@ -16,18 +16,19 @@ import numpy as np
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import Box, hull_of
-from dl2c.ir.logic import atoms, conjunction, operands, symbols
-from dl2c.ir.model import ONE, Formula, Model, Term
-from dl2c.sampling.acceptance import acceptance
+from dl2c.interval.contract import contractor
+from dl2c.ir.logic import atoms, conjunction, symbols
+from dl2c.ir.model import ONE, Model
 from dl2c.sampling.algebra import size_of
-from dl2c.sampling.arrays import Bools, Columns, Floats, completed, holds, uniform, values
+from dl2c.sampling.arrays import completed, holds, uniform
 from dl2c.sampling.charts import Chart, inward
 from dl2c.sampling.conditional import conditional
-from dl2c.sampling.measure import largest_squared, steep_names
+from dl2c.sampling.density import density_bound
 from dl2c.sampling.paving import Leaf, Root, pave
 from dl2c.sampling.problem import Problem, problem_of
 from dl2c.sampling.refusal import imprecise, too_long, unbounded_density, without_sample
 from dl2c.sampling.running import NoErrorBound
+from dl2c.sampling.tested import SampleChart, by_chance, is_short, named, tested
 from dl2c.smt.precondition import Decision, Unknown, decide, diagnose
 
 SEED = 20240229
@@ -42,21 +43,6 @@ RARE = 0.1
 
 COORDINATES = 2**24
 """Numbers that all these points may have together: states of many names get fewer points."""
-
-LONGEST_TEST = 20_000
-"""Numbers, names and operations of a test that compilers still read in a moment."""
-
-
-@dataclass(frozen=True, slots=True)
-class SampleChart:
-    """`free` names are drawn, `between` and `definitions` computed in order from them. A draw is kept if
-    `acceptance` holds in doubles and, with probability sqrt(`squared_density` / the box's), by chance."""
-
-    free: tuple[str, ...]
-    between: tuple[tuple[str, Term], ...]
-    definitions: tuple[tuple[str, Term], ...]
-    acceptance: Formula
-    squared_density: Term
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,9 +71,10 @@ class SamplingPlan:
     """How to draw an initial state: for each block in turn, until a draw is accepted,
 
     choose a box by weight; draw each free name of its chart as `low + u * (high - low)`, u uniform on
-    [0, 1), not above `high`; compute the definitions; where the plan is weighted, draw another u and
-    start again unless `u * u * box.squared_density <= chart.squared_density`; accept if the chart's
-    `acceptance` holds in doubles, where an atom with an undefined subterm is false; else start again.
+    [0, 1), not above `high`, and round it to the chart's grid; compute the definitions; where the plan is
+    weighted, draw another u and start again unless `u * u * box.squared_density <= chart.squared_density`;
+    accept if the chart's `acceptance` holds in doubles, where an atom with an undefined subterm is false;
+    else start again.
     `names` are all names of the state, `Model.sampled`. `certificate` is "exact" where the doubles
     satisfy the whole precondition, "witness" where a state does whose defined names differ by at most
     `error_bound`.
@@ -171,8 +158,8 @@ def _better_block(
     plain = _block(problem, charts, boxes, time_limit_s)
     if plain[0].estimated_acceptance >= RARE:
         return plain
-    narrowed = [c for c in map(conditional, charts) if c is not None]
-    if len(narrowed) != len(charts):
+    narrowed = [conditional(c) or c for c in charts]
+    if narrowed == list(charts):
         return plain
     other = _block(problem, narrowed, boxes, time_limit_s)
     return max(plain, other, key=lambda found: found[0].estimated_acceptance)
@@ -187,7 +174,7 @@ def _block(
         raise CompileError(without_sample(problem.formula))
     if not all(math.isfinite(leaf.density) for leaf in leaves):
         raise CompileError(unbounded_density(problem.formula))
-    tested = [_sample_chart(problem, chart, leaves, k) for k, chart in enumerate(charts)]
+    tested = [_tested(problem, chart, leaves, k) for k, chart in enumerate(charts)]
     points = min(TRIALS, COORDINATES // max(1, len(charts[0].box))) // len(leaves)
     accepted = [
         leaf.mass * _accepted(charts[leaf.chart], tested[leaf.chart][0], leaf.box, leaf.density, points)
@@ -204,14 +191,16 @@ def _block(
 
 def _root(chart: Chart) -> Root:
     wanted = conjunction([chart.rest, *chart.bounds.values()])
-    plain = _named(chart, wanted)
+    plain = named(chart, wanted, {})
+    bound = density_bound(chart.measure)
     return Root(
         chart.formula,
+        contractor(chart.formula),
         chart.box,
         chart.free,
         frozenset(symbols(chart.measure.squared)),
-        lambda box: steep_names(chart.measure, box),
-        lambda box: chart.measure.scale * math.sqrt(largest_squared(chart.measure, box)),
+        bound.steep,
+        bound.density,
         lambda box, density: _accepted(chart, plain, box, density, PROBES),
     )
 
@@ -226,57 +215,23 @@ def _accepted(chart: Chart, sample: SampleChart, box: Box, density: float, point
     return float(np.mean(kept & holds(sample.acceptance, columns, points)))
 
 
-def by_chance(
-    chart: SampleChart, largest: Floats, columns: Columns, count: int, rng: np.random.Generator
-) -> Bools:
-    """Which draws from boxes with these largest squared densities are kept, whatever the acceptance says."""
-    if chart.squared_density == ONE:
-        return np.full(count, True)
-    u = rng.random(count)
-    return u * u * largest <= values(chart.squared_density, columns, count)
-
-
-def _named(chart: Chart, test: Formula) -> SampleChart:
-    return SampleChart(
-        free=tuple(s.name for s in chart.free),
-        between=tuple((s.name, t) for s, t in chart.between),
-        definitions=tuple((s.name, t) for s, t in chart.definitions),
-        acceptance=test,
-        squared_density=chart.measure.squared,
-    )
-
-
 def _around(problem: Problem) -> dict[str, tuple[float, float]]:
     free = {s for charts in problem.blocks for chart in charts for s in chart.free}
     limits = {s.name: inward(item.bound) for s, item in problem.items.items() if s in free}
     return {n: (i.low, i.high) for n, i in limits.items() if math.isfinite(i.low) and math.isfinite(i.high)}
 
 
-def _sample_chart(
-    problem: Problem, chart: Chart, leaves: Sequence[Leaf], k: int
-) -> tuple[SampleChart, float]:
+def _tested(problem: Problem, chart: Chart, leaves: Sequence[Leaf], k: int) -> tuple[SampleChart, float]:
     """A chart with its test, and a bound of the error of its defined names."""
     own = [leaf.box for leaf in leaves if leaf.chart == k] or [chart.box]
     around = {s: hull_of(box[s] for box in own) for s in chart.box}
     try:
-        exact = [s for s, _ in chart.between]
-        test = acceptance(chart.rest, chart.definitions, chart.bounds, around, exact)
+        sample, error = tested(chart, around, {s: item.bound for s, item in problem.items.items()})
     except NoErrorBound:
         raise CompileError(imprecise(problem.formula)) from None
-    if not _is_short(test.formula):
+    if not is_short(sample.acceptance):
         raise CompileError(too_long(problem.formula))
-    error = max((test.errors[s] for s, _ in chart.definitions), default=0.0)
-    return _named(chart, test.formula), error
-
-
-def _is_short(formula: Formula) -> bool:
-    """Whether a test has at most `LONGEST_TEST` numbers, names and operations."""
-    todo: list[Term] = [side for atom in atoms(formula) for side in (atom.left, atom.right)]
-    for _ in range(LONGEST_TEST):
-        if not todo:
-            return True
-        todo += operands(todo.pop())
-    return False
+    return sample, error
 
 
 def _sample_box(leaf: Leaf, chart: Chart, total: float) -> SampleBox:

@@ -6,7 +6,7 @@ other names that could have been solved for. The charts cover all solutions but 
 meet only in their boundaries.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from math import isqrt
@@ -28,7 +28,7 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
-from dl2c.ir.normal import Monomial, Normal, derivative, normal_form, powers
+from dl2c.ir.normal import Monomial, Normal, derivative, divided, normal_form, powers
 from dl2c.sampling.algebra import (
     content,
     fraction,
@@ -64,7 +64,9 @@ class Branch:
     form: Normal
 
 
-def branches_of(equality: Compare, names: Sequence[Symbol]) -> tuple[Branch, ...]:
+def branches_of(
+    equality: Compare, names: Sequence[Symbol], is_nonzero: Callable[[Symbol], bool]
+) -> tuple[Branch, ...]:
     """Charts of the solutions over `names`; none where no name is solved for or terms are too long."""
     parts = fraction(Sub(equality.left, equality.right))
     form = None if parts is None else normal_form(parts[0])
@@ -74,7 +76,7 @@ def branches_of(equality: Compare, names: Sequence[Symbol]) -> tuple[Branch, ...
     form = without_content(form, set() if below is None else content(below))
     solvable = [s for s in names if _degree(form, s) in (1, 2)]
     try:
-        found = [b for s in solvable for b in _charts(form, s, solvable)]
+        found = [b for s in solvable for b in _charts(form, s, solvable, is_nonzero)]
     except _TooLong:
         return ()
     divisor = () if parts[1] == ONE else (Compare("!=", parts[1], ZERO, span=equality.span),)
@@ -96,7 +98,9 @@ def _degree(form: Normal, symbol: Symbol) -> int:
     return max(powers(form, symbol), default=0)
 
 
-def _charts(form: Normal, symbol: Symbol, solvable: Sequence[Symbol]) -> Iterator[Branch]:
+def _charts(
+    form: Normal, symbol: Symbol, solvable: Sequence[Symbol], is_nonzero: Callable[[Symbol], bool]
+) -> Iterator[Branch]:
     known = {(s.kind, s.name): s for s in _symbols(form)}
     by_power = powers(form, symbol)
     c0, c1, c2 = (term_of(by_power.get(k, {}), known) for k in range(3))
@@ -106,7 +110,7 @@ def _charts(form: Normal, symbol: Symbol, solvable: Sequence[Symbol]) -> Iterato
     conditions: list[Formula] = []
     for other in (o for o in solvable if o != symbol):
         if not _always_equal(Sub(Pow(slope, 2), Pow(others[other], 2)), form, symbol):
-            conditions.append(_at_least(steepness, Pow(others[other], 2)))
+            conditions.append(_at_least(steepness, Pow(others[other], 2), is_nonzero))
         elif solvable.index(other) < solvable.index(symbol):
             return
     steps = [derivative(form, s) for s in solvable]
@@ -145,10 +149,19 @@ def _divided(monomial: Monomial, value: Fraction, divisor: Normal) -> Normal | N
     return {tuple(sorted((k, n, e) for (k, n), e in powers.items() if e)): value / factor}
 
 
-def _at_least(large: Term, small: Term) -> Compare:
-    """`large >= small`, in its shorter form: equal parts cancel if they are multiplied out."""
-    expanded = _expanded(Sub(large, small))
-    if size_of(expanded) <= size_of(large) + size_of(small):
+def _at_least(large: Term, small: Term, is_nonzero: Callable[[Symbol], bool]) -> Compare:
+    """`large >= small`, in its shorter form: equal parts cancel if they are multiplied out, and squares of
+    names that are not zero if everything is divided by them."""
+    form = normal_form(Sub(large, small))
+    if form is None:
+        raise _TooLong
+    known = {(s.kind, s.name): s for s in symbols(large) | symbols(small)}
+    shorter = form
+    for name in sorted(n for n in content(form) if is_nonzero(known[n])):
+        least = min(e for m in form for k, n, e in m if (k, n) == name)
+        shorter = divided(shorter, name, least - least % 2)
+    expanded = term_of(shorter, known)
+    if shorter != form or size_of(expanded) <= size_of(large) + size_of(small):
         return Compare(">=", expanded, ZERO)
     return Compare(">=", large, small)
 

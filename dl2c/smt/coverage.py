@@ -1,8 +1,8 @@
-"""Whether a union of boxes holds every initial state.
+"""Whether a union of boxes holds every initial state, or every one of a chart.
 
-A model and boxes over some of its names come in; a proof, a state outside of all boxes, or the reason
-that neither was found goes out. Only names that are doubles count: a bound of 0.1 begins at the double
-above it.
+A model and boxes over some of its names, or over parts of a way between limits of them, come in; a proof,
+a state outside of all boxes, or the reason that neither was found goes out. Only names that are doubles
+count: a bound of 0.1 begins at the double above it.
 """
 
 import time
@@ -11,13 +11,15 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
 
-from dl2c.ir.model import Model
+from dl2c.ir.model import Formula, Model, Truth
 from dl2c.smt.precondition import Unknown, parts, value_of
 from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, z3
 from dl2c.source import NOWHERE
 
 Region: TypeAlias = Mapping[str, tuple[float, float]]
 """Limits of names."""
+
+EVERYWHERE = Truth(True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,16 +37,21 @@ class Outside:
 
 
 def coverage(
-    model: Model, around: Region, boxes: Sequence[Region], timeout_s: float = 60.0
+    model: Model,
+    around: Region,
+    boxes: Sequence[Region],
+    chart: Formula = EVERYWHERE,
+    timeout_s: float = 60.0,
 ) -> Covered | Outside | Unknown:
-    """Decide it with Z3; `around` limits the names to what doubles inside their bounds can be."""
+    """Decide it with Z3 for the states of a chart; `around` limits the names to what doubles inside their
+    bounds can be."""
     begun = time.monotonic()
     context = z3.Context()
     solver = z3.Solver(ctx=context)
     solver.set("timeout", max(1, int(timeout_s * 1000)))
     solver.set("random_seed", 0)
     try:
-        solver.add(*(condition(p.formula, context) for p in parts(model)))
+        solver.add(*(condition(f, context) for f in (*(p.formula for p in parts(model)), chart)))
     except (Untranslatable, TooLarge):
         return Unknown("the precondition is beyond Z3's arithmetic", NOWHERE)
     solver.add(_inside(around, context))
