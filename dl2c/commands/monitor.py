@@ -86,9 +86,11 @@ def unit_of(
     """The monitor of a model, as it is to be written. Raises `CommandError`, `CompileError`."""
     from dl2c.emit.monitor_h import Real, Unit
     from dl2c.env.opening import source_of
+    from dl2c.ir.model import TRUE
+    from dl2c.lint.runs import invariant
     from dl2c.monitor.build import monitor_of
     from dl2c.monitor.check import KINDS, Kind
-    from dl2c.pipeline import lowered_model, resolve_options
+    from dl2c.pipeline import lowered_model, resolve_options, resolved
 
     for given in kinds:
         if given not in KINDS:
@@ -96,13 +98,16 @@ def unit_of(
     reals = {name: name for name in get_args(Real)}
     if real not in reals:
         raise CommandError(f"no kind of number {real!r}; there is {', '.join(reals)}")
-    lowered = lowered_model(source_of(model), resolve_options(options))
+    source, given_options = source_of(model), resolve_options(options)
+    problem, effective = resolved(source, given_options)
+    lowered = lowered_model(source, given_options)
     names = {v.name for v in lowered.variables}
     tolerance = _tolerance(eps, names, real == "float")
     wanted: tuple[Kind, ...] = tuple(k for k in KINDS if k in kinds)
-    made, missing = monitor_of(lowered, wanted, tolerance)
+    proved = invariant(problem) or TRUE
+    made, missing = monitor_of(lowered, wanted, tolerance, proved, effective.default_bound)
     show([d for d in missing if not quiet()])
-    return Unit(made, reals[real], sound)
+    return Unit(made, reals[real], sound, effective.action_map == "squash")
 
 
 def _tolerance(eps: tuple[str, ...], names: set[str], single: bool) -> "Tolerance":

@@ -2,15 +2,16 @@
 
 Leaf functions are those of the simulator: the same printer, the same order of operations. Each case
 is a function that returns the first of its conditions that does not hold; a check reports the
-condition of the case that came closest.
+condition of the case that came closest, or the room that the satisfied case with most of it leaves.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 
 from dl2c.emit import names
 from dl2c.emit.cfile import function, place, wrapped
+from dl2c.emit.control_c import controller_functions
 from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor_h import Unit, head, title_of
 from dl2c.interval.arithmetic import Interval, enclosure
@@ -30,11 +31,13 @@ RUNTIME = {
 
 def monitor_c(unit: Unit) -> str:
     """The whole file."""
-    leaves = Leaves(_builder(unit), order_of(unit), unit.single)
+    leaves = Leaves(builder_of(unit), order_of(unit), unit.single)
     functions: list[str] = []
     for check in unit.monitor.checks:
         functions += [_case(unit, check, k, case, leaves) for k, case in enumerate(check.cases)]
-        functions += [_margin(unit, check, leaves), _check(unit, check)]
+        functions += [_margin(unit, check, leaves), *_nearest(unit, check), _check(unit, check)]
+    if unit.monitor.controller is not None:
+        functions += controller_functions(unit, leaves, "CASE == 0", leaves.condition)
     body = "\n".join([*leaves.texts, in_range(unit), *functions])
     used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
     smallest = "FLT_MIN" if unit.single else "DBL_MIN"
@@ -50,7 +53,7 @@ def monitor_c(unit: Unit) -> str:
     )
 
 
-def _builder(unit: Unit) -> Builder:
+def builder_of(unit: Unit) -> Builder:
     """Conditions of definedness are left out where the range of all numbers proves them."""
     if unit.single:
         limit = float(unit.largest)
@@ -72,6 +75,8 @@ def order_of(unit: Unit) -> Callable[[Symbol], int]:
     model = unit.monitor.model
     ranks = [Symbol(v.name, "variable") for v in model.variables]
     ranks += [after(v.name) for v in model.variables]
+    if unit.monitor.controller is not None:
+        ranks += [i.symbol for i in unit.monitor.controller.inputs]
     ranks += [Symbol(c.name, "constant") for c in model.constants]
     return ranks.index
 
@@ -147,6 +152,21 @@ def _margin(unit: Unit, check: Check, leaves: Leaves) -> str:
     )  # fmt: skip
 
 
+def _nearest(unit: Unit, check: Check) -> Iterator[str]:
+    """For each case, how far a state that satisfies it is from violating an inequality of it."""
+    for k, case in enumerate(check.cases):
+        near = [c.number for c in case.conditions if c.gradual and delta(c.formula) is not None]
+        lines = [f"real least = {unit.literal(unit.largest)};"]
+        for condition in near:
+            value = f"{check.kind}_margin({condition}, {passed(check)})"
+            lines += [f"least = dl2c_min({value}, least);"]
+        yield function(
+            f"static real {check.kind}_room{k}({arguments(unit, check)}",
+            [*lines, "return least > 0 ? least : 0;"],
+            "How much room the case leaves.",
+        )
+
+
 def _check(unit: Unit, check: Check) -> str:
     """A check, as the header declares it."""
     states = ("before", "after") if check.transition else ("state",)
@@ -162,19 +182,21 @@ def _check(unit: Unit, check: Check) -> str:
         lines += [
             f"const int case{k} = {check.kind}_case{k}({passed(check)});",
             f"if (case{k} == 0) {{",
+            f"  const real room = {check.kind}_room{k}({passed(check)});",
+            "  verdict.val = verdict.id == 0 ? dl2c_max(room, verdict.val) : room;",
             "  verdict.id = 0;",
-            "  verdict.val = 0;",
-            "  return verdict;",
             "}",
         ]
         if case.conditions:
             lines += [
-                f"if (case{k} - {first} > closest) {{",
+                f"if (verdict.id != 0 && case{k} - {first} > closest) {{",
                 f"  closest = case{k} - {first};",
                 f"  verdict.id = case{k};",
                 "}",
             ]
     lines += [
+        "if (verdict.id == 0)",
+        "  return verdict;",
         f"const real margin = {check.kind}_margin(verdict.id, {passed(check)});",
         "if (margin < verdict.val)",
         "  verdict.val = margin;",

@@ -4,13 +4,18 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
+import numpy as np
+
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import comment, place
 from dl2c.emit.model_h import LICENCE
 from dl2c.emit.names import file_stem, member
+from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import LARGEST_STATE, Bound, Constant, Variable
 from dl2c.ir.printer import print_number
 from dl2c.monitor.check import OUT_OF_RANGE, Check, Monitor
+from dl2c.monitor.runs import Controller
+from dl2c.paths.path import Input
 from dl2c.version import __version__
 
 Real: TypeAlias = Literal["double", "float"]
@@ -34,6 +39,8 @@ class Unit:
     monitor: Monitor
     real: Real = "double"
     sound: bool = False
+    squash: bool = False
+    """Inputs are asked for as a share, from -1 to 1, of what passes."""
 
     @property
     def stem(self) -> str:
@@ -57,6 +64,23 @@ class Unit:
     def literal(self, value: Fraction) -> str:
         return number(float(value)) + ("f" if self.single else "")
 
+    def field(self, key: str) -> str:
+        """The member for an input: the name of its variable, numbered where there are several."""
+        return member(key.removeprefix("assign_"))
+
+    def inward(self, low: Fraction, high: Fraction) -> tuple[str, str]:
+        """The ends of a range as numbers inside of it."""
+        ends = (rounded_up(low), rounded_down(high))
+        if not self.single:
+            return number(ends[0]), number(ends[1])
+        largest = float(LARGEST_FLOAT)
+        below = np.nextafter(np.float32(max(ends[0], -largest)), np.float32(np.inf))
+        above = np.nextafter(np.float32(min(ends[1], largest)), np.float32(-np.inf))
+        first, last = (np.float32(e) for e in ends)
+        first = first if Fraction(float(first)) >= low and abs(ends[0]) <= largest else below
+        last = last if Fraction(float(last)) <= high and abs(ends[1]) <= largest else above
+        return f"{first!s}f", f"{last!s}f"
+
 
 def monitor_h(unit: Unit) -> str:
     """The whole header."""
@@ -68,6 +92,7 @@ def monitor_h(unit: Unit) -> str:
             "#include <stdbool.h>\n",
             _types(unit),
             *(_declared(unit, check) for check in unit.monitor.checks),
+            *(_controller(unit, c) for c in [unit.monitor.controller] if c is not None),
             _conditions(unit),
             "#endif\n",
         ]
@@ -110,7 +135,8 @@ def _verdict(unit: Unit) -> str:
     text += "of the case that came closest."
     if unit.sound:
         return text + " `unknown` where that condition may hold: treat it as violated."
-    return text + " `val` is 0 where it is satisfied, else negative: by how much the condition is missed."
+    text += " `val` is by how much a satisfied check could be missed, in the units of its inequalities and "
+    return text + f"at most {float(unit.largest):g}; else negative: by how much the condition is missed."
 
 
 def _verdict_fields(unit: Unit) -> list[str]:
@@ -144,6 +170,69 @@ def _wrapped_head(text: str) -> str:
         return text
     opening, rest = text.split("(", 1)
     return opening + "(\n    " + rest.replace(", ", ",\n    ")
+
+
+CONTROLLER = {
+    "boundary_dist": "As check_controller, with the name and arguments that KeYmaera X gives it.",
+    "monitor_satisfied": "Whether the controller may lead from `pre` to `curr`.",
+    "run": "Executes the control path that takes these alternatives: where `curr` leads to. False where it "
+    "is not possible.",
+    "fallback": "Executes the first alternative that is possible, the one marked @fallback before others. "
+    "Where none is, what the first would do, which the monitor does not accept.",
+    "monitored_ctrl": "Executes `ctrl` where the monitor accepts what it does, else `fallback`, or where "
+    "that is null the one above.",
+}
+"""The functions for controllers, and what they do."""
+
+
+def declarations_of_controller(unit: Unit) -> dict[str, str]:
+    """Their signatures by name, in order."""
+    stem = unit.stem
+    state, given = f"{stem}_state", f"const {stem}_parameters *params"
+    called = f"{state} curr, {given}, const {stem}_input *input"
+    both = f"{stem}_ctrl *ctrl, {stem}_ctrl *fallback"
+    return {
+        "boundary_dist": f"{stem}_verdict {stem}_boundary_dist({state} pre, {state} curr, {given})",
+        "monitor_satisfied": f"bool {stem}_monitor_satisfied({state} pre, {state} curr, {given})",
+        "run": f"bool {stem}_run({called}, const int *choices, {state} *post)",
+        "fallback": f"{state} {stem}_fallback({called})",
+        "monitored_ctrl": f"{state} {stem}_monitored_ctrl({called}, {both})",
+    }
+
+
+def _controller(unit: Unit, controller: Controller) -> str:
+    """What a controller is given, and the functions for it."""
+    model, stem = unit.monitor.model, unit.stem
+    variables = {v.name: v for v in model.variables}
+    fields = [_input_field(unit, i, variables[i.variable]) for i in controller.inputs]
+    asked = "What a controller is given for each `x := *`: what it measures, or what is asked of it. A "
+    asked += "value asked for becomes "
+    asked += "that share of all that pass." if unit.squash else "the nearest that passes."
+    signature = f"{stem}_state curr, const {stem}_parameters *params, const {stem}_input *input"
+    choices = [
+        f"{k}. {d.name or d.key}: " + ", ".join(f"{a} {text}" for a, text in enumerate(d.alternatives))
+        for k, d in enumerate(controller.decisions)
+    ]
+    listed = " Of `choices`, " + "; ".join(choices) + "." if choices else " There are no `choices`."
+    functions = [
+        f"{comment(CONTROLLER[name] + listed * (name == 'run'))}\n{_wrapped_head(head)};\n"
+        for name, head in declarations_of_controller(unit).items()
+    ]
+    return "\n".join(
+        [
+            comment(asked),
+            _struct(f"{stem}_input", fields),
+            comment("A controller: the state that it leads to."),
+            f"{_wrapped_head(f'typedef {stem}_state {stem}_ctrl({signature})')};\n",
+            *functions,
+        ]
+    )
+
+
+def _input_field(unit: Unit, given: Input, variable: Variable) -> str:
+    kind = "measured" if given.role == "env" else "asked for, from -1 to 1" if unit.squash else "asked for"
+    notes = [kind, variable.unit, variable.description]
+    return f"{unit.real} {unit.field(given.key)}; {comment(', '.join(n for n in notes if n))}"
 
 
 def _conditions(unit: Unit) -> str:

@@ -1,11 +1,10 @@
-"""What comes with an exported monitor: a program for the host, and how to integrate it."""
+"""All files of an exported monitor, and how to integrate it."""
 
 import textwrap
 
-from dl2c.emit import names
-from dl2c.emit.cfile import function
+from dl2c.emit.host_c import main_c
 from dl2c.emit.monitor_c import monitor_c
-from dl2c.emit.monitor_h import MEANING, Unit, head, monitor_h, title_of
+from dl2c.emit.monitor_h import MEANING, Unit, head, monitor_h
 from dl2c.emit.sound_monitor_c import sound_monitor_c
 from dl2c.monitor.check import Check
 
@@ -18,55 +17,6 @@ def monitor_files(unit: Unit) -> dict[str, str]:
         "main.c": main_c(unit),
         "README.md": _readme(unit),
     }
-
-
-def main_c(unit: Unit) -> str:
-    """A program that reads checks with their numbers and prints verdicts."""
-    model, stem = unit.monitor.model, unit.stem
-    states = [f"&state->{names.member(v.name)}" for v in model.variables]
-    parameters = [f"&parameters->{names.member(c.name)}" for c in unit.parameters]
-    form = "d %d" if unit.sound else "d %.17g"
-    value = "verdict.unknown" if unit.sound else "(double)verdict.val"
-    main = ["char word[16];", 'while (scanf("%15s", word) == 1) {']
-    both = any(check.transition for check in unit.monitor.checks)
-    main += [f"  {stem}_state one = {{0}}{', two = {0}' * both};"]
-    main += [f"  {stem}_parameters parameters = {{0}};"]
-    main += [f"  {stem}_verdict verdict = {{0}};"]
-    for check in unit.monitor.checks:
-        reads = ["read_state(&one)", *(["read_state(&two)"] if check.transition else [])]
-        called = f"{stem}_check_{check.kind}({'&one, &two' if check.transition else '&one'}, &parameters)"
-        main += [
-            f'  if (strcmp(word, "{check.kind}") == 0) {{',
-            f"    if (!({' && '.join([*reads, 'read_parameters(&parameters)'])}))",
-            "      return 2;",
-            f"    verdict = {called};",
-            "  }",
-        ]
-    main += [f'  printf("%{form}\\n", verdict.id, {value});', "}", "return 0;"]
-    return "\n".join(
-        [
-            title_of(unit),
-            f'#include "{stem}_monitor.h"\n',
-            "#include <stdio.h>\n#include <string.h>\n",
-            _reading(unit, "state", states),
-            _reading(unit, "parameters", parameters),
-            function(
-                "int main(void)",
-                main,
-                "Reads lines `KIND state [state] parameters`, numbers in the order of the header, and prints "
-                "for each the verdict.",
-            ),
-        ]
-    )
-
-
-def _reading(unit: Unit, kind: str, places: list[str]) -> str:
-    form = "%f" if unit.single else "%lf"
-    lines = [f'if (scanf("{form}", {p}) != 1)\n    return false;' for p in places]
-    return function(
-        f"static bool read_{kind}({unit.stem}_{kind} *{kind})",
-        [line for text in lines for line in text.split("\n  ")] + ["return true;"],
-    )
 
 
 def _readme(unit: Unit) -> str:
