@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from dl2c.commands.replay import Violation
     from dl2c.emit.monitor_h import Unit
     from dl2c.monitor.check import Tolerance
+    from dl2c.policy.network import NetworkPolicy
 
 
 Model = Annotated[
@@ -38,6 +39,12 @@ Eps = Annotated[
         help="How far values may be from those computed: relative, or of NAME, in its unit.",
     ),
 ]
+Trained = Annotated[
+    Path | None,
+    typer.Option(
+        "--policy", metavar="FILE|DIR", help="A trained policy to write too: policy.json, or SB3's zip."
+    ),
+]
 Trace = Annotated[
     Path | None, typer.Option("--check", metavar="CSV", help="Replay what `dl2c rollout --csv` wrote.")
 ]
@@ -50,6 +57,7 @@ def monitor(
     real: Number = "double",
     sound: Sound = False,
     eps: Eps = None,
+    policy: Trained = None,
     trace: Trace = None,
     json: Json = False,
     *,
@@ -58,10 +66,18 @@ def monitor(
     """Write a run-time monitor in C that compares a system with the model."""
     if output is None and trace is None:
         raise CommandError("nothing to do: give a folder with -o, or a trace with --check")
-    unit = unit_of(model, options, tuple(kind or ()), real, sound, tuple(eps or ()))
+    kinds = tuple(kind or ())
+    if policy is not None and (output is None or (kinds and "controller" not in kinds)):
+        raise CommandError("--policy needs -o, and the controller's check")
+    trained = None
+    if policy is not None:
+        from dl2c.commands.policy import policy_for
+
+        trained, options = policy_for(model, policy, options)
+    unit = unit_of(model, options, kinds, real, sound, tuple(eps or ()))
     found: dict[str, Any] = {}
     if output is not None:
-        found |= _written(unit, output)
+        found |= _written(unit, output, trained)
     failed = None
     if trace is not None:
         violations, found["steps"] = _replayed(unit, trace)
@@ -131,10 +147,10 @@ def _tolerance(eps: tuple[str, ...], names: set[str], single: bool) -> "Toleranc
     return Tolerance(relative, absolute)
 
 
-def _written(unit: "Unit", output: Path) -> dict[str, Any]:
+def _written(unit: "Unit", output: Path, policy: "NetworkPolicy | None") -> dict[str, Any]:
     from dl2c.emit.monitor_text import monitor_files
 
-    files = monitor_files(unit)
+    files = monitor_files(unit, policy)
     output.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         (output / name).write_text(text, encoding="utf-8")

@@ -57,18 +57,18 @@ def _search(unit: Unit, controller: Controller) -> list[str]:
     return [search_functions(unit.stem, most, unit.single, quadratic, unit.squash)]
 
 
-def _places(unit: Unit, given: str) -> Place:
+def reading(unit: Unit, given: str, state: str = "before->", parameters: str = "parameters->") -> Place:
     """Where a run reads the value of a symbol."""
     fixed = {c.name: c.value for c in unit.monitor.model.constants if c.value is not None}
 
     def place_of(symbol: Symbol) -> str:
         match symbol.kind:
             case "variable":
-                return f"before->{names.member(symbol.name)}"
+                return f"{state}{names.member(symbol.name)}"
             case "constant" if symbol.name in fixed:
                 return unit.literal(fixed[symbol.name])
             case "constant":
-                return f"parameters->{names.member(symbol.name)}"
+                return f"{parameters}{names.member(symbol.name)}"
             case _:
                 return f"{given}{unit.field(symbol.name)}"
 
@@ -85,7 +85,7 @@ def _stem(run: Run, one: Given, unit: Unit) -> str:
 
 def _admits(unit: Unit, run: Run, one: Given, holds: Holds) -> str:
     """A function of the tests of an input, one after the other."""
-    stem, read = _stem(run, one, unit), _places(unit, "given->")
+    stem, read = _stem(run, one, unit), reading(unit, "given->")
     lines: list[str] = []
     for j, part in enumerate(conjuncts(one.admits)):
         about = f"{place(one.span)}  {print_formula(part)}"
@@ -99,7 +99,7 @@ def _admits(unit: Unit, run: Run, one: Given, holds: Holds) -> str:
 
 def _roots(unit: Unit, run: Run, one: Given, leaves: Leaves) -> str:
     """A function that enters where the tests of an input may begin or cease to hold."""
-    stem, read = _stem(run, one, unit), _places(unit, "s->given->")
+    stem, read = _stem(run, one, unit), reading(unit, "s->given->")
 
     def through(symbol: Symbol) -> str:
         text = read(symbol)
@@ -139,7 +139,7 @@ def _run(unit: Unit, run: Run, leaves: Leaves, accepted: str) -> str:
     for one in _chosen(run):
         lines += _search_for(unit, run, one)
     lines.append("*after = *before;")
-    read = _places(unit, "given.")
+    read = reading(unit, "given.")
     for variable, term in run.updates:
         about = f"{place(run.span)}  {variable} := {print_term(term)}"
         value = leaves.term(f"run{run.case}_set_{variable}", term, about, read)

@@ -15,8 +15,14 @@ CONTROL = (
 )
 
 
-def main_c(unit: Unit) -> str:
-    """The whole file."""
+POLICY = (
+    " For `policy state parameters input` it prints the outputs of its network, and after them the state "
+    "that the monitored policy leads to."
+)
+
+
+def main_c(unit: Unit, policy: bool = False) -> str:
+    """The whole file; with a policy beside the monitor."""
     model, stem, controller = unit.monitor.model, unit.stem, unit.monitor.controller
     states = [names.member(v.name) for v in model.variables]
     functions = [
@@ -26,16 +32,17 @@ def main_c(unit: Unit) -> str:
     if controller is not None:
         functions.append(_reading(unit, "input", [unit.field(i.key) for i in controller.inputs]))
         functions.append(_printing(unit, states))
-        functions.append(_controlling(unit, len(controller.decisions)))
+        functions.append(_controlling(unit, len(controller.decisions), policy))
+    about = ABOUT + CONTROL * (controller is not None) + POLICY * policy
     includes = ["stdio", "string"]
     return "\n".join(
         [
             title_of(unit),
-            f'#include "{stem}_monitor.h"\n',
+            f'#include "{stem}_{"policy" if policy else "monitor"}.h"\n',
             *(f"#include <{name}.h>" for name in includes),
             "",
             *functions,
-            function("int main(void)", _main(unit), ABOUT + CONTROL * (controller is not None)),
+            function("int main(void)", _main(unit), about),
         ]
     )
 
@@ -67,29 +74,45 @@ def _asked(stem: str, check: Check) -> list[str]:
     ]
 
 
-def _controlling(unit: Unit, decisions: int) -> str:
+def _controlling(unit: Unit, decisions: int, policy: bool) -> str:
     """A function that answers lines about controllers."""
     stem = unit.stem
+    known = ["!run", 'strcmp(word, "fallback") != 0', *(["!policy"] if policy else [])]
     lines = [
         f"{stem}_state state = {{0}}, post = {{0}};",
         f"{stem}_parameters parameters = {{0}};",
         f"{stem}_input input = {{0}};",
         f"int choices[{max(1, decisions)}] = {{0}};",
         'const bool run = strcmp(word, "run") == 0;',
-        'if (!run && strcmp(word, "fallback") != 0)',
+        *(['const bool policy = strcmp(word, "policy") == 0;'] if policy else []),
+        f"if ({' && '.join(known)})",
         "  return false;",
         "if (!(read_state(&state) && read_parameters(&parameters) && read_input(&input)))",
         "  return false;",
         "if (run) {",
         *(f"  {line}" for line in _reading_choices(decisions)),
         f'  printf("%d ", {stem}_run(state, &parameters, &input, choices, &post));',
+        *(["} else if (policy) {", *(f"  {line}" for line in _policy(unit))] if policy else []),
         "} else {",
         f"  post = {stem}_monitored_ctrl(state, &parameters, &input, 0, 0);",
         "}",
         "print_state(&post);",
+        'puts("");',
         "return true;",
     ]
     return function("static bool controls(const char *word)", lines)
+
+
+def _policy(unit: Unit) -> list[str]:
+    stem, upper = unit.stem, unit.stem.upper()
+    return [
+        f"{unit.real} observation[{upper}_OBSERVATIONS], output[{upper}_OUTPUTS];",
+        f"{stem}_policy_observe(state, &parameters, &input, observation);",
+        f"{stem}_policy_outputs(observation, output);",
+        f"post = {stem}_policy_monitored(state, &parameters, &input);",
+        f"for (int k = 0; k < {upper}_OUTPUTS; k++)",
+        '  printf("%.17g ", (double)output[k]);',
+    ]
 
 
 def _reading_choices(decisions: int) -> list[str]:
@@ -101,7 +124,7 @@ def _reading_choices(decisions: int) -> list[str]:
 
 def _printing(unit: Unit, states: list[str]) -> str:
     lines = [f'printf("%.17g ", (double)state->{name});' for name in states]
-    return function(f"static void print_state(const {unit.stem}_state *state)", [*lines, 'puts("");'])
+    return function(f"static void print_state(const {unit.stem}_state *state)", lines)
 
 
 def _reading(unit: Unit, kind: str, members: list[str]) -> str:

@@ -113,7 +113,7 @@ def _case(unit: Unit, check: Check, k: int, case: Case, leaves: Leaves) -> str:
     body: list[str] = []
     for condition in case.conditions:
         holds = _condition(unit, check, condition, leaves)
-        body += [*wrapped(f"if (!{_grouped(holds)})"), f"  return {condition.number};"]
+        body += [*wrapped(f"if (!{grouped(holds)})"), f"  return {condition.number};"]
     return function(
         f"static int {check.kind}_case{k}({arguments(unit, check)}",
         [*body, "return 0;"],
@@ -128,8 +128,9 @@ def _condition(unit: Unit, check: Check, condition: Condition, leaves: Leaves) -
     return leaves.condition(name, condition.formula, about, places(unit, check))
 
 
-def _grouped(text: str) -> str:
-    return text if re.fullmatch(r"\w+(\([^()]*\))?", text) else f"({text})"
+def grouped(text: str) -> str:
+    """An expression that a prefix can stand before."""
+    return text if re.fullmatch(r"[\w.]+(->\w+)?(\([^()]*\))?", text) else f"({text})"
 
 
 def _margin(unit: Unit, check: Check, leaves: Leaves) -> str:

@@ -5,29 +5,40 @@ import textwrap
 from dl2c.emit.host_c import main_c
 from dl2c.emit.monitor_c import monitor_c
 from dl2c.emit.monitor_h import MEANING, Unit, head, monitor_h
+from dl2c.emit.policy_c import policy_files
 from dl2c.emit.sound_monitor_c import sound_monitor_c
 from dl2c.monitor.check import Check
+from dl2c.policy.network import NetworkPolicy
 
 
-def monitor_files(unit: Unit) -> dict[str, str]:
-    """The files of a monitor by name."""
-    return {
+def monitor_files(unit: Unit, policy: NetworkPolicy | None = None) -> dict[str, str]:
+    """The files of a monitor by name, with a policy whose interface is the model's. Raises `CompileError`
+    for a policy that does not fit into C.
+    """
+    files = {} if policy is None else policy_files(unit, policy)
+    return files | {
         f"{unit.stem}_monitor.h": monitor_h(unit),
         f"{unit.stem}_monitor.c": sound_monitor_c(unit) if unit.sound else monitor_c(unit),
-        "main.c": main_c(unit),
-        "README.md": _readme(unit),
+        "main.c": main_c(unit, policy is not None),
+        "README.md": _readme(unit, policy),
     }
 
 
-def _readme(unit: Unit) -> str:
+def _readme(unit: Unit, policy: NetworkPolicy | None) -> str:
     model, stem = unit.monitor.model, unit.stem
     kinds = "\n".join(_kind(unit, check) for check in unit.monitor.checks)
+    sources = f"{stem}_monitor.c" + (f" {stem}_policy.c" if policy is not None else "")
+    listed = f"`{stem}_monitor.h` and `{stem}_monitor.c`" + (
+        f" with `{stem}_policy.h` and `{stem}_policy.c`" if policy is not None else ""
+    )
+    control = _control(unit, policy) if unit.monitor.controller is not None else ""
     return f"""# Monitor of {model.name}
 
-`{stem}_monitor.h` and `{stem}_monitor.c` are complete: C99, no allocation, no state, no recursion, no
-loops; of the C library only `<math.h>`, `<float.h>` and `<stdbool.h>`. Numbers are `{unit.real}`.
+{listed} are complete: C99, no allocation, no state, no recursion, only loops whose
+bounds are numbers; of the C library only `<math.h>`, `<float.h>` and `<stdbool.h>`. Numbers are
+`{unit.real}`.
 
-    cc -std=c99 -O2 -ffp-contract=off -c {stem}_monitor.c
+    cc -std=c99 -O2 -ffp-contract=off -c {sources}
 
 Never compile it with `-ffast-math` or `-Ofast`.
 
@@ -36,9 +47,30 @@ Never compile it with `-ffast-math` or `-Ofast`.
 `id` 0 is the verdict "satisfied"; any other is the number of a condition, listed at the end of the
 header with its line in the model. NaN, infinities and numbers out of range are never satisfied.
 {_precision(unit)}
+{control}
 On the host, `main.c` reads one check per line and prints verdicts:
 
-    cc -std=c99 -O2 -ffp-contract=off main.c {stem}_monitor.c -lm -o monitor
+    cc -std=c99 -O2 -ffp-contract=off main.c {sources} -lm -o monitor
+"""
+
+
+def _control(unit: Unit, policy: NetworkPolicy | None) -> str:
+    """How to put a controller under the monitor."""
+    stem = unit.stem
+    ctrl = "ctrl" if policy is None else f"{stem}_policy_ctrl"
+    own = "where `ctrl` is a function of yours" if policy is None else "which is the trained policy"
+    return f"""
+## A controller under the monitor
+
+Once in every step, with what was measured in `curr`, `params` and `input`:
+
+    curr = {stem}_monitored_ctrl(curr, &params, &input, {ctrl}, 0);
+
+executes `{ctrl}`, {own}, if the controller's check accepts what
+it does. Otherwise, and where a number is NaN, it executes the fallback given, or where that is 0
+`{stem}_fallback`: the first alternative of the model that is possible, one marked `@fallback` before
+others. Then let the plant move for one step of the model. Names and arguments are those of the C that
+KeYmaera X exports, with `{stem}_` before them.
 """
 
 

@@ -1,12 +1,11 @@
 """How an exported controller finds values of inputs that pass: C that knows nothing of a model but names.
 
 `MODEL` stands for what all names of the model begin with, `MOST` for the largest number of values that
-are looked at. Every loop is bounded by it; where a test is violated by rounding alone, values up to 4^9
-units in the last place inside of its root are tried.
+are looked at. Every loop is bounded by it or by the bits of a number.
 """
 
 SEARCH = """\
-enum { MOST = @MOST, TRIES = 9 };
+enum { MOST = @MOST, HALVINGS = @HALVINGS };
 
 /*
  * The search for a value of an input. Between two neighbours in `at`, the first and the last of
@@ -59,6 +58,19 @@ static void enter_roots(search *s, real c0, real c1, real c2)
 """
 
 NEAREST = """\
+/* The last value that passes on the way from one that does to one that does not. */
+static real last_passing(const search *s, real passing, real failing)
+{
+  for (int n = 0; n < HALVINGS; n++) {
+    const real middle = passing + (failing - passing) / 2;
+    if (passes(s, middle))
+      passing = middle;
+    else
+      failing = middle;
+  }
+  return passing;
+}
+
 /* The value nearest to `wanted` that passes; where none is found, one inside the range. */
 static real nearest(const search *s, real wanted)
 {
@@ -70,21 +82,23 @@ static real nearest(const search *s, real wanted)
   real best = inside;
   real least = high - low;
   bool found = false;
-  for (int k = 0; k < 2 * MOST; k++) {
-    if (k / 2 >= s->count || (k % 2 != 0 && k / 2 + 1 == s->count))
+  for (int k = 0; k < 2 * MOST - 1; k++) { /* one of the values in `at`, or all up to the next */
+    if (k / 2 + k % 2 >= s->count)
       continue;
-    const real root = s->at[k / 2];
-    const real start = k % 2 == 0 ? root : root + (s->at[k / 2 + 1] - root) / 2;
-    real unit = @ABS(start) * @EPSILON + DL2C_SMALLEST;
-    for (int n = 0; n <= 2 * TRIES; n++) {
-      const real value = n == 0 ? start : n % 2 == 0 ? start + unit : start - unit;
-      const real off = @ABS(value - inside);
-      if (value >= low && value <= high && (!found || off < least) && passes(s, value)) {
-        best = value;
-        least = off;
-        found = true;
-      }
-      unit = n > 0 && n % 2 == 0 ? 4 * unit : unit;
+    const real first = s->at[k / 2];
+    const real last = s->at[k / 2 + k % 2];
+    const real middle = first + (last - first) / 2;
+    real value = inside > first ? (inside < last ? inside : last) : first;
+    bool passing = passes(s, value);
+    if (!passing && passes(s, middle)) {
+      value = last_passing(s, middle, value);
+      passing = true;
+    }
+    const real off = @ABS(value - inside);
+    if (passing && (!found || off < least)) {
+      best = value;
+      least = off;
+      found = true;
     }
   }
   *s->value = best;
@@ -136,7 +150,7 @@ def search_functions(stem: str, most: int, single: bool, quadratic: bool, squash
         "@MOST": str(most),
         "@SQRT": f"sqrt{suffix}",
         "@ABS": f"fabs{suffix}",
-        "@EPSILON": "FLT_EPSILON" if single else "DBL_EPSILON",
+        "@HALVINGS": "26" if single else "55",
     }
     text = "\n".join(parts)
     for word, meaning in words.items():
