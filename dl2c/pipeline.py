@@ -16,7 +16,7 @@ from dl2c.configuration import configured
 from dl2c.diagnostics import CompileError, Diagnostic, error, in_source_order, warning
 from dl2c.ir.lints import program_warnings
 from dl2c.ir.lower import lower
-from dl2c.ir.model import LARGEST_STATE
+from dl2c.ir.model import LARGEST_STATE, TRUE
 from dl2c.ir.printer import print_model
 from dl2c.native.cache import build_key, cached
 from dl2c.options import Options, UnknownOption, under, with_options
@@ -30,6 +30,7 @@ from dl2c.source import Source, Span
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
+    from dl2c.emit.monitor_h import Unit
     from dl2c.emit.plan import Environment
     from dl2c.ir.kernel import Refused
     from dl2c.ir.model import Model
@@ -255,6 +256,11 @@ def _environment(
         d = sampling.diagnostic
         advice = 'reset needs a state: reset(options={"state": {...}})'
         warnings += (warning(d.code, d.title, d.span, d.label, advice, d.notes),)
+    monitor = None
+    if options.monitor_every_step:
+        say("making the monitor")
+        monitor, missing = _monitor(problem, model, options)
+        warnings += missing
     environment = Environment(
         model=model,
         paths=paths,
@@ -262,8 +268,20 @@ def _environment(
         sampling=None if isinstance(sampling, NoSampler) else sampling,
         options=options,
         version=__version__,
+        monitor=monitor,
     )
     return environment, warnings
+
+
+def _monitor(problem: Problem, model: "Model", options: Options) -> tuple["Unit", tuple[Diagnostic, ...]]:
+    """The monitor that is exported for a model, and why it lacks some checks."""
+    from dl2c.emit.monitor_h import Unit
+    from dl2c.ir.invariant import invariant
+    from dl2c.monitor.build import monitor_of
+
+    proved = invariant(problem) or TRUE
+    made, missing = monitor_of(model, invariant=proved, default_bound=options.default_bound)
+    return Unit(made, squash=options.action_map == "squash"), missing
 
 
 def _lowered(problem: Problem, options: Options) -> tuple["Model", "Model"]:

@@ -147,7 +147,7 @@ def test_a_policy_is_exported_without_torch(tmp_path: Path) -> None:
     text = (tmp_path / "out" / "Waypoint_policy.c").read_text(encoding="utf-8")
     assert "malloc" not in text
     tables = [line for line in text.splitlines() if "] = {" in line and not line.startswith(" ")]
-    assert len(tables) == 6 and all(line.startswith("static const ") for line in tables)
+    assert len(tables) == 8 and all(line.startswith("static const ") for line in tables)
 
 
 @pytest.mark.parametrize(

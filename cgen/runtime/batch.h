@@ -151,12 +151,14 @@ dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, 
 dl2c_status dl2c_batch_step(dl2c_batch *b)
 {
   if (b == NULL) return DL2C_ERR_ARG;
+  dl2c_status found = DL2C_OK;
   for (int64_t first = 0; first < b->n; first += DL2C_BLOCK) {
     const int64_t rest = b->n - first;
     const dl2c_status status = dl2c_step_block(b, first, rest < DL2C_BLOCK ? rest : DL2C_BLOCK);
-    if (status != DL2C_OK) return status;
+    if (status != DL2C_OK && status != DL2C_ERR_MONITOR) return status;
+    if (status != DL2C_OK) found = status;
   }
-  return DL2C_OK;
+  return found;
 }
 
 dl2c_status dl2c_batch_get_state(const dl2c_batch *b, int64_t i, double *x, double *p)
@@ -174,6 +176,10 @@ dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, cons
   for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
   b->ended[i] = 0;
   if (NSTEPDRAW > 0) b->start[i].closed = false;
+#if DL2C_MONITORED
+  memcpy(b->start[NSTEPDRAW > 0 ? i : 0].trial.before, x, sizeof(real) * NX);
+  b->start[NSTEPDRAW > 0 ? i : 0].trial.unexplained = DL2C_POINT_LEAD > 0;
+#endif
   dl2c_show_postcondition(b, i);
   dl2c_show(b, i);
   return DL2C_OK;
@@ -213,6 +219,7 @@ const char *dl2c_status_text(dl2c_status status)
   case DL2C_ERR_RESET: return "no admissible initial state was found";
   case DL2C_ERR_BLOCKED: return "none of 1000 initial states that were drawn has a run";
   case DL2C_ERR_STATE: return "the state violates the precondition, or no run is possible from it";
+  case DL2C_ERR_MONITOR: return "a step violates the monitor of its model";
   case DL2C_ERR_SOLVER: return "the library of differential equation solvers is missing or unfit";
   }
   return "unknown status";

@@ -102,8 +102,8 @@ def unit_of(
     """The monitor of a model, as it is to be written. Raises `CommandError`, `CompileError`."""
     from dl2c.emit.monitor_h import Real, Unit
     from dl2c.env.opening import source_of
+    from dl2c.ir.invariant import invariant
     from dl2c.ir.model import TRUE
-    from dl2c.lint.runs import invariant
     from dl2c.monitor.build import monitor_of
     from dl2c.monitor.check import KINDS, Kind
     from dl2c.pipeline import lowered_model, resolve_options, resolved

@@ -7,8 +7,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import comment, place
-from dl2c.emit.model_h import LICENCE
+from dl2c.emit.cfile import LICENCE, comment, place
 from dl2c.emit.names import file_stem, member
 from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import LARGEST_STATE, Bound, Constant, Variable

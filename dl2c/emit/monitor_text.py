@@ -16,11 +16,15 @@ def monitor_files(unit: Unit, policy: NetworkPolicy | None = None) -> dict[str, 
     for a policy that does not fit into C.
     """
     files = {} if policy is None else policy_files(unit, policy)
-    return files | {
+    files |= {"main.c": main_c(unit, policy is not None), "README.md": _readme(unit, policy)}
+    return files | monitor_sources(unit)
+
+
+def monitor_sources(unit: Unit) -> dict[str, str]:
+    """The monitor itself: what a target and a simulator that is monitored compile alike."""
+    return {
         f"{unit.stem}_monitor.h": monitor_h(unit),
         f"{unit.stem}_monitor.c": sound_monitor_c(unit) if unit.sound else monitor_c(unit),
-        "main.c": main_c(unit, policy is not None),
-        "README.md": _readme(unit, policy),
     }
 
 
