@@ -251,16 +251,8 @@ def _environment(
     sampling = plan_sampling(drawn, decision=decision)
     warnings = program_warnings(model)
     if isinstance(sampling, NoSampler):
-        if sampling.diagnostic.code in ("unsatisfiable-precondition", "unbounded-variable"):
-            raise CompileError(sampling.diagnostic)
-        d = sampling.diagnostic
-        advice = 'reset needs a state: reset(options={"state": {...}})'
-        warnings += (warning(d.code, d.title, d.span, d.label, advice, d.notes),)
-    monitor = None
-    if options.monitor_every_step:
-        say("making the monitor")
-        monitor, missing = _monitor(problem, model, options)
-        warnings += missing
+        warnings += (_not_sampled(sampling.diagnostic),)
+    monitor, missing = _monitor(problem, model, options, say)
     environment = Environment(
         model=model,
         paths=paths,
@@ -270,11 +262,16 @@ def _environment(
         version=__version__,
         monitor=monitor,
     )
-    return environment, warnings
+    return environment, warnings + missing
 
 
-def _monitor(problem: Problem, model: "Model", options: Options) -> tuple["Unit", tuple[Diagnostic, ...]]:
-    """The monitor that is exported for a model, and why it lacks some checks."""
+def _monitor(
+    problem: Problem, model: "Model", options: Options, say: Progress
+) -> tuple["Unit | None", tuple[Diagnostic, ...]]:
+    """The monitor that is exported for a model, where every step is monitored; why it lacks some checks."""
+    if not options.monitor_every_step:
+        return None, ()
+    say("making the monitor")
     from dl2c.emit.monitor_h import Unit
     from dl2c.ir.invariant import invariant
     from dl2c.monitor.build import monitor_of
@@ -282,6 +279,14 @@ def _monitor(problem: Problem, model: "Model", options: Options) -> tuple["Unit"
     proved = invariant(problem) or TRUE
     made, missing = monitor_of(model, invariant=proved, default_bound=options.default_bound)
     return Unit(made, squash=options.action_map == "squash"), missing
+
+
+def _not_sampled(d: Diagnostic) -> Diagnostic:
+    """That resets need a state. Raises `CompileError` where none will do."""
+    if d.code in ("unsatisfiable-precondition", "unbounded-variable"):
+        raise CompileError(d)
+    advice = 'reset needs a state: reset(options={"state": {...}})'
+    return warning(d.code, d.title, d.span, d.label, advice, d.notes)
 
 
 def _lowered(problem: Problem, options: Options) -> tuple["Model", "Model"]:

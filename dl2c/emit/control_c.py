@@ -167,38 +167,19 @@ def _search_for(unit: Unit, run: Run, one: Given) -> list[str]:
     ]
 
 
+USABLE = "is_state(&curr) && are_parameters(params)"
+PASSED = "&curr, params, input"
+
+
 def _public(unit: Unit, controller: Controller) -> Iterable[str]:
     """The functions that the header declares, in its order."""
     stem = unit.stem
     heads = declarations_of_controller(unit)
-    usable = "is_state(&curr) && are_parameters(params)"
-    passed = "&curr, params, input"
-    yield function(heads["boundary_dist"], [f"return {stem}_check_{CHECK}(&pre, &curr, params);"])
-    yield function(heads["monitor_satisfied"], [f"return {stem}_check_{CHECK}(&pre, &curr, params).id == 0;"])
-    lines = [f"if (!({usable}))", "  return false;"]
-    for run in controller.runs:
-        taken = [f"choices[{k}] == {a}" for k, a in enumerate(run.taken) if a >= 0]
-        lines += [
-            *wrapped(f"if ({' && '.join([*taken, f'run{run.case}({passed}, post)'])})"),
-            "  return true;",
-        ]
-    yield function(heads["run"], [*lines, "return false;"])
-    first, *_ = controller.preferred
-    tried = [
-        line for k in controller.preferred for line in (f"if (run{k}({passed}, &post))", "  return post;")
-    ]
-    yield function(
-        heads["fallback"],
-        [
-            f"{stem}_state post = curr;",
-            f"if ({usable}) {{",
-            *(f"  {line}" for line in tried),
-            "}",
-            comment("Nothing is possible: what the first alternative would do."),
-            f"(void)run{first}({passed}, &post);",
-            "return post;",
-        ],
-    )
+    check = f"{stem}_check_{CHECK}(&pre, &curr, params)"
+    yield function(heads["boundary_dist"], [f"return {check};"])
+    yield function(heads["monitor_satisfied"], [f"return {check}.id == 0;"])
+    yield function(heads["run"], [*_requested(controller), "return false;"])
+    yield function(heads["fallback"], [f"{stem}_state post = curr;", *_fallback(controller), "return post;"])
     yield function(
         heads["monitored_ctrl"],
         [
@@ -210,3 +191,23 @@ def _public(unit: Unit, controller: Controller) -> Iterable[str]:
             f"return fallback != 0 ? fallback(curr, params, input) : {stem}_fallback(curr, params, input);",
         ],
     )
+
+
+def _requested(controller: Controller) -> list[str]:
+    lines = [f"if (!({USABLE}))", "  return false;"]
+    for run in controller.runs:
+        taken = [f"choices[{k}] == {a}" for k, a in enumerate(run.taken) if a >= 0]
+        tried = " && ".join([*taken, f"run{run.case}({PASSED}, post)"])
+        lines += [*wrapped(f"if ({tried})"), "  return true;"]
+    return lines
+
+
+def _fallback(controller: Controller) -> list[str]:
+    tried = [(f"  if (run{k}({PASSED}, &post))", "    return post;") for k in controller.preferred]
+    return [
+        f"if ({USABLE}) {{",
+        *(line for pair in tried for line in pair),
+        "}",
+        comment("Nothing is possible: what the first alternative would do."),
+        f"(void)run{controller.preferred[0]}({PASSED}, &post);",
+    ]

@@ -60,7 +60,7 @@ def monitor_of(
     if problems:
         raise CompileError(problems)
     controller = None
-    if any(check.kind == "controller" for check in checks):
+    if any(check.kind == "controller" and check.cases for check in checks):
         controller = controller_of(model, control_paths(model), allowed, default_bound)
     monitor = Monitor(model, tuple(_numbered(checks)), allowed, controller)
     return monitor, tuple(replace(d, severity="warning") for d in found)
