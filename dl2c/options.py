@@ -70,6 +70,7 @@ class Options:
     stiff: Stiff = "auto"
     rtol: Fraction = Fraction(1, 10**9)
     atol: Fraction = Fraction(1, 10**11)
+    monitor_every_step: bool = False
     max_loop: int = 10_000
     max_repeat: int = 8
     native: bool = False
@@ -134,7 +135,7 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return _whole(name, value, 1, MOST_LOOPS)
         case "loop":
             return None if value is None else _whole(name, value, 1)
-        case "observe_constants" | "native":
+        case "observe_constants" | "monitor_every_step" | "native":
             if not isinstance(value, bool):
                 raise UnknownOption(f"`{name}` takes True or False, not {value!r}")
             return value

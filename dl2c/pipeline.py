@@ -16,7 +16,7 @@ from dl2c.configuration import configured
 from dl2c.diagnostics import CompileError, Diagnostic, error, in_source_order, warning
 from dl2c.ir.lints import program_warnings
 from dl2c.ir.lower import lower
-from dl2c.ir.model import LARGEST_STATE
+from dl2c.ir.model import LARGEST_STATE, TRUE
 from dl2c.ir.printer import print_model
 from dl2c.native.cache import build_key, cached
 from dl2c.options import Options, UnknownOption, under, with_options
@@ -30,6 +30,7 @@ from dl2c.source import Source, Span
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
+    from dl2c.emit.monitor_h import Unit
     from dl2c.emit.plan import Environment
     from dl2c.ir.kernel import Refused
     from dl2c.ir.model import Model
@@ -250,11 +251,8 @@ def _environment(
     sampling = plan_sampling(drawn, decision=decision)
     warnings = program_warnings(model)
     if isinstance(sampling, NoSampler):
-        if sampling.diagnostic.code in ("unsatisfiable-precondition", "unbounded-variable"):
-            raise CompileError(sampling.diagnostic)
-        d = sampling.diagnostic
-        advice = 'reset needs a state: reset(options={"state": {...}})'
-        warnings += (warning(d.code, d.title, d.span, d.label, advice, d.notes),)
+        warnings += (_not_sampled(sampling.diagnostic),)
+    monitor, missing = _monitor(problem, model, options, say)
     environment = Environment(
         model=model,
         paths=paths,
@@ -262,8 +260,33 @@ def _environment(
         sampling=None if isinstance(sampling, NoSampler) else sampling,
         options=options,
         version=__version__,
+        monitor=monitor,
     )
-    return environment, warnings
+    return environment, warnings + missing
+
+
+def _monitor(
+    problem: Problem, model: "Model", options: Options, say: Progress
+) -> tuple["Unit | None", tuple[Diagnostic, ...]]:
+    """The monitor that is exported for a model, where every step is monitored; why it lacks some checks."""
+    if not options.monitor_every_step:
+        return None, ()
+    say("making the monitor")
+    from dl2c.emit.monitor_h import Unit
+    from dl2c.ir.invariant import invariant
+    from dl2c.monitor.build import monitor_of
+
+    proved = invariant(problem) or TRUE
+    made, missing = monitor_of(model, invariant=proved, default_bound=options.default_bound)
+    return Unit(made, squash=options.action_map == "squash"), missing
+
+
+def _not_sampled(d: Diagnostic) -> Diagnostic:
+    """That resets need a state. Raises `CompileError` where none will do."""
+    if d.code in ("unsatisfiable-precondition", "unbounded-variable"):
+        raise CompileError(d)
+    advice = 'reset needs a state: reset(options={"state": {...}})'
+    return warning(d.code, d.title, d.span, d.label, advice, d.notes)
 
 
 def _lowered(problem: Problem, options: Options) -> tuple["Model", "Model"]:

@@ -141,6 +141,7 @@ const char *dl2c_status_text(dl2c_status status)
     case DL2C_ERR_STATE: return "the state is not admissible";
     case DL2C_ERR_SOLVER: return "no solver";
     case DL2C_ERR_BLOCKED: return "no run is possible";
+    case DL2C_ERR_MONITOR: return "a step violates its monitor";
   }
   return "unknown";
 }

@@ -5,6 +5,7 @@ import json
 import math
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -123,8 +124,20 @@ PARAMETERS = {"ep": 0.25, "b": 4.0, "A": 2.0, "gap": 3.0}
 
 
 def test_every_control_path_is_recognised(line: Program) -> None:
+    """With what of its inequalities is left: of the time `t <= ep` here, of the velocity `v >= 0` there."""
     for a in (-4.0, 0.0, 2.0):
-        assert line.verdicts("controller", [(STATE, STATE | {"a": a, "t": 0.0}, PARAMETERS)]) == [(0, 0.0)]
+        assert line.verdicts("controller", [(STATE, STATE | {"a": a, "t": 0.0}, PARAMETERS)]) == [(0, 0.25)]
+    slow = STATE | {"v": 0.125}
+    assert line.verdicts("controller", [(slow, slow | {"a": -4.0, "t": 0.0}, PARAMETERS)]) == [(0, 0.125)]
+
+
+def test_room_shrinks_to_nothing_towards_a_boundary(line: Program) -> None:
+    """Far from the obstacle the velocity, 2, has least room; at the distance to stop there is none."""
+    most = 1 + 4 / 8
+    rows = [(STATE | {"xo": most + off}, PARAMETERS) for off in (2.0, 0.5, 0.25, 0.0, -0.5)]
+    found = line.verdicts("safety", rows)
+    assert [value for number, value in found if number == 0] == [2.0, 0.5, 0.25]
+    assert found[3][1] == -sys.float_info.min and found[4][1] == -0.5
 
 
 def test_a_violated_condition_is_named_with_its_margin(line: Program) -> None:
@@ -155,7 +168,10 @@ def test_no_verdict_is_given_for_numbers_out_of_range(line: Program, bad: float)
 
 def test_denormal_numbers_are_numbers(line: Program) -> None:
     state = STATE | {"v": 5e-324}
-    assert line.verdicts("safety", [(state, PARAMETERS), (state | {"v": -5e-324}, PARAMETERS)])[0] == (0, 0.0)
+    assert line.verdicts("safety", [(state, PARAMETERS), (state | {"v": -5e-324}, PARAMETERS)])[0] == (
+        0,
+        5e-324,
+    )
     assert line.verdicts("safety", [(state | {"v": -5e-324}, PARAMETERS)])[0][0] != 0
 
 
@@ -169,6 +185,16 @@ def test_the_controller_may_not_change_what_only_moves(line: Program, name: str)
     changed = after | {name: math.nextafter(after[name], math.inf)}
     [(number, value)] = line.verdicts("controller", [(STATE, changed, PARAMETERS)])
     assert number > 1 and value < 0
+
+
+def test_safety_is_what_is_annotated_and_what_is_proved() -> None:
+    """Each condition once: the water tank's predicate is also its postcondition and its invariant."""
+    found = {}
+    for example in ("acc", "watertank"):
+        [check] = unit_of(f"example:{example}", {}, ("safety",)).monitor.checks
+        found[example] = [c.about.partition(":")[0] for case in check.cases for c in case.conditions]
+    assert found["acc"] == ["apart", *["invariant"] * 4]
+    assert found["watertank"] == ["inTank", "inTank"]
 
 
 # Mutants of whole steps ----------------------------------------------------------------------------

@@ -31,6 +31,7 @@ typedef enum dl2c_status {
   DL2C_ERR_STATE = -4, /* a given state violates the precondition, or no run is possible from it */
   DL2C_ERR_SOLVER = -5, /* the library of differential equation solvers is missing or lacks a function */
   DL2C_ERR_BLOCKED = -6, /* no run is possible from any of many initial states drawn */
+  DL2C_ERR_MONITOR = -7, /* a step violates the monitor of its model; its reason says which condition */
 } dl2c_status;
 
 /* How an episode stands (info["status"]). */
@@ -114,7 +115,8 @@ typedef struct dl2c_buffers {
   int32_t *drawn_choices; /* (n, nenvchoice) what the environment decided, -1 where it did not */
   double *drawn_inputs;   /* (n, nenvinput) likewise, NaN where it did not */
   int32_t *status;        /* (n) dl2c_outcome */
-  int32_t *reason;        /* (n) dl2c_reason, or DL2C_REASON_PREDICATE + index */
+  int32_t *reason;        /* (n) dl2c_reason, or DL2C_REASON_PREDICATE + index; after DL2C_ERR_MONITOR
+                             the number of the violated condition, negative */
   int32_t *cost;          /* (n) violated @safety predicates */
   uint8_t *blocked;       /* (n) the requested run blocked */
   uint8_t *postcondition; /* (n) the problem's Q on the state after the step */

@@ -191,6 +191,10 @@ dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, cons
   for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
   b->ended[i] = 0;
   if (NSTEPDRAW > 0) b->start[i].closed = false;
+#if DL2C_MONITORED
+  memcpy(b->start[NSTEPDRAW > 0 ? i : 0].trial.before, x, sizeof(real) * NX);
+  b->start[NSTEPDRAW > 0 ? i : 0].trial.unexplained = DL2C_POINT_LEAD > 0;
+#endif
   dl2c_show_postcondition(b, i);
   dl2c_show(b, i);
   return DL2C_OK;
@@ -248,6 +252,7 @@ const char *dl2c_status_text(dl2c_status status)
   case DL2C_ERR_RESET: return "no admissible initial state was found";
   case DL2C_ERR_BLOCKED: return "none of 1000 initial states that were drawn has a run";
   case DL2C_ERR_STATE: return "the state violates the precondition, or no run is possible from it";
+  case DL2C_ERR_MONITOR: return "a step violates the monitor of its model";
   case DL2C_ERR_SOLVER: return "the library of differential equation solvers is missing or unfit";
   }
   return "unknown status";

@@ -51,6 +51,7 @@ static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count)
     dl2c_one(b, first, &s);
   else
     dl2c_part(b, first, count, &s);
+  dl2c_status found = DL2C_OK;
   for (int64_t i = 0; i < count; i++) {
     dl2c_status status = DL2C_OK;
     if (s.waited[i]) {
@@ -60,8 +61,14 @@ static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count)
       status = dl2c_next_episode(b, first + i);
     }
     if (status != DL2C_OK) return status;
+#if DL2C_MONITORED
+    if (!s.waited[i] && s.violated[i] != 0) {
+      b->out.reason[first + i] = -s.violated[i];
+      found = DL2C_ERR_MONITOR;
+    }
+#endif
   }
-  return DL2C_OK;
+  return found;
 }
 
 #endif

@@ -12,6 +12,7 @@
  *          DL2C_TARGETED, NBLOCK, NMARGIN, NDEGREE, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
  *          DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
+ *   #define DL2C_MONITORED 1                     steps are judged by the model's monitor
  *   typedef float dl2c_obs;                      one observation entry, or double
  *   static const dl2c_path PATHS[];              all paths, grouped by point
  *   static const int32_t POINT_START[];          (NPOINT + 1) first path of each point
@@ -62,6 +63,8 @@
  *   void model_initial(int chart, const real *drawn, real *x, real *p)   a state from the drawn values
  *   real model_density(int chart, x, p)                          how much of all states it stands for, squared
  *   bool model_accept(int chart, x, p)                           and whether it is admissible
+ *   int32_t model_monitor_control(const real *before, after, p)   the condition violated, 0 for none,
+ *   int32_t model_monitor_step(const real *before, after, p)      where DL2C_MONITORED
  */
 #ifndef DL2C_MODEL_H
 #define DL2C_MODEL_H

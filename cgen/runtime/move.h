@@ -44,6 +44,9 @@ typedef struct dl2c_scratch {
   uint8_t facts[NFACT * DL2C_BLOCK];
   uint8_t watch[NWATCH * DL2C_BLOCK + 1]; /* (NWATCH, DL2C_BLOCK) dl2c_watched */
   dl2c_obs obs[NOBS * DL2C_BLOCK + 1];
+#if DL2C_MONITORED
+  int32_t violated[DL2C_BLOCK]; /* conditions of the monitor, 0 for none */
+#endif
 } dl2c_scratch;
 
 /*
@@ -102,8 +105,17 @@ static void dl2c_show_run(dl2c_batch *b, int64_t i, const dl2c_trial *run)
     if (run->given[NINPUT + j]) b->out.drawn_inputs[i * NENVINPUT + j] = run->value[NINPUT + j];
 }
 
+#if DL2C_MONITORED
+/* The first condition of the monitor that a complete run violates, 0 for none. */
+static int32_t dl2c_violated(const dl2c_trial *run, const real *p)
+{
+  if (run->unexplained || run->violated != 0) return run->unexplained ? 0 : run->violated;
+  return model_monitor_step(run->before, run->x, p);
+}
+#endif
+
 /* Moves environment i as requested, in scalar code.   watch: (NWATCH, DL2C_BLOCK) */
-static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch)
+static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch, int32_t *violated)
 {
   real p[NP + 1];
   dl2c_trial start;
@@ -127,6 +139,11 @@ static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch)
   const bool sound = moved && run.failure == DL2C_SOUND;
   const real duration = sound ? run.duration : 0.0;
   if (sound) dl2c_store(b, i, run.x);
+#if DL2C_MONITORED
+  *violated = sound ? dl2c_violated(&run, p) : 0;
+#else
+  (void)violated;
+#endif
   dl2c_show_run(b, i, moved ? &run : &start);
   dl2c_count(b, i, 1, &duration);
   b->out.blocked[i] = run.left || !moved;
@@ -156,6 +173,12 @@ DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
   }
 }
 
+#if DL2C_MONITORED
+#define DL2C_VIOLATED(scratch, i) (&(scratch)->violated[i])
+#else
+#define DL2C_VIOLATED(scratch, i) NULL
+#endif
+
 /* Moves a block: in lanes where the model and every state in it allow, else one by one. */
 DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
 {
@@ -184,7 +207,7 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl
     if (DL2C_STEPS_IN_LANES && s->moves.settled[i])
       dl2c_commit(b, first + i, 1, &s->moves, i, s->attempt + i);
     else
-      s->attempt[i] = (uint8_t)dl2c_advance(b, first + i, s->watch + i);
+      s->attempt[i] = (uint8_t)dl2c_advance(b, first + i, s->watch + i, DL2C_VIOLATED(s, i));
   }
 }
 

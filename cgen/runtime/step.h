@@ -6,6 +6,10 @@
 #include "actions.h"
 #include "travel.h"
 
+#ifndef DL2C_MONITORED
+#define DL2C_MONITORED 0 /* steps are not judged by a monitor */
+#endif
+
 /* What a step is asked for. */
 typedef struct dl2c_request {
   const int32_t *choices; /* (NCHOICE) alternatives */
@@ -37,6 +41,12 @@ typedef struct dl2c_trial {
   real executed[NU + 1];       /* and how the action space writes them */
   uint8_t watch[NWATCH + 1];   /* dl2c_watched */
   real x[NX];
+#if DL2C_MONITORED
+  bool controlled;   /* the control of the step has been judged by the monitor, */
+  int32_t violated;  /* which found this condition violated, 0 for none */
+  bool unexplained;  /* its state was set by hand, so that there is nothing to judge */
+  real before[NX];   /* the state where the step began */
+#endif
 } dl2c_trial;
 
 /* A run that begins at a point. */
@@ -45,6 +55,9 @@ static inline void dl2c_begin_run(dl2c_trial *trial, int point, const real *x)
   *trial = (dl2c_trial){.point = point};
   for (int c = 0; c < NDECISION; c++) trial->taken[c] = -1;
   memcpy(trial->x, x, sizeof trial->x);
+#if DL2C_MONITORED
+  memcpy(trial->before, x, sizeof trial->before);
+#endif
 }
 
 /*
@@ -168,6 +181,20 @@ static inline void dl2c_give(const dl2c_request *request, dl2c_trial *trial, int
   trial->value[input] = value;
 }
 
+#if DL2C_MONITORED
+/* Judges what a step's control led to, once, where its motion begins or it ends without any. */
+static inline void dl2c_judge_control(dl2c_trial *trial, const dl2c_path *taken, const real *y,
+                                      const real *p)
+{
+  const bool leads = DL2C_POINT_LEAD > 0 && trial->point >= DL2C_POINT_LEAD;
+  const bool begins = DL2C_POINT_PREFIX > 0 && trial->point >= DL2C_POINT_PREFIX;
+  if (leads || begins || trial->controlled) return;
+  if (taken->flow == DL2C_NO_FLOW && taken->target != DL2C_END) return;
+  trial->controlled = true;
+  trial->violated = model_monitor_control(trial->before, y, p);
+}
+#endif
+
 /* Executes one path: decisions, inputs, assignments, flow. */
 static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, int path)
 {
@@ -182,7 +209,11 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
     if (!trial->given[taken->inputs[j].input]) dl2c_give(request, trial, path, j);
   real y[NX];
   memcpy(y, trial->x, sizeof y);
-  if (!model_update(path, trial->x, request->p, trial->value, y) || !dl2c_all_finite(y, NX))
+  const bool defined = model_update(path, trial->x, request->p, trial->value, y);
+#if DL2C_MONITORED
+  if (defined && dl2c_all_finite(y, NX)) dl2c_judge_control(trial, taken, y, request->p);
+#endif
+  if (!defined || !dl2c_all_finite(y, NX))
     trial->failure = DL2C_LOST;
   else if (taken->flow != DL2C_NO_FLOW)
     dl2c_evolve(request, trial, taken->flow, y);

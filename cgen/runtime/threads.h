@@ -40,15 +40,18 @@ DL2C_INLINE dl2c_status dl2c_do_block(dl2c_batch *b, int64_t block, dl2c_work wo
   return work(b, first, rest < DL2C_BLOCK ? rest : DL2C_BLOCK, order);
 }
 
-/* All blocks in order, up to the first that fails. */
+/* All blocks in order, up to the first that fails. What a monitor objects to stops nothing. */
 DL2C_INLINE dl2c_status dl2c_alone(dl2c_batch *b, dl2c_work work, const dl2c_order *order)
 {
   const int64_t blocks = dl2c_blocks(b);
+  dl2c_status found = DL2C_OK;
   for (int64_t block = 0; block < blocks; block++) {
     const dl2c_status status = dl2c_do_block(b, block, work, order);
-    if (status != DL2C_OK) return status;
+    if (status == DL2C_OK) continue;
+    if (status != DL2C_ERR_MONITOR) return status;
+    found = status;
   }
-  return DL2C_OK;
+  return found;
 }
 
 #ifdef DL2C_NO_THREADS
@@ -89,18 +92,21 @@ typedef struct dl2c_team {
   int64_t blocks;
   int64_t failed; /* the first block that failed, and how */
   dl2c_status status;
+  bool objected; /* a monitor did */
   _Atomic int64_t next; /* the first block that nobody has taken */
 } dl2c_team;
 
 static void dl2c_fail(dl2c_team *team, int64_t block, dl2c_status status)
 {
+  const bool objects = status == DL2C_ERR_MONITOR;
   pthread_mutex_lock(&team->lock);
-  if (block < team->failed) {
+  team->objected |= objects;
+  if (!objects && block < team->failed) {
     team->failed = block;
     team->status = status;
   }
   pthread_mutex_unlock(&team->lock);
-  atomic_store(&team->next, team->blocks);
+  if (!objects) atomic_store(&team->next, team->blocks);
 }
 
 /* Works on blocks of the present call until all are taken, a few at a time. */
@@ -115,7 +121,7 @@ static void dl2c_take_part(dl2c_team *team, dl2c_batch *view)
       const dl2c_status status = dl2c_do_block(view, block, team->work, team->order);
       if (status == DL2C_OK) continue;
       dl2c_fail(team, block, status);
-      return;
+      if (status != DL2C_ERR_MONITOR) return;
     }
   }
 }
@@ -217,6 +223,7 @@ DL2C_INLINE dl2c_status dl2c_together(dl2c_batch *b, dl2c_work work, const dl2c_
   team->order = order;
   team->failed = team->blocks;
   team->status = DL2C_OK;
+  team->objected = false;
   team->busy = team->size;
   team->call++;
   atomic_store(&team->next, 0);
@@ -225,7 +232,8 @@ DL2C_INLINE dl2c_status dl2c_together(dl2c_batch *b, dl2c_work work, const dl2c_
   dl2c_take_part(team, b);
   pthread_mutex_lock(&team->lock);
   while (team->busy > 0) pthread_cond_wait(&team->finished, &team->lock);
-  const dl2c_status status = team->status;
+  const bool objected = team->status == DL2C_OK && team->objected;
+  const dl2c_status status = objected ? DL2C_ERR_MONITOR : team->status;
   pthread_mutex_unlock(&team->lock);
   return status;
 }

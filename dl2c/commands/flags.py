@@ -37,6 +37,7 @@ HELP = {
     "blocked_penalty": "Added to the reward of such a step.",
     "max_episode_steps": "Truncate episodes after so many steps; 0: never.",
     "stall_limit": "Truncate after so many zero-duration steps in a row; 0: never.",
+    "monitor_every_step": "Judge every step by the exported monitor; a violation is an error.",
     "max_loop": "Iterations of while loops in one step after which it counts as diverged.",
     "max_repeat": "How often other loops inside a step may be repeated.",
     "native": "Tune for this machine's CPU.",
@@ -78,7 +79,7 @@ def _flag(option: "Field[Any]") -> inspect.Parameter:
     name = f"--{option.name.replace('_', '-')}"
     text = HELP.get(option.name, "")
     match option.name:
-        case "observe_constants" | "native":
+        case "observe_constants" | "monitor_every_step" | "native":
             both = f"{name}/--no-{name.removeprefix('--')}"
             return _parameter(option.name, bool | None, typer.Option(both, help=text))
         case "max_episode_steps" | "stall_limit" | "max_loop" | "max_repeat" | "loop":

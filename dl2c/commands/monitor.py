@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from dl2c.commands.replay import Violation
     from dl2c.emit.monitor_h import Unit
     from dl2c.monitor.check import Tolerance
+    from dl2c.policy.network import NetworkPolicy
 
 
 Model = Annotated[
@@ -38,6 +39,12 @@ Eps = Annotated[
         help="How far values may be from those computed: relative, or of NAME, in its unit.",
     ),
 ]
+Trained = Annotated[
+    Path | None,
+    typer.Option(
+        "--policy", metavar="FILE|DIR", help="A trained policy to write too: policy.json, or SB3's zip."
+    ),
+]
 Trace = Annotated[
     Path | None, typer.Option("--check", metavar="CSV", help="Replay what `dl2c rollout --csv` wrote.")
 ]
@@ -50,6 +57,7 @@ def monitor(
     real: Number = "double",
     sound: Sound = False,
     eps: Eps = None,
+    policy: Trained = None,
     trace: Trace = None,
     json: Json = False,
     *,
@@ -58,10 +66,18 @@ def monitor(
     """Write a run-time monitor in C that compares a system with the model."""
     if output is None and trace is None:
         raise CommandError("nothing to do: give a folder with -o, or a trace with --check")
-    unit = unit_of(model, options, tuple(kind or ()), real, sound, tuple(eps or ()))
+    kinds = tuple(kind or ())
+    if policy is not None and (output is None or (kinds and "controller" not in kinds)):
+        raise CommandError("--policy needs -o, and the controller's check")
+    trained = None
+    if policy is not None:
+        from dl2c.commands.policy import policy_for
+
+        trained, options = policy_for(model, policy, options)
+    unit = unit_of(model, options, kinds, real, sound, tuple(eps or ()))
     found: dict[str, Any] = {}
     if output is not None:
-        found |= _written(unit, output)
+        found |= _written(unit, output, trained)
     failed = None
     if trace is not None:
         violations, found["steps"] = _replayed(unit, trace)
@@ -86,9 +102,11 @@ def unit_of(
     """The monitor of a model, as it is to be written. Raises `CommandError`, `CompileError`."""
     from dl2c.emit.monitor_h import Real, Unit
     from dl2c.env.opening import source_of
+    from dl2c.ir.invariant import invariant
+    from dl2c.ir.model import TRUE
     from dl2c.monitor.build import monitor_of
     from dl2c.monitor.check import KINDS, Kind
-    from dl2c.pipeline import lowered_model, resolve_options
+    from dl2c.pipeline import lowered_model, resolve_options, resolved
 
     for given in kinds:
         if given not in KINDS:
@@ -96,13 +114,16 @@ def unit_of(
     reals = {name: name for name in get_args(Real)}
     if real not in reals:
         raise CommandError(f"no kind of number {real!r}; there is {', '.join(reals)}")
-    lowered = lowered_model(source_of(model), resolve_options(options))
+    source, given_options = source_of(model), resolve_options(options)
+    problem, effective = resolved(source, given_options)
+    lowered = lowered_model(source, given_options)
     names = {v.name for v in lowered.variables}
     tolerance = _tolerance(eps, names, real == "float")
     wanted: tuple[Kind, ...] = tuple(k for k in KINDS if k in kinds)
-    made, missing = monitor_of(lowered, wanted, tolerance)
+    proved = invariant(problem) or TRUE
+    made, missing = monitor_of(lowered, wanted, tolerance, proved, effective.default_bound)
     show([d for d in missing if not quiet()])
-    return Unit(made, reals[real], sound)
+    return Unit(made, reals[real], sound, effective.action_map == "squash")
 
 
 def _tolerance(eps: tuple[str, ...], names: set[str], single: bool) -> "Tolerance":
@@ -126,10 +147,10 @@ def _tolerance(eps: tuple[str, ...], names: set[str], single: bool) -> "Toleranc
     return Tolerance(relative, absolute)
 
 
-def _written(unit: "Unit", output: Path) -> dict[str, Any]:
+def _written(unit: "Unit", output: Path, policy: "NetworkPolicy | None") -> dict[str, Any]:
     from dl2c.emit.monitor_text import monitor_files
 
-    files = monitor_files(unit)
+    files = monitor_files(unit, policy)
     output.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         (output / name).write_text(text, encoding="utf-8")

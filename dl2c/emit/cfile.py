@@ -11,6 +11,9 @@ from dl2c.source import NOWHERE, Span
 
 WIDTH = 100
 
+LICENCE = "/* SPDX-License-Identifier: MIT-0 */"
+"""Of generated files, as of the runtime they include: whoever has a model owes nothing for its C."""
+
 
 def comment(text: str) -> str:
     """A block comment, wrapped; nothing in the text can end it early."""

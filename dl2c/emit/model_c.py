@@ -9,8 +9,10 @@ from dl2c.emit.flow_c import flow_functions
 from dl2c.emit.hull_c import calm_function
 from dl2c.emit.inputs_c import input_functions
 from dl2c.emit.judge_c import judge_functions
+from dl2c.emit.judging_c import judging_functions
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.model_h import model_h, title_of
+from dl2c.emit.monitor_text import monitor_sources
 from dl2c.emit.names import file_stem
 from dl2c.emit.ode_c import jacobian_function, lie_function
 from dl2c.emit.paths_c import path_functions, path_tables
@@ -28,9 +30,10 @@ compiled in reasonable time."""
 
 
 def model_sources(environment: Environment) -> dict[str, str]:
-    """The generated files by name: `<model>.h` and `<model>.c`."""
+    """The generated files by name: `<model>.h` and `<model>.c`, and those of a monitor of every step."""
     stem = file_stem(environment.model.name)
-    return {f"{stem}.h": model_h(environment), f"{stem}.c": model_c(environment)}
+    files = {f"{stem}.h": model_h(environment), f"{stem}.c": model_c(environment)}
+    return files if environment.monitor is None else files | monitor_sources(environment.monitor)
 
 
 def model_c(environment: Environment) -> str:
@@ -47,6 +50,7 @@ def model_c(environment: Environment) -> str:
         *input_functions(environment, leaves),
         *judge_functions(environment, leaves),
         *sampler_functions(environment, leaves),
+        *(text for unit in [environment.monitor] if unit for text in judging_functions(unit)),
     ]
     tables = [*path_tables(environment), *watch_tables(environment), *sampler_tables(environment)]
     sections = [
@@ -77,7 +81,8 @@ def _head(environment: Environment) -> str:
     few = max(len(environment.paths.paths), len(model.variables), len(model.predicates)) <= CLONED
     clones = "" if few else "#define DL2C_NO_TARGET_CLONES 1\n"
     header = f"{file_stem(environment.model.name)}.h"
-    return f'{title}\n{clones}#include "{header}"\n'
+    monitor = f'#include "{file_stem(model.name)}_monitor.h"\n' if environment.monitor is not None else ""
+    return f'{title}\n{clones}#include "{header}"\n{monitor}'
 
 
 def _symbols(environment: Environment) -> list[Symbol]:

@@ -4,7 +4,7 @@ import textwrap
 from collections import Counter
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import comment, enumeration
+from dl2c.emit.cfile import LICENCE, comment, enumeration
 from dl2c.emit.inputs_c import critical_count
 from dl2c.emit.judge_c import fact_names, observed
 from dl2c.emit.names import file_stem, index
@@ -16,9 +16,6 @@ from dl2c.emit.watch_c import margin_count, margin_degree
 from dl2c.ir.model import Symbol
 from dl2c.ir.watch import watches_of
 from dl2c.paths.path import Decision, Input, Paths
-
-LICENCE = "/* SPDX-License-Identifier: MIT-0 */"
-"""Of generated files, as of the runtime they include: whoever has a model owes nothing for its C."""
 
 
 def model_h(environment: Environment) -> str:
@@ -85,6 +82,7 @@ def _sizes(environment: Environment) -> str:
         + "\n"
         + f"#define DL2C_LANE_FLOW ({next((p.flow for p in paths.paths if p.flow is not None), -1)})\n"
         + _kernels(environment)
+        + ("" if environment.monitor is None else "#define DL2C_MONITORED 1\n")
         + f"typedef {kind} dl2c_obs;\n"
     )
 

@@ -2,7 +2,7 @@
 
 Leaf functions are those of the simulator: the same printer, the same order of operations. Each case
 is a function that returns the first of its conditions that does not hold; a check reports the
-condition of the case that came closest.
+condition of the case that came closest, or the room that the satisfied case with most of it leaves.
 """
 
 import re
@@ -12,6 +12,7 @@ from fractions import Fraction
 
 from dl2c.emit import names
 from dl2c.emit.cfile import function, place, wrapped
+from dl2c.emit.control_c import controller_functions
 from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor_h import Unit, head, title_of
 from dl2c.interval.arithmetic import Interval, enclosure
@@ -31,11 +32,14 @@ RUNTIME = {
 
 def monitor_c(unit: Unit) -> str:
     """The whole file."""
-    leaves = Leaves(_builder(unit), order_of(unit), unit.single)
+    leaves = Leaves(builder_of(unit), order_of(unit), unit.single)
     functions: list[str] = []
     for check in unit.monitor.checks:
         functions += [_case(unit, check, k, case, leaves) for k, case in enumerate(check.cases)]
-        functions += [_margin(unit, check, leaves), *_choice(unit, check), _check(unit, check)]
+        functions += [_margin(unit, check, leaves), *_room(unit, check), *_choice(unit, check)]
+        functions.append(_check(unit, check))
+    if unit.monitor.controller is not None:
+        functions += controller_functions(unit, leaves, "CASE == 0", leaves.condition)
     body = "\n".join([*leaves.texts, in_range(unit), *functions])
     used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
     smallest = "FLT_MIN" if unit.single else "DBL_MIN"
@@ -51,7 +55,7 @@ def monitor_c(unit: Unit) -> str:
     )
 
 
-def _builder(unit: Unit) -> Builder:
+def builder_of(unit: Unit) -> Builder:
     """Conditions of definedness are left out where the ranges of all numbers prove them."""
     constants = unit.monitor.model.constants
     ranges = {Symbol(c.name, "constant"): _enclosed(unit, c.bound, c.value) for c in constants}
@@ -85,6 +89,8 @@ def order_of(unit: Unit) -> Callable[[Symbol], int]:
     model = unit.monitor.model
     ranks = [Symbol(v.name, "variable") for v in model.variables]
     ranks += [after(v.name) for v in model.variables]
+    if unit.monitor.controller is not None:
+        ranks += [i.symbol for i in unit.monitor.controller.inputs]
     ranks += [Symbol(c.name, "constant") for c in model.constants]
     return ranks.index
 
@@ -121,7 +127,7 @@ def _case(unit: Unit, check: Check, k: int, case: Case, leaves: Leaves) -> str:
     body: list[str] = []
     for condition in case.conditions:
         holds = _condition(unit, check, condition, leaves)
-        body += [*wrapped(f"if (!{_grouped(holds)})"), f"  return {condition.number};"]
+        body += [*wrapped(f"if (!{grouped(holds)})"), f"  return {condition.number};"]
     return function(
         f"static int {check.kind}_case{k}({arguments(unit, check)}",
         [*body, "return 0;"],
@@ -136,8 +142,9 @@ def _condition(unit: Unit, check: Check, condition: Condition, leaves: Leaves) -
     return leaves.condition(name, condition.formula, about, places(unit, check))
 
 
-def _grouped(text: str) -> str:
-    return text if re.fullmatch(r"\w+(\([^()]*\))?", text) else f"({text})"
+def grouped(text: str) -> str:
+    """An expression that a prefix can stand before."""
+    return text if re.fullmatch(r"[\w.]+(->\w+)?(\([^()]*\))?", text) else f"({text})"
 
 
 def _margin(unit: Unit, check: Check, leaves: Leaves) -> str:
@@ -174,29 +181,48 @@ def _choice(unit: Unit, check: Check) -> list[str]:
     return [function(signature, ["switch (k) {", *(f"  {b}" for b in body), "}"])]
 
 
+def _room(unit: Unit, check: Check) -> list[str]:
+    """How far a state that satisfies a case is from violating an inequality of it."""
+    if not check.cases:
+        return []
+    conditions = [c for case in check.cases for c in case.conditions]
+    inequalities = [c.gradual and delta(c.formula) is not None for c in conditions]
+    lines = [f"real least = {unit.literal(unit.largest)};"]
+    counts = "margin < least"
+    if not all(inequalities):
+        flags = ", ".join(str(int(flag)) for flag in inequalities)
+        lines = [*wrapped(f"static const bool inequality[{len(inequalities)}] = {{{flags}}};"), *lines]
+        counts = f"inequality[id - {conditions[0].number}] && {counts}"
+    lines += [
+        "for (int id = first; id <= last; id++) {",
+        f"  const real margin = {check.kind}_margin(id, {passed(check)});",
+        f"  if ({counts})",
+        "    least = margin;",
+        "}",
+        "return least > 0 ? least : 0;",
+    ]
+    signature = f"static real {check.kind}_room(int first, int last, {arguments(unit, check)}"
+    return [function(signature, lines, "How much room a satisfied case with these conditions leaves.")]
+
+
 def _check(unit: Unit, check: Check) -> str:
     """A check, as the header declares it. A loop over the cases takes less code than one after another."""
     states = ("before", "after") if check.transition else ("state",)
     usable = " && ".join([*(f"is_state({s})" for s in states), "are_parameters(parameters)"])
     count = len(check.cases)
-    firsts = [str(case.conditions[0].number if case.conditions else 0) for case in check.cases]
     lines = [f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, -DL2C_SMALLEST}};"]
-    satisfied = ["if (id == 0) {", "  verdict.id = 0;", "  verdict.val = 0;", "  return verdict;", "}"]
     if count > 1:
-        lines += wrapped(f"static const int firsts[{count}] = {{{', '.join(firsts)}}};")
+        bounds = [
+            (c.conditions[0].number, c.conditions[-1].number) if c.conditions else (0, -1)
+            for c in check.cases
+        ]
+        for name, numbers in zip(("firsts", "lasts"), zip(*bounds, strict=True), strict=True):
+            lines += wrapped(f"static const int {name}[{count}] = {{{', '.join(map(str, numbers))}}};")
     lines += [f"if (!({usable}))", "  return verdict;"]
     if count == 1:
-        lines += [f"const int id = {check.kind}_case0({passed(check)});", *satisfied, "verdict.id = id;"]
+        lines += _one_case(check)
     elif count > 1:
-        nearer = ["if (id - firsts[k] > closest) {", "  closest = id - firsts[k];", "  verdict.id = id;", "}"]
-        found = f"const int id = {check.kind}_case(k, {passed(check)});"
-        loop = [found, *satisfied, *nearer]
-        lines += [
-            "int closest = -1;",
-            f"for (int k = 0; k < {count}; k++) {{",
-            *(f"  {b}" for b in loop),
-            "}",
-        ]
+        lines += _any_case(check)
     return function(
         head(unit, check),
         [
@@ -207,6 +233,39 @@ def _check(unit: Unit, check: Check) -> str:
             "return verdict;",
         ],
     )
+
+
+def _one_case(check: Check) -> list[str]:
+    conditions = check.cases[0].conditions
+    first, last = (conditions[0].number, conditions[-1].number) if conditions else (0, -1)
+    return [
+        f"const int id = {check.kind}_case0({passed(check)});",
+        "if (id == 0) {",
+        "  verdict.id = 0;",
+        f"  verdict.val = {check.kind}_room({first}, {last}, {passed(check)});",
+        "  return verdict;",
+        "}",
+        "verdict.id = id;",
+    ]
+
+
+def _any_case(check: Check) -> list[str]:
+    return [
+        "int closest = -1;",
+        f"for (int k = 0; k < {len(check.cases)}; k++) {{",
+        f"  const int id = {check.kind}_case(k, {passed(check)});",
+        "  if (id == 0) {",
+        f"    const real room = {check.kind}_room(firsts[k], lasts[k], {passed(check)});",
+        "    verdict.val = verdict.id == 0 ? dl2c_max(room, verdict.val) : room;",
+        "    verdict.id = 0;",
+        "  } else if (verdict.id != 0 && id - firsts[k] > closest) {",
+        "    closest = id - firsts[k];",
+        "    verdict.id = id;",
+        "  }",
+        "}",
+        "if (verdict.id == 0)",
+        "  return verdict;",
+    ]
 
 
 def in_range(unit: Unit) -> str:

@@ -1,84 +1,48 @@
-"""What comes with an exported monitor: a program for the host, and how to integrate it."""
+"""All files of an exported monitor, and how to integrate it."""
 
 import textwrap
 
-from dl2c.emit import names
-from dl2c.emit.cfile import function
+from dl2c.emit.host_c import main_c
 from dl2c.emit.monitor_c import monitor_c
-from dl2c.emit.monitor_h import MEANING, Unit, head, monitor_h, title_of
+from dl2c.emit.monitor_h import MEANING, Unit, head, monitor_h
+from dl2c.emit.policy_c import policy_files
 from dl2c.emit.sound_monitor_c import sound_monitor_c
 from dl2c.monitor.check import Check
+from dl2c.policy.network import NetworkPolicy
 
 
-def monitor_files(unit: Unit) -> dict[str, str]:
-    """The files of a monitor by name."""
+def monitor_files(unit: Unit, policy: NetworkPolicy | None = None) -> dict[str, str]:
+    """The files of a monitor by name, with a policy whose interface is the model's. Raises `CompileError`
+    for a policy that does not fit into C.
+    """
+    files = {} if policy is None else policy_files(unit, policy)
+    files |= {"main.c": main_c(unit, policy is not None), "README.md": _readme(unit, policy)}
+    return files | monitor_sources(unit)
+
+
+def monitor_sources(unit: Unit) -> dict[str, str]:
+    """The monitor itself: what a target and a simulator that is monitored compile alike."""
     return {
         f"{unit.stem}_monitor.h": monitor_h(unit),
         f"{unit.stem}_monitor.c": sound_monitor_c(unit) if unit.sound else monitor_c(unit),
-        "main.c": main_c(unit),
-        "README.md": _readme(unit),
     }
 
 
-def main_c(unit: Unit) -> str:
-    """A program that reads checks with their numbers and prints verdicts."""
-    model, stem = unit.monitor.model, unit.stem
-    states = [f"&state->{names.member(v.name)}" for v in model.variables]
-    parameters = [f"&parameters->{names.member(c.name)}" for c in unit.parameters]
-    form = "d %d" if unit.sound else "d %.17g"
-    value = "verdict.unknown" if unit.sound else "(double)verdict.val"
-    main = ["char word[16];", 'while (scanf("%15s", word) == 1) {']
-    both = any(check.transition for check in unit.monitor.checks)
-    main += [f"  {stem}_state one = {{0}}{', two = {0}' * both};"]
-    main += [f"  {stem}_parameters parameters = {{0}};"]
-    main += [f"  {stem}_verdict verdict = {{0}};"]
-    for check in unit.monitor.checks:
-        reads = ["read_state(&one)", *(["read_state(&two)"] if check.transition else [])]
-        called = f"{stem}_check_{check.kind}({'&one, &two' if check.transition else '&one'}, &parameters)"
-        main += [
-            f'  if (strcmp(word, "{check.kind}") == 0) {{',
-            f"    if (!({' && '.join([*reads, 'read_parameters(&parameters)'])}))",
-            "      return 2;",
-            f"    verdict = {called};",
-            "  }",
-        ]
-    main += [f'  printf("%{form}\\n", verdict.id, {value});', "}", "return 0;"]
-    return "\n".join(
-        [
-            title_of(unit),
-            f'#include "{stem}_monitor.h"\n',
-            "#include <stdio.h>\n#include <string.h>\n",
-            _reading(unit, "state", states),
-            _reading(unit, "parameters", parameters),
-            function(
-                "int main(void)",
-                main,
-                "Reads lines `KIND state [state] parameters`, numbers in the order of the header, and prints "
-                "for each the verdict.",
-            ),
-        ]
-    )
-
-
-def _reading(unit: Unit, kind: str, places: list[str]) -> str:
-    form = "%f" if unit.single else "%lf"
-    lines = [f'if (scanf("{form}", {p}) != 1)\n    return false;' for p in places]
-    return function(
-        f"static bool read_{kind}({unit.stem}_{kind} *{kind})",
-        [line for text in lines for line in text.split("\n  ")] + ["return true;"],
-    )
-
-
-def _readme(unit: Unit) -> str:
+def _readme(unit: Unit, policy: NetworkPolicy | None) -> str:
     model, stem = unit.monitor.model, unit.stem
     kinds = "\n".join(_kind(unit, check) for check in unit.monitor.checks)
+    sources = f"{stem}_monitor.c" + (f" {stem}_policy.c" if policy is not None else "")
+    listed = f"`{stem}_monitor.h` and `{stem}_monitor.c`" + (
+        f" with `{stem}_policy.h` and `{stem}_policy.c`" if policy is not None else ""
+    )
+    control = _control(unit, policy) if unit.monitor.controller is not None else ""
     return f"""# Monitor of {model.name}
 
-`{stem}_monitor.h` and `{stem}_monitor.c` are complete: C99, no allocation, no state, no recursion,
+{listed} are complete: C99, no allocation, no state, no recursion,
 loops of constant length; of the C library only `<math.h>`, `<float.h>` and `<stdbool.h>`. Numbers are
 `{unit.real}`.
 
-    cc -std=c99 -O2 -ffp-contract=off -c {stem}_monitor.c
+    cc -std=c99 -O2 -ffp-contract=off -c {sources}
 
 Never compile it with `-ffast-math` or `-Ofast`.
 
@@ -87,9 +51,30 @@ Never compile it with `-ffast-math` or `-Ofast`.
 `id` 0 is the verdict "satisfied"; any other is the number of a condition, listed at the end of the
 header with its line in the model. NaN, infinities and numbers out of range are never satisfied.
 {_precision(unit)}
+{control}
 On the host, `main.c` reads one check per line and prints verdicts:
 
-    cc -std=c99 -O2 -ffp-contract=off main.c {stem}_monitor.c -lm -o monitor
+    cc -std=c99 -O2 -ffp-contract=off main.c {sources} -lm -o monitor
+"""
+
+
+def _control(unit: Unit, policy: NetworkPolicy | None) -> str:
+    """How to put a controller under the monitor."""
+    stem = unit.stem
+    ctrl = "ctrl" if policy is None else f"{stem}_policy_ctrl"
+    own = "where `ctrl` is a function of yours" if policy is None else "which is the trained policy"
+    return f"""
+## A controller under the monitor
+
+Once in every step, with what was measured in `curr`, `params` and `input`:
+
+    curr = {stem}_monitored_ctrl(curr, &params, &input, {ctrl}, 0);
+
+executes `{ctrl}`, {own}, if the controller's check accepts what
+it does. Otherwise, and where a number is NaN, it executes the fallback given, or where that is 0
+`{stem}_fallback`: the first alternative of the model that is possible, one marked `@fallback` before
+others. Then let the plant move for one step of the model. Names and arguments are those of the C that
+KeYmaera X exports, with `{stem}_` before them.
 """
 
 

@@ -87,7 +87,7 @@ def steps_in_lanes(environment: Environment) -> bool:
     if any(plan.quick is None for plan in environment.flows):
         return False
     simple = not paths.inputs and paths.points == 1 and len(paths.paths) <= LANE_PATHS
-    simple = simple and not paths.draws and not paths.looks_ahead
+    simple = simple and not paths.draws and not paths.looks_ahead and environment.monitor is None
     return simple and len({p.flow for p in paths.paths}) == 1
 
 

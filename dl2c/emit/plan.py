@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from dl2c.emit.monitor_h import Unit
 from dl2c.ir.kernel import FlowPlan
 from dl2c.ir.model import Model
 from dl2c.options import Options
@@ -11,7 +12,9 @@ from dl2c.sampling.plan import SamplingPlan
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """One environment to generate code for. `sampling` is None where resets need a given state."""
+    """One environment to generate code for. `sampling` is None where resets need a given state, `monitor`
+    where steps are not monitored.
+    """
 
     model: Model
     paths: Paths
@@ -19,3 +22,4 @@ class Environment:
     sampling: SamplingPlan | None
     options: Options
     version: str
+    monitor: Unit | None = None

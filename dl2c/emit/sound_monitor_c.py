@@ -4,14 +4,20 @@ Every condition is evaluated in intervals (interval_c.py), its truth is one of t
 where a condition is false, else not known where one is not known.
 """
 
+import re
+
 from dl2c.emit import names
 from dl2c.emit.cfile import function, place, wrapped
+from dl2c.emit.control_c import Holds, controller_functions
 from dl2c.emit.interval_c import Statements, prelude
-from dl2c.emit.monitor_c import arguments, in_range, order_of, passed, places
+from dl2c.emit.leaf import Leaves, Place
+from dl2c.emit.monitor_c import RUNTIME, arguments, builder_of, in_range, order_of, passed, places
 from dl2c.emit.monitor_h import Unit, head, title_of
 from dl2c.ir.logic import mapped, substituted, symbols
-from dl2c.ir.model import Number, Symbol, Term
+from dl2c.ir.model import Formula, Number, Symbol, Term
 from dl2c.monitor.check import OUT_OF_RANGE, Case, Check, Condition
+from dl2c.monitor.control import place_of
+from dl2c.source import Span
 
 
 def sound_monitor_c(unit: Unit) -> str:
@@ -21,52 +27,78 @@ def sound_monitor_c(unit: Unit) -> str:
     for check in unit.monitor.checks:
         functions += [_case(unit, check, k, case) for k, case in enumerate(check.cases)]
         functions.append(_check(unit, check))
-    body = "\n".join([*leaves, in_range(unit), _settled(unit), *functions])
+    plain = Leaves(builder_of(unit), order_of(unit), unit.single)
+    if unit.monitor.controller is not None:
+        functions += controller_functions(unit, plain, "CASE.id == 0", _surely(unit, plain.texts))
+    body = "\n".join([*leaves, *plain.texts, in_range(unit), _settled(unit), *functions])
     kind = "FLT" if unit.single else "DBL"
     needs_root = "iv_root(" in body
     text = prelude(body)
+    needs_math = needs_root or re.search(LIBRARY, body) is not None
+    used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
     return "\n".join(
         [
             f'{title_of(unit)}\n#include "{unit.stem}_monitor.h"\n',
-            "#include <float.h>" + ("\n#include <math.h>" if needs_root else "") + "\n",
+            "#include <float.h>" + ("\n#include <math.h>" if needs_math else "") + "\n",
             *(f"#define IV_{name} {kind}_{value}" for name, value in LIMITS.items()),
             *([f"#define IV_TINY {unit.literal(1 / unit.largest)}"] if "IV_TINY" in text else []),
             *([f"#define IV_SQRT {'sqrtf' if unit.single else 'sqrt'}"] if needs_root else []),
             "",
+            f"#define DL2C_SMALLEST {kind}_MIN\n",
             "enum { IV_FALSE, IV_UNKNOWN, IV_TRUE };\n",
             f"typedef {unit.real} real;\n",
             text,
+            *used,
             body,
         ]
     )
 
 
+LIBRARY = r"\b(fabs|sqrt|exp|sin|cos|tan|asin|atan|tanh|pow|log)f?\(|\bisfinite\("
+"""Calls of <math.h>."""
+
 LIMITS = {"EPSILON": "EPSILON", "SMALLEST": "MIN", "LARGEST": "MAX"}
 
 
 def _condition(unit: Unit, condition: Condition) -> str:
-    """The truth of a condition as a function of the numbers in it."""
+    about = f"{place(condition.span)}  {condition.about}".strip()
+    return _truth(unit, f"condition_n{condition.number}", condition.formula, about, condition.span)
+
+
+def _truth(unit: Unit, name: str, formula: Formula, about: str, span: Span) -> str:
+    """The truth of a formula as a function of the numbers in it."""
     fixed: dict[Symbol, Term] = {
         Symbol(c.name, "constant"): Number(c.value)
         for c in unit.monitor.model.constants
         if c.value is not None
     }
-    formula = mapped(condition.formula, lambda term: substituted(term, fixed))
-    statements = Statements(lambda s: names.local(s.name), unit.single, condition.span)
+    formula = mapped(formula, lambda term: substituted(term, fixed))
+    statements = Statements(lambda s: names.local(s.name), unit.single, span)
     result = statements.condition(formula)
     used = sorted(symbols(formula), key=order_of(unit))
     parameters = ", ".join(f"real {names.local(s.name)}" for s in used) or "void"
     lines = [line for statement in statements.lines for line in wrapped(statement)]
-    about = f"{place(condition.span)}  {condition.about}".strip()
-    head_of = f"static int condition_n{condition.number}({parameters})"
-    return function(head_of, [*lines, *wrapped(f"return {result};")], about)
+    return function(f"static int {name}({parameters})", [*lines, *wrapped(f"return {result};")], about)
 
 
 def _called(unit: Unit, check: Check, condition: Condition) -> str:
+    return _call(unit, f"condition_n{condition.first}", condition.formula, places(unit, check))
+
+
+def _call(unit: Unit, name: str, formula: Formula, read: Place) -> str:
     fixed = {Symbol(c.name, "constant") for c in unit.monitor.model.constants if c.value is not None}
-    used = sorted(symbols(condition.formula) - fixed, key=order_of(unit))
-    read = places(unit, check)
-    return f"condition_n{condition.first}({', '.join(map(read, used))})"
+    used = sorted(symbols(formula) - fixed, key=order_of(unit))
+    return f"{name}({', '.join(map(read, used))})"
+
+
+def _surely(unit: Unit, texts: list[str]) -> Holds:
+    """What judges tests of inputs: only what surely holds is chosen."""
+
+    def holds(name: str, formula: Formula, about: str, read: Place) -> str:
+        texts.append(_truth(unit, name, formula, about, place_of(formula)))
+        return f"{_call(unit, name, formula, read)} == IV_TRUE"
+
+    return holds
 
 
 def _settled(unit: Unit) -> str:

@@ -6,17 +6,13 @@ Whether a state exists is asked of Z3; only what it answers is reported.
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
 
-from dl2c.diagnostics import CompileError, Diagnostic, warning
+from dl2c.diagnostics import Diagnostic, warning
+from dl2c.ir.invariant import invariant
 from dl2c.ir.logic import conjunction, disjunction, domain_at_end, negation, symbols
-from dl2c.ir.lower import scope_of
-from dl2c.ir.lower_terms import lower_formula
 from dl2c.ir.model import TRUE, Assign, AssignAny, Choice, Compare, Flow, Formula, Model, Number
 from dl2c.lint.world import bounds_of, rigid_facts, statements
 from dl2c.options import Options
 from dl2c.paths.path import END, Path, Paths
-from dl2c.resolve.bind import IN_HINTS, check
-from dl2c.resolve.expand import NONE, Expander
-from dl2c.resolve.fragment import not_executable
 from dl2c.resolve.problem import Problem
 from dl2c.smt.query import Impossible, Oracle
 from dl2c.source import Span
@@ -93,25 +89,6 @@ def after_steps(model: Model, paths: Paths) -> Formula:
 def _first_other(paths: Paths) -> int:
     """The first point that does not belong to the steps' own part."""
     return min(p for p in (paths.lead, paths.prefix, paths.points) if p is not None)
-
-
-def invariant(problem: Problem) -> Formula | None:
-    """The conjunction of the loop's invariants; None where there is none that can be evaluated."""
-    if problem.shape.loop is None or not problem.shape.loop.invariants:
-        return None
-    expander = Expander(problem.symbols)
-    found: list[Formula] = []
-    for written in problem.shape.loop.invariants:
-        if any(check(written, problem.symbols, IN_HINTS)):
-            return None
-        expanded = expander.formula(written, {}, NONE)
-        if expander.found or not_executable((expanded,)):
-            return None
-        try:
-            found.append(lower_formula(expanded, scope_of(problem)))
-        except CompileError:
-            return None
-    return conjunction(found)
 
 
 def postcondition(model: Model, problem: Problem, paths: Paths, oracle: Oracle) -> Iterator[Diagnostic]:

@@ -8,7 +8,7 @@ alone. Everything is over the reals; how it is evaluated is decided where code i
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from dl2c.ir.logic import folded, relaxed, symbols
 from dl2c.ir.model import (
@@ -29,6 +29,9 @@ from dl2c.ir.model import (
 )
 from dl2c.source import NOWHERE, Span
 
+if TYPE_CHECKING:
+    from dl2c.monitor.runs import Controller
+
 Kind: TypeAlias = Literal["init", "controller", "model", "safety"]
 KINDS: tuple[Kind, ...] = ("init", "controller", "model", "safety")
 
@@ -39,7 +42,8 @@ OUT_OF_RANGE = 1
 @dataclass(frozen=True, slots=True)
 class Condition:
     """`number` is what a verdict names it by; `about` says what part of the model it stands for. `first` is
-    the number of the first condition of the monitor with the same formula.
+    the number of the first condition of the monitor with the same formula. `gradual` where a state can be
+    nearer to or farther from violating it: an equality can not.
     """
 
     number: int
@@ -47,6 +51,7 @@ class Condition:
     about: str
     span: Span = NOWHERE
     first: int = 0
+    gradual: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +77,12 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Monitor:
-    """Everything that code of a monitor is made of."""
+    """Everything that code of a monitor is made of. `controller` where the controller is checked."""
 
     model: Model
     checks: tuple[Check, ...]
     tolerance: "Tolerance"
+    controller: "Controller | None" = None
 
     @property
     def conditions(self) -> Iterator[tuple[Check, Case, Condition]]:

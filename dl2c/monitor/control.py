@@ -19,6 +19,7 @@ from dl2c.ir.model import (
     AssignAny,
     Block,
     Choice,
+    Compare,
     Evolve,
     Formula,
     If,
@@ -129,9 +130,9 @@ def case_of(model: Model, control: Control, tolerance: Tolerance) -> Case:
         if symbols(value) & hidden:
             clues.append(equal)
         elif value == Symbol(name, "variable"):
-            unchanged.append(Condition(0, equal, f"{name} is unchanged", span))
+            unchanged.append(Condition(0, equal, f"{name} is unchanged", span, gradual=False))
         else:
-            changed.append(Condition(0, equal, f"{name} has its value", span))
+            changed.append(Condition(0, equal, f"{name} has its value", span, gradual=False))
     tests = [t for t in conjuncts(control.tests) if not symbols(t) & hidden]
     clues += [t for t in conjuncts(control.tests) if symbols(t) & hidden]
     tests += conjuncts(without_hidden(control, conjunction(clues)))
@@ -139,11 +140,17 @@ def case_of(model: Model, control: Control, tolerance: Tolerance) -> Case:
         (
             *unchanged,
             *changed,
-            *(Condition(0, tolerance.met(t), print_formula(t), place_of(t)) for t in tests),
+            *(tested(t, tolerance) for t in tests),
         ),
         title_of(model, control.draft),
         control.draft.span,
     )
+
+
+def tested(test: Formula, tolerance: Tolerance) -> Condition:
+    """The condition that a test of a path holds."""
+    equality = isinstance(test, Compare) and test.op == "="
+    return Condition(0, tolerance.met(test), print_formula(test), place_of(test), gradual=not equality)
 
 
 def without_hidden(control: Control, formula: Formula) -> Formula:

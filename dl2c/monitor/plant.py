@@ -34,7 +34,7 @@ from dl2c.ir.model import (
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.printer import print_formula
 from dl2c.monitor.check import Case, Check, Condition, Tolerance, after
-from dl2c.monitor.control import Control, control_paths, place_of, title_of
+from dl2c.monitor.control import Control, control_paths, place_of, tested, title_of
 from dl2c.paths.path import END
 from dl2c.source import Span
 
@@ -128,10 +128,10 @@ def _case(model: Model, control: Control, solutions: Mapping[int, Solution], tol
     moving = {} if solution is None else {x: c for x, c in solution.variables.items() if len(c) > 1}
     steady = {x: v for x, v in control.values.items() if x not in moving and v != after(x)}
     conditions = [
-        Condition(0, tolerance.equal(x, v, draft.span), f"{x} has its value", draft.span)
+        Condition(0, tolerance.equal(x, v, draft.span), f"{x} has its value", draft.span, gradual=False)
         for x, v in steady.items()
     ]
-    tests = [Condition(0, tolerance.met(t), print_formula(t), place_of(t)) for t in conjuncts(control.tests)]
+    tests = [tested(t, tolerance) for t in conjuncts(control.tests)]
     if flow is not None and solution is not None:
         clock = _clock(flow)
         assert clock is not None
@@ -153,7 +153,9 @@ def _moved(motion: _Motion, clock: str, moving: Mapping[str, Coefficients]) -> I
         yield Condition(0, capped, f"the flow lasts {float(flow.cap):g} s at most", flow.span)
     for x, coefficients in moving.items():
         if x != clock:
-            yield Condition(0, _on_curve(motion, x, coefficients), f"{x} follows its solution", flow.span)
+            yield Condition(
+                0, _on_curve(motion, x, coefficients), f"{x} follows its solution", flow.span, gradual=False
+            )
     ends = {Symbol(x, "variable"): after(x) for x in motion.values}
     for part in conjuncts(flow.domain):
         formula = mapped(relaxed(part, slack), lambda term: substituted(term, ends))

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dl2c.native.compile import declarations
-from dl2c.native.errors import NativeError, ResetFailed
+from dl2c.native.errors import MonitorViolated, NativeError, ResetFailed
 from dl2c.native.manifest import Manifest
 from dl2c.native.sundials import load_solver
 
@@ -32,8 +32,7 @@ ON_BLOCKED = {"fallback": 0, "truncate": 1, "terminate": 2}
 ACTION_MAP = {"project": 0, "squash": 1}
 
 MOST_THREADS = 256
-
-ERR_RESET, ERR_STATE, ERR_BLOCKED = -3, -4, -6
+ERR_RESET, ERR_STATE, ERR_BLOCKED, ERR_MONITOR = -3, -4, -6, -7
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,7 +310,15 @@ class Batch:
         return i
 
     def check(self, status: int) -> None:
-        """As `Library.check`."""
+        """As `Library.check`; `MonitorViolated` for a step that the model's monitor does not accept."""
+        if status == ERR_MONITOR:
+            i = int(np.flatnonzero(self.reason < 0)[0])
+            number = -int(self.reason[i])
+            found = [c for c in self.library.manifest.conditions if c.number == number]
+            text = ", ".join(f"{c.check}: {c.text}" for c in found) or "it does not say what"
+            raise MonitorViolated(
+                f"environment {i} violates condition {number} of its monitor, {text}", i, number
+            )
         self.library.check(status)
 
 

@@ -40,7 +40,7 @@ def compile_library(
     native: bool = False,
     sundials: Sundials | None = None,
 ) -> Path:
-    """Write `sources` into `directory`, compile `<module>.c` there and return the library.
+    """Write `sources` into `directory`, compile those that are C there and return the library.
 
     `native` tunes for this machine's CPU; `sundials` is what flows are solved with. Raises
     `CompilerMissing`, `CompilerFailed`.
@@ -51,7 +51,8 @@ def compile_library(
     for name, text in sources.items():
         (directory / name).write_text(text, encoding="utf-8")
     with tempfile.TemporaryDirectory(prefix="objects-", dir=directory) as scratch:
-        job = _Job(compiler, module, directory, Path(scratch), native, sundials)
+        others = tuple(sorted(n for n in sources if n.endswith(".c") and n != f"{module}.c"))
+        job = _Job(compiler, module, directory, Path(scratch), native, sundials, others)
         if include := python_include():
             return _extension(job, include)
         return _shared(job)
@@ -71,7 +72,7 @@ def library_names(module: str) -> tuple[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class _Job:
-    """One call of `compile_library`; objects go to `scratch`."""
+    """One call of `compile_library`; objects go to `scratch`. `others` are sources beside the model's."""
 
     compiler: Compiler
     module: str
@@ -79,6 +80,7 @@ class _Job:
     scratch: Path
     native: bool
     sundials: Sundials | None
+    others: tuple[str, ...] = ()
 
 
 def _extension(job: _Job, include: tuple[str, ...]) -> Path:
@@ -90,26 +92,36 @@ def _extension(job: _Job, include: tuple[str, ...]) -> Path:
     lenient = ("-std=c11", "-O1", "-w", "-fPIC", "-fvisibility=hidden", *user_flags())
     model_o, glue_o = str(job.scratch / "model.o"), str(job.scratch / "glue.o")
     commands = (
-        _model_command(job, model_o),
+        *_commands(job, model_o),
         (*job.compiler.command, *lenient, *headers, "-c", str(glue), "-o", glue_o),
     )
     with ThreadPoolExecutor(len(commands)) as pool:
         for done in [pool.submit(run, command, job.directory) for command in commands]:
             done.result()
-    return _link(job, (model_o, glue_o), library_names(job.module)[0])
+    return _link(job, (*_objects(job, model_o), glue_o), library_names(job.module)[0])
 
 
 def _shared(job: _Job) -> Path:
     model_o = str(job.scratch / "model.o")
-    run((*_model_command(job, model_o), "-DDL2C_SHARED"), job.directory)
-    return _link(job, (model_o,), library_names(job.module)[1])
+    for command in _commands(job, model_o):
+        run((*command, "-DDL2C_SHARED"), job.directory)
+    return _link(job, _objects(job, model_o), library_names(job.module)[1])
 
 
-def _model_command(job: _Job, output: str) -> tuple[str, ...]:
-    """The command for generated code and the runtime that it includes."""
+def _objects(job: _Job, model: str) -> tuple[str, ...]:
+    return (model, *(str(job.scratch / f"{Path(name).stem}.o") for name in job.others))
+
+
+def _commands(job: _Job, model: str) -> tuple[tuple[str, ...], ...]:
+    """The commands for generated code and the runtime that it includes."""
+    sources = (f"{job.module}.c", *job.others)
+    return tuple(_command(job, s, o) for s, o in zip(sources, _objects(job, model), strict=True))
+
+
+def _command(job: _Job, source: str, output: str) -> tuple[str, ...]:
     chosen = job.sundials.flags if job.sundials else ()
     flags = (*job.compiler.flags(job.native), *warning_flags(), *chosen, *_includes())
-    return (*job.compiler.command, *flags, "-c", f"{job.module}.c", "-o", output)
+    return (*job.compiler.command, *flags, "-c", source, "-o", output)
 
 
 def _includes() -> tuple[str, ...]:

@@ -7,11 +7,21 @@ from typing import Any
 
 from dl2c.emit.cfile import place
 from dl2c.emit.judge_c import observation_limits, observed
+from dl2c.emit.monitor_h import Unit
 from dl2c.emit.plan import Environment
 from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import Bound, Constant, Role, Variable
 from dl2c.ir.printer import print_flow, print_number
-from dl2c.native.manifest import ChoiceSpec, FlowSpec, InputSpec, Manifest, PredicateSpec, Quantity
+from dl2c.monitor.check import OUT_OF_RANGE
+from dl2c.native.manifest import (
+    ChoiceSpec,
+    ConditionSpec,
+    FlowSpec,
+    InputSpec,
+    Manifest,
+    PredicateSpec,
+    Quantity,
+)
 from dl2c.options import Options
 from dl2c.paths.path import END
 from dl2c.sampling.plan import SamplingPlan
@@ -50,6 +60,17 @@ def manifest_of(environment: Environment, key: str, platform: dict[str, str]) ->
         options=_options(environment.options),
         notes=_notes(environment),
         platform=platform,
+        conditions=() if environment.monitor is None else _conditions(environment.monitor),
+    )
+
+
+def _conditions(unit: Unit) -> tuple[ConditionSpec, ...]:
+    """What the numbers of a monitor mean."""
+    out_of_range = ConditionSpec(OUT_OF_RANGE, "any", "a number is out of range")
+    listed = [(check, c) for check, _, c in unit.monitor.conditions if check.transition]
+    return (
+        out_of_range,
+        *(ConditionSpec(c.number, check.kind, f"{c.about} ({place(c.span)})") for check, c in listed),
     )
 
 

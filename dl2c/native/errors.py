@@ -17,5 +17,15 @@ class CompilerFailed(NativeError):
     """The C compiler rejected the generated code or could not write its output."""
 
 
+class MonitorViolated(NativeError):
+    """A step of a monitored simulator violates the monitor of its model. `environment` is its index in the
+    batch, `condition` the number that the monitor gives it.
+    """
+
+    def __init__(self, message: str, environment: int, condition: int) -> None:
+        super().__init__(message)
+        self.environment, self.condition = environment, condition
+
+
 class ResetFailed(NativeError):
     """No admissible initial state: none was drawn in the allowed number of tries, or the given one is not."""

@@ -73,13 +73,23 @@ class FlowSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class ConditionSpec:
+    """A condition of the monitor that judges every step, by its number; `text` with its place."""
+
+    number: int
+    check: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class Manifest:
     """One compiled model. `observations` are the entries of an observation in order.
 
     `runs` lists the decision vectors of the whole control paths in program order, -1 where a
     path does not meet a decision; `run_texts` describes each. `choices` and `inputs` are the
     agent's, `drawn_choices` and `drawn_inputs` the environment's. `certificate` says what is proved
-    of sampled initial states. `options` are the effective options by name.
+    of sampled initial states. `options` are the effective options by name, `conditions` those of the
+    monitor of every step.
     """
 
     name: str
@@ -104,6 +114,7 @@ class Manifest:
     options: dict[str, Any]
     notes: tuple[str, ...]
     platform: dict[str, str]
+    conditions: tuple[ConditionSpec, ...] = ()
 
     def to_json(self) -> str:
         """Stable text: the same manifest gives the same bytes. Infinite limits are "inf" and "-inf"."""

@@ -50,6 +50,7 @@ OPTIONS = {
     "atol": Option(kind="decimal", least=0, open=True),
     "progress_failure": Option(("due", "literal")),
     "initial_distribution": Option(("uniform", "target", "z3")),
+    "monitor_every_step": Option(("true", "false"), "boolean"),
     "max_repeat": Option(kind="integer", least=0),
     "max_loop": Option(kind="integer", least=1),
     "loop": Option(kind="integer", least=1),

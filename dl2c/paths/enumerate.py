@@ -116,14 +116,14 @@ def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | Non
     for draft in drafts:
         for key in draft.inputs:
             tests.setdefault(key, []).append(draft.tests)
-    inputs = input_limits(model, _by_role({a.key: a for a in _inputs(programs)}), tests, default_bound)
+    inputs = input_limits(model, _by_role({a.key: a for a in assignments_of(programs)}), tests, default_bound)
     flows = tuple(dict.fromkeys(_flows(model.body)))
     if model.duration == "agent":
         durations = tuple(duration_input(k) for k in flows)
         agents = sum(i.role == "agent" for i in inputs)
         inputs = (*inputs[:agents], *durations, *inputs[agents:])
     sampled = flows if model.duration == "sample" else ()
-    decisions = _by_role({d.key: d for d in _decisions(programs)})
+    decisions = _by_role({d.key: d for d in decisions_of(programs)})
     found: list[Diagnostic] = []
     order = order_of(dict.fromkeys(Meeting(d.point, d.inputs, d.target) for d in drafts))
     paths = tuple(_path(draft, decisions, inputs, order, found) for draft in drafts)
@@ -160,41 +160,43 @@ def _by_role(found: Mapping[str, _Decided]) -> tuple[_Decided, ...]:
     return tuple(d for role in get_args(Role) for d in found.values() if d.role == role)
 
 
-def _decisions(block: Block) -> Iterator[Decision]:
+def decisions_of(block: Block) -> Iterator[Decision]:
+    """Every discrete decision in a block, in program order, each as often as it is written."""
     for statement in block:
         match statement:
             case Choice(key, alternatives, role, name):
                 texts = tuple(_shown(a.span) for a in alternatives)
                 yield Decision(key, name, role, texts)
                 for alternative in alternatives:
-                    yield from _decisions(alternative.body)
+                    yield from decisions_of(alternative.body)
             case Repeat(key, body, most, role):
                 text = _shown(statement.span)
                 counts = (f"{k} time{'s' * (k != 1)}" for k in range(most + 1))
                 yield Decision(key, "", role, tuple(f"{count} {text}".strip() for count in counts))
-                yield from _decisions(body)
+                yield from decisions_of(body)
             case If(_, _, then, orelse):
-                yield from _decisions((*then, *orelse))
+                yield from decisions_of((*then, *orelse))
             case While(_, _, body):
-                yield from _decisions(body)
+                yield from decisions_of(body)
             case Assign() | AssignAny() | Test() | Evolve():
                 pass
             case _:
                 assert_never(statement)
 
 
-def _inputs(block: Block) -> Iterator[AssignAny]:
+def assignments_of(block: Block) -> Iterator[AssignAny]:
+    """Every nondeterministic assignment in a block, likewise."""
     for statement in block:
         match statement:
             case AssignAny():
                 yield statement
             case Choice(_, alternatives):
                 for alternative in alternatives:
-                    yield from _inputs(alternative.body)
+                    yield from assignments_of(alternative.body)
             case If(_, _, then, orelse):
-                yield from _inputs((*then, *orelse))
+                yield from assignments_of((*then, *orelse))
             case While(body=body) | Repeat(body=body):
-                yield from _inputs(body)
+                yield from assignments_of(body)
             case Assign() | Test() | Evolve():
                 pass
             case _:

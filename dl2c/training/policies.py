@@ -10,18 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dl2c.env.actions import Choices, Encoding, Flat, Named, NoDecision, OneChoice, Runs, action_space
+from dl2c.policy.files import JSON, read_policy
+from dl2c.policy.network import ActionKind, PolicyError
+
+__all__ = ["Masks", "Policy", "PolicyError", "policy_of", "saved_policy"]
 
 Masks: TypeAlias = NDArray[np.bool_]
 Policy: TypeAlias = Callable[[NDArray[Any], Masks], NDArray[Any]]
 """Observations (n, nobs) and masks (n, columns of `action_masks`) to actions (n, ...)."""
 
 
-class PolicyError(ValueError):
-    """A policy that cannot act in an environment; the message says why."""
-
-
 def policy_of(name: str | Path | Policy, code: Encoding, masked: bool, seed: int) -> Policy:
-    """The policy called `random` or `first`, or one that Stable-Baselines3 saved to a zip file.
+    """The policy called `random` or `first`, one that `dl2c train` wrote as JSON (the file or its folder),
+    or one that Stable-Baselines3 saved to a zip file.
 
     `random` draws uniformly from what the mask allows, `first` takes the first of it in program order;
     continuous decisions are drawn uniformly, or 0 where that is allowed. Unless `masked`, the masks
@@ -35,6 +36,8 @@ def policy_of(name: str | Path | Policy, code: Encoding, masked: bool, seed: int
             policy = _choosing(code, lambda mask: (rng.random(mask.shape) * mask).argmax(axis=1), rng)
         case "first":
             policy = _choosing(code, lambda mask: mask.argmax(axis=1), None)
+        case path if Path(path).is_dir() or path.endswith(".json"):
+            return data_policy(Path(path, JSON) if Path(path).is_dir() else Path(path), code, masked)
         case path:
             return saved_policy(Path(path), masked)
     return policy if masked else lambda observations, masks: policy(observations, np.ones_like(masks))
@@ -62,6 +65,30 @@ def _choosing(
             raise AssertionError("policies act on flat spaces")
         case _:
             assert_never(code)
+
+
+KINDS: dict[type[Encoding], ActionKind] = {
+    NoDecision: "none",
+    OneChoice: "choice",
+    Choices: "choices",
+    Runs: "runs",
+    Flat: "box",
+}
+
+
+def data_policy(path: Path, code: Encoding, masked: bool) -> Policy:
+    """A policy in a file without code; it acts deterministically. Raises `OSError`, `PolicyError`."""
+    policy = read_policy(path)
+    io, wanted = policy.interface, KINDS.get(type(code))
+    if io.kind != wanted or io.squash != (isinstance(code, Flat) and code.squash):
+        raise PolicyError(f"{path} gives actions of kind {io.kind}, the environment takes {wanted}")
+
+    def act(observations: NDArray[Any], masks: Masks) -> NDArray[Any]:
+        if observations.shape[1] != len(io.observations):
+            raise PolicyError(f"{path} observes {len(io.observations)} numbers, not {observations.shape[1]}")
+        return policy.act(observations, masks if masked else np.ones_like(masks))
+
+    return act
 
 
 def saved_policy(path: Path, masked: bool) -> Policy:

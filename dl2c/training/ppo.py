@@ -22,10 +22,13 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from dl2c.env.actions import action_space
+from dl2c.env.interface import interface_of
 from dl2c.env.opening import Model, source_of
 from dl2c.env.sb3 import Dl2cVecEnv
+from dl2c.policy.files import write_policy
 from dl2c.training.policies import PolicyError
 from dl2c.training.run import Algorithm, Point, Progress, Run, Settings
+from dl2c.training.saved import policy_data
 
 SAMPLED_STEPS = 200
 """Steps of every environment from which observations are standardised."""
@@ -46,6 +49,11 @@ class Standardised(BaseFeaturesExtractor):
         self._center = torch.as_tensor(center, dtype=torch.float32)
         self._scale = torch.as_tensor(scale, dtype=torch.float32)
 
+    @property
+    def moments(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Center and scale."""
+        return self._center, self._scale
+
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Standardised observations, of the same shape."""
         return (observations - self._center) / self._scale
@@ -61,7 +69,7 @@ def train(
     progress: Progress | None = None,
     **options: Any,
 ) -> Run:
-    """Train a policy and write `policy.zip` and `run.json` to `directory`.
+    """Train a policy and write `policy.zip`, `policy.json` with `policy.npz`, and `run.json` to `directory`.
 
     `options` are those of the environment. Raises what `Dl2cVecEnv` raises, and `PolicyError` for
     MaskablePPO on continuous actions.
@@ -82,6 +90,8 @@ def train(
     seconds = time.perf_counter() - started
     directory.mkdir(parents=True, exist_ok=True)
     learner.save(directory / "policy.zip")
+    data = policy_data(learner, interface_of(env.manifest), env.manifest, [], algo == "maskable-ppo")
+    write_policy(data, directory)
     env.close()
     run = Run(directory / "policy.zip", tuple(watch.curve), seconds)
     _write(run, directory / "run.json", algo, seed, chosen, env)

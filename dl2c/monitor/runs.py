@@ -1,0 +1,170 @@
+"""What a controller may do: every control path as something that can be executed.
+
+Comes in: a model and its control paths. Goes out: the paths as runs, with what is known of the values of
+their inputs, in the order in which a fallback tries them. An input is what a test of a step makes of
+`x := *`: the agent asks for a value, and gets the nearest that passes; the environment's is measured.
+
+Whether a value leaves later inputs of the agent some value is known by eliminating these from their
+tests. Where that has no answer, later tests are not looked at: the run may then be refused.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dl2c.diagnostics import CompileError
+from dl2c.ir.eliminate import Quantifier, eliminated
+from dl2c.ir.logic import atoms, conjunction, conjuncts, symbols
+from dl2c.ir.margins import TooManyCases, margin_of, smooth
+from dl2c.ir.model import LARGEST_STATE, ONE, ZERO, Compare, Formula, Model, Number, Symbol, Term
+from dl2c.ir.normal import normal_form
+from dl2c.ir.polynomial import Coefficients, polynomial
+from dl2c.monitor.check import Tolerance
+from dl2c.monitor.control import Control
+from dl2c.paths.enumerate import assignments_of, decisions_of
+from dl2c.paths.limits import input_limits
+from dl2c.paths.path import Decision, Input
+from dl2c.source import NOWHERE, Span
+
+ANY = (-LARGEST_STATE, LARGEST_STATE)
+"""Limits of an input that nothing else limits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """An input on a run. `admits` is what its value must satisfy, given those of earlier inputs; where that
+    may change are roots of `criticals`, polynomials in the value of degree 1 or 2.
+    """
+
+    input: Input
+    admits: Formula
+    criticals: tuple[Coefficients, ...]
+    span: Span = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A control path. `case` is its place among the cases of the controller's check, `taken` the alternative
+    of each of the agent's decisions, -1 where it does not meet it; `updates` are over the state before
+    and its inputs.
+    """
+
+    case: int
+    taken: tuple[int, ...]
+    given: tuple[Given, ...]
+    updates: tuple[tuple[str, Term], ...]
+    about: str
+    span: Span = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """All runs in program order, and the order in which a fallback tries them: those whose first decision
+    is marked `@fallback`, then program order. `decisions` are the agent's.
+    """
+
+    inputs: tuple[Input, ...]
+    decisions: tuple[Decision, ...]
+    runs: tuple[Run, ...]
+    preferred: tuple[int, ...]
+
+    def field(self, key: str) -> str:
+        """What an input is called: its variable, and a number where there are several of it."""
+        return key.removeprefix("assign_")
+
+
+def controller_of(
+    model: Model,
+    controls: tuple[Control, ...],
+    tolerance: Tolerance,
+    default_bound: tuple[Fraction, Fraction] | None = None,
+) -> Controller:
+    """The runs of a model. `default_bound` limits inputs that nothing else limits."""
+    program = (*model.lead, *model.body)
+    assigned = {a.key: a for a in assignments_of(program)}
+    tests: dict[str, list[Formula]] = {}
+    for control in controls:
+        for key in control.draft.inputs:
+            tests.setdefault(key, []).append(control.draft.tests)
+    met = tuple(assigned[key] for key in assigned if key in tests)
+    inputs = {i.key: i for i in input_limits(model, met, tests, default_bound or ANY)}
+    decisions = tuple({d.key: d for d in decisions_of(program)}.values())
+    agent = tuple(d for d in decisions if d.role == "agent")
+    runs = tuple(_run(k, c, inputs, agent, tolerance) for k, c in enumerate(controls))
+    first = sorted(range(len(controls)), key=lambda k: not _is_marked(controls[k], agent))
+    return Controller(tuple(inputs.values()), agent, runs, tuple(first))
+
+
+def _is_marked(control: Control, agent: tuple[Decision, ...]) -> bool:
+    keys = {d.key for d in agent}
+    return next((marked for key, _, marked in control.draft.line.decisions if key in keys), False)
+
+
+def _run(
+    case: int,
+    control: Control,
+    inputs: dict[str, Input],
+    decisions: tuple[Decision, ...],
+    tolerance: Tolerance,
+) -> Run:
+    draft = control.draft
+    chosen = {key: alternative for key, alternative, _ in draft.line.decisions}
+    taken = tuple(chosen.get(d.key, -1) for d in decisions)
+    own = [inputs[key] for key in draft.inputs]
+    admitted = _admitted(draft.tests, [i for i in own if i.role == "agent"])
+    given = tuple(
+        Given(
+            i,
+            conjunction(tolerance.met(p) for p in admitted.get(i.key, ())),
+            _criticals(admitted.get(i.key, ()), i.symbol),
+            draft.place_of(i.key),
+        )
+        for i in own
+    )
+    names = ", ".join(f"{d.name or d.key}={k}" for d, k in zip(decisions, taken, strict=True) if k >= 0)
+    return Run(case, taken, given, draft.updates, names or "the only path", draft.span)
+
+
+def _admitted(tests: Formula, own: list[Input]) -> dict[str, tuple[Formula, ...]]:
+    """What each of the agent's inputs must satisfy: its tests, and that later inputs have values."""
+    rest = list(conjuncts(tests))
+    found: dict[str, tuple[Formula, ...]] = {}
+    for k, one in reversed(list(enumerate(own))):
+        parts = [p for p in rest if one.symbol in symbols(p)]
+        rest = [p for p in rest if one.symbol not in symbols(p)]
+        found[one.key] = tuple(parts)
+        earlier = {i.symbol for i in own[:k]}
+        joint = [p for p in parts if symbols(p) & earlier]
+        if joint:
+            rest += conjuncts(_exists(one, parts))
+    return found
+
+
+def _exists(one: Input, parts: Iterable[Formula]) -> Formula:
+    """That the input has a value; true where that cannot be said."""
+    limits = (Compare(">=", one.symbol, Number(one.low)), Compare("<=", one.symbol, Number(one.high)))
+    try:
+        return eliminated(
+            Quantifier(False, one.variable, one.symbol, False, NOWHERE), conjunction([*limits, *parts])
+        )
+    except CompileError:
+        return conjunction(())
+
+
+def _criticals(parts: Iterable[Formula], symbol: Symbol) -> tuple[Coefficients, ...]:
+    """Polynomials in an input at whose roots its tests may begin or cease to hold, as far as they are of
+    degree 1 or 2.
+    """
+    found: dict[Coefficients, None] = {}
+    for part in parts:
+        try:
+            smoothed = smooth(part, lambda term: symbol in symbols(term))
+        except TooManyCases:
+            continue
+        for atom in atoms(smoothed):
+            coefficients = polynomial(margin_of(atom), {symbol: (ZERO, ONE)})
+            while coefficients is not None and len(coefficients) > 1 and normal_form(coefficients[-1]) == {}:
+                coefficients = coefficients[:-1]
+            if coefficients is not None and len(coefficients) in (2, 3):
+                found[coefficients] = None
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""Trained policies as data: what they observe, how they act, and the numbers of their network."""

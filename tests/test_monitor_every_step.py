@@ -1,0 +1,149 @@
+"""`monitor_every_step`: the simulator judges its own steps by the monitor that is exported, in the same C."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import REPOSITORY
+from gymnasium.vector import AutoresetMode
+
+import dl2c
+from dl2c.commands.monitor import unit_of
+from dl2c.diagnostics import CompileError
+from dl2c.emit.monitor_text import monitor_files
+from dl2c.native.errors import MonitorViolated
+from dl2c.training.evaluation import flat_environments
+from dl2c.training.policies import policy_of
+
+EXAMPLES = sorted(p.stem for p in (REPOSITORY / "examples").glob("*.kyx"))
+ENVIRONMENTS = 8
+
+
+def run(example: str, steps: int) -> None:
+    """So many steps of the random policy, half of it without masks, in a few environments."""
+    envs = flat_environments(f"example:{example}", ENVIRONMENTS, monitor_every_step=True)
+    for masked in (True, False):
+        act = policy_of("random", envs._encoding, masked, 3)  # pyright: ignore[reportPrivateUsage]
+        observations, _ = envs.reset(seed=11 + masked)
+        for _ in range(steps // ENVIRONMENTS // 2):
+            observations, *_ = envs.step(act(observations, envs.action_masks()))
+    envs.close()
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_every_step_satisfies_the_exported_monitor(example: str) -> None:
+    run(example, 2000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_a_hundred_thousand_steps_satisfy_the_exported_monitor(example: str) -> None:
+    run(example, 100_000)
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_simulator_and_target_compile_one_text(example: str) -> None:
+    built = dl2c.build(f"example:{example}", monitor_every_step=True)
+    unit = unit_of(f"example:{example}", {})
+    for name, text in monitor_files(unit).items():
+        if name not in ("main.c", "README.md"):
+            assert (built.directory / name).read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize("example", ["static_safety", "waypoint"])
+def test_steps_are_the_same_with_and_without_a_monitor(example: str) -> None:
+    """Bit for bit, where the steps of one of them are made in lanes."""
+    seen: list[list[bytes]] = []
+    for monitored in (True, False):
+        envs = dl2c.make_vec(
+            f"example:{example}",
+            70,
+            action_format="box",
+            monitor_every_step=monitored,
+            autoreset_mode=AutoresetMode.SAME_STEP,
+        )
+        envs.action_space.seed(2)
+        envs.reset(seed=5)
+        seen.append([envs.step(envs.action_space.sample())[0].tobytes() for _ in range(40)])
+        envs.close()
+    assert seen[0] == seen[1]
+
+
+# Steps that the model does not explain ----------------------------------------------------------------
+
+WRONG = """ProgramVariables
+  /* @var: bound=[0:1] */ Real x;
+  /* @var: bound=[0:1] */ Real y;
+End.
+Problem x = 0 & y = 0 -> [{ {?y >= 0; y := 2 * y + 1; ++ y := 0;} {x' = 1, y' = 0 & x <= y + 1} }*]x >= 0 End.
+"""
+
+
+def broken(monkeypatch: pytest.MonkeyPatch, old: str, new: str) -> None:
+    """Compiles another model than the one that the monitor is made of."""
+    from dl2c.emit import model_c
+
+    original = model_c.model_c
+
+    def changed(environment: Any) -> str:
+        text = original(environment)
+        assert old in text
+        return text.replace(old, new)
+
+    monkeypatch.setattr(model_c, "model_c", changed)
+
+
+@pytest.fixture
+def fresh_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("DL2C_CACHE_DIR", str(tmp_path))
+
+
+@pytest.mark.usefixtures("fresh_cache")
+def test_a_simulator_that_does_something_else_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    broken(monkeypatch, "return 2.0 * y_v + 1.0;", "return 2.0 * y_v + 1.01;")
+    envs = dl2c.make_vec(WRONG, 3, monitor_every_step=True)
+    envs.reset(seed=1)
+    envs.step(np.array([1, 1, 1]))
+    with pytest.raises(MonitorViolated, match=r"environment 1 violates condition \d+ .*controller") as caught:
+        envs.step(np.array([1, 0, 1]))
+    assert (caught.value.environment, caught.value.condition > 1) == (1, True)
+    envs.close()
+
+
+@pytest.mark.usefixtures("fresh_cache")
+def test_a_motion_that_is_something_else_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    broken(monkeypatch, "* tau + x[X_l];", "* tau + 1.001 * x[X_l];")
+    env = dl2c.make("example:watertank", monitor_every_step=True)
+    env.reset(seed=1)
+    with pytest.raises(MonitorViolated, match=r"model: l follows its solution \(watertank.kyx:34\)"):
+        env.step(env.action_space.sample())
+    env.close()
+
+
+def test_a_model_without_a_monitor_is_refused_with_its_place() -> None:
+    text = WRONG.replace("{?y >= 0;", "{ {?y < 3; y := y + 1;}*; ?!(y < 3);")
+    with pytest.raises(CompileError) as refused:
+        dl2c.build(text, monitor_every_step=True)
+    assert {d.code for d in refused.value.diagnostics} == {"monitor-loop"}
+    assert dl2c.build(text).library.manifest.conditions == ()
+
+
+def test_a_state_that_is_set_is_where_the_next_step_begins() -> None:
+    env = dl2c.make("example:waypoint", monitor_every_step=True)
+    env.reset(seed=1)
+    batch = env.unwrapped._batch
+    x, p = batch.get_state(0)
+    x[0] += 1
+    batch.set_state(0, x, p)
+    env.step(env.action_space.sample(mask=env.unwrapped._fresh_mask()))
+    env.close()
+
+
+def test_the_option_is_one_of_the_command_line(tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from dl2c.cli import app
+
+    arguments = ["rollout", "example:watertank", "--monitor-every-step", "--csv", str(tmp_path / "run.csv")]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
