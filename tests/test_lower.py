@@ -1,5 +1,6 @@
 """Programs and formulas of a step: normal forms, numbers, branches, decisions and their annotations."""
 
+import math
 from collections.abc import Iterator
 from fractions import Fraction
 
@@ -11,7 +12,7 @@ from test_resolve import BODIES, expansion, formulas, points
 from dl2c.diagnostics import CompileError
 from dl2c.ir.evaluate import truth
 from dl2c.ir.lower_terms import lower_formula
-from dl2c.ir.model import Assign, AssignAny, Block, Choice, If, Symbol, Test
+from dl2c.ir.model import Assign, AssignAny, Block, Choice, If, Number, Symbol, Test
 from dl2c.ir.printer import print_block, print_formula, print_term
 from dl2c.parse import tree
 
@@ -67,6 +68,13 @@ def assigned(text: str) -> str:
 )
 def test_numbers_fold_and_nothing_else_does(written: str, meant: str) -> None:
     assert assigned(written) == meant
+
+
+def test_imported_constants_are_their_nearest_doubles() -> None:
+    for name, value in (("pi", math.pi), ("e", math.e)):
+        (statement,) = step(f"x := {name};", "import kyx.math.{pi, e};")
+        assert isinstance(statement, Assign) and isinstance(statement.term, Number)
+        assert float(statement.term.value) == value
 
 
 def test_powers_keep_the_definedness_of_their_base() -> None:

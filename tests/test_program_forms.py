@@ -59,6 +59,15 @@ def test_time_may_pass_in_a_while_loop(tmp_path: Path) -> None:
     assert step.duration == pytest.approx(0.25)
 
 
+def test_a_duration_inside_a_loop_is_chosen_once(tmp_path: Path) -> None:
+    """The flow lasts the same part of its longest duration, a tenth of a second, each time round."""
+    loop = "{?x > 0; x := x - 1; {v' = 1}}*; ?!(x > 0);"
+    pair = pair_of(loop, tmp_path, options={"duration": "agent"})
+    step = pair.step_from({"x": 3.0, "v": 0.0}, {}, {}, {"duration_0": 0.5})
+    assert step.state == {"x": 0.0, "v": pytest.approx(0.15)}
+    assert step.duration == pytest.approx(0.15)
+
+
 def test_a_loop_without_end_changes_nothing(tmp_path: Path) -> None:
     pair = pair_of("v := v + 1; {?x > 0; x := x + 1;}*; ?!(x > 0);", tmp_path, options={"max_loop": 100})
     step = pair.step_from({"x": 1.0, "v": 1.0}, {}, {}, {})
