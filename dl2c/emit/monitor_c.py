@@ -181,43 +181,53 @@ def _choice(unit: Unit, check: Check) -> list[str]:
     return [function(signature, ["switch (k) {", *(f"  {b}" for b in body), "}"])]
 
 
+def _is_inequality(condition: Condition) -> bool:
+    return condition.gradual and delta(condition.formula) is not None
+
+
+def _span_of(case: Case) -> tuple[int, int, int]:
+    """The numbers of a case's first condition, of its first inequality, and the one after its last."""
+    first, end = (case.conditions[0].number, case.conditions[-1].number + 1) if case.conditions else (0, 0)
+    return first, next((c.number for c in case.conditions if _is_inequality(c)), end), end
+
+
 def _room(unit: Unit, check: Check) -> list[str]:
     """How far a state that satisfies a case is from violating an inequality of it."""
     if not check.cases:
         return []
     conditions = [c for case in check.cases for c in case.conditions]
-    inequalities = [c.gradual and delta(c.formula) is not None for c in conditions]
     lines = [f"real least = {unit.literal(unit.largest)};"]
     counts = "margin < least"
-    if not all(inequalities):
-        flags = ", ".join(str(int(flag)) for flag in inequalities)
-        lines = [*wrapped(f"static const bool inequality[{len(inequalities)}] = {{{flags}}};"), *lines]
-        counts = f"inequality[id - {conditions[0].number}] && {counts}"
+    ranges = [range(*_span_of(case)[1:]) for case in check.cases]
+    if any(not _is_inequality(c) for c in conditions if any(c.number in r for r in ranges)):
+        flags = [_is_inequality(c) for c in conditions]
+        octets = [sum(flag << i for i, flag in enumerate(flags[k : k + 8])) for k in range(0, len(flags), 8)]
+        listed = ", ".join(f"{octet:#04x}" for octet in octets)
+        lines = [*wrapped(f"static const unsigned char inequalities[{len(octets)}] = {{{listed}}};"), *lines]
+        place = f"(id - {conditions[0].number})"
+        counts = f"(inequalities[{place} / 8] >> {place} % 8 & 1) != 0 && {counts}"
     lines += [
-        "for (int id = first; id <= last; id++) {",
+        "for (int id = from; id < end; id++) {",
         f"  const real margin = {check.kind}_margin(id, {passed(check)});",
-        f"  if ({counts})",
+        *(f"  {line}" for line in wrapped(f"if ({counts})")),
         "    least = margin;",
         "}",
-        "return least > 0 ? least : 0;",
+        "return least;",
     ]
-    signature = f"static real {check.kind}_room(int first, int last, {arguments(unit, check)}"
-    return [function(signature, lines, "How much room a satisfied case with these conditions leaves.")]
+    signature = f"static real {check.kind}_room(int from, int end, {arguments(unit, check)}"
+    return [function(signature, lines, "How much room a satisfied case leaves in its inequalities.")]
 
 
 def _check(unit: Unit, check: Check) -> str:
     """A check, as the header declares it. A loop over the cases takes less code than one after another."""
     states = ("before", "after") if check.transition else ("state",)
     usable = " && ".join([*(f"is_state({s})" for s in states), "are_parameters(parameters)"])
-    count = len(check.cases)
     lines = [f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, -DL2C_SMALLEST}};"]
-    if count > 1:
-        bounds = [
-            (c.conditions[0].number, c.conditions[-1].number) if c.conditions else (0, -1)
-            for c in check.cases
-        ]
-        for name, numbers in zip(("firsts", "lasts"), zip(*bounds, strict=True), strict=True):
-            lines += wrapped(f"static const int {name}[{count}] = {{{', '.join(map(str, numbers))}}};")
+    if (count := len(check.cases)) > 1:
+        spans = zip(*map(_span_of, check.cases), strict=True)
+        kind = "unsigned char" if _span_of(check.cases[-1])[2] < 256 else "short"
+        for name, numbers in zip(("firsts", "froms", "ends"), spans, strict=True):
+            lines += wrapped(f"static const {kind} {name}[{count}] = {{{', '.join(map(str, numbers))}}};")
     lines += [f"if (!({usable}))", "  return verdict;"]
     if count == 1:
         lines += _one_case(check)
@@ -236,16 +246,13 @@ def _check(unit: Unit, check: Check) -> str:
 
 
 def _one_case(check: Check) -> list[str]:
-    conditions = check.cases[0].conditions
-    first, last = (conditions[0].number, conditions[-1].number) if conditions else (0, -1)
+    _, start, end = _span_of(check.cases[0])
     return [
-        f"const int id = {check.kind}_case0({passed(check)});",
-        "if (id == 0) {",
-        "  verdict.id = 0;",
-        f"  verdict.val = {check.kind}_room({first}, {last}, {passed(check)});",
+        f"verdict.id = {check.kind}_case0({passed(check)});",
+        "if (verdict.id == 0) {",
+        f"  verdict.val = {check.kind}_room({start}, {end}, {passed(check)});",
         "  return verdict;",
         "}",
-        "verdict.id = id;",
     ]
 
 
@@ -255,9 +262,10 @@ def _any_case(check: Check) -> list[str]:
         f"for (int k = 0; k < {len(check.cases)}; k++) {{",
         f"  const int id = {check.kind}_case(k, {passed(check)});",
         "  if (id == 0) {",
-        f"    const real room = {check.kind}_room(firsts[k], lasts[k], {passed(check)});",
-        "    verdict.val = verdict.id == 0 ? dl2c_max(room, verdict.val) : room;",
+        f"    const real room = {check.kind}_room(froms[k], ends[k], {passed(check)});",
         "    verdict.id = 0;",
+        "    if (room > verdict.val)",
+        "      verdict.val = room;",
         "  } else if (verdict.id != 0 && id - firsts[k] > closest) {",
         "    closest = id - firsts[k];",
         "    verdict.id = id;",
