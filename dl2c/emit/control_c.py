@@ -188,7 +188,9 @@ def _public(unit: Unit, controller: Controller) -> Iterable[str]:
             f"  if ({stem}_monitor_satisfied(curr, post, params))",
             "    return post;",
             "}",
-            f"return fallback != 0 ? fallback(curr, params, input) : {stem}_fallback(curr, params, input);",
+            "if (fallback != 0)",
+            "  return fallback(curr, params, input);",
+            f"return {stem}_fallback(curr, params, input);",
         ],
     )
 

@@ -32,15 +32,15 @@ def _readme(unit: Unit, policy: NetworkPolicy | None) -> str:
     model, stem = unit.monitor.model, unit.stem
     kinds = "\n".join(_kind(unit, check) for check in unit.monitor.checks)
     sources = f"{stem}_monitor.c" + (f" {stem}_policy.c" if policy is not None else "")
-    listed = f"`{stem}_monitor.h` and `{stem}_monitor.c`" + (
-        f" with `{stem}_policy.h` and `{stem}_policy.c`" if policy is not None else ""
-    )
+    parts = ["monitor", *(["policy"] if policy is not None else [])]
+    listed = ", ".join(f"`{stem}_{part}.{kind}`" for part in parts for kind in "hc")
+    complete = f"{listed} are complete: C99, no allocation, no state, no recursion, only loops whose bounds "
+    complete += "are numbers; of the C library only `<math.h>`, `<float.h>` and `<stdbool.h>`. Numbers are "
+    complete = "\n".join(textwrap.wrap(f"{complete}`{unit.real}`.", 100, break_on_hyphens=False))
     control = _control(unit, policy) if unit.monitor.controller is not None else ""
     return f"""# Monitor of {model.name}
 
-{listed} are complete: C99, no allocation, no state, no recursion,
-loops of constant length; of the C library only `<math.h>`, `<float.h>` and `<stdbool.h>`. Numbers are
-`{unit.real}`.
+{complete}
 
     cc -std=c99 -O2 -ffp-contract=off -c {sources}
 
@@ -62,7 +62,14 @@ def _control(unit: Unit, policy: NetworkPolicy | None) -> str:
     """How to put a controller under the monitor."""
     stem = unit.stem
     ctrl = "ctrl" if policy is None else f"{stem}_policy_ctrl"
-    own = "where `ctrl` is a function of yours" if policy is None else "which is the trained policy"
+    own = "a function of yours" if policy is None else "the trained policy"
+    text = f"`{ctrl}` is {own}. What it does is done if the controller's check accepts it. Otherwise, and "
+    text += "where a number is NaN, the fallback given is executed, or where that is 0 "
+    text += f"`{stem}_fallback`: the first alternative of the model that is possible, one marked `@fallback` "
+    text += "before others; where none is, which no state of the model is in, the first all the same. Then "
+    text += "let the plant move for one step of the model. Names and arguments are those of the C that "
+    text += f"KeYmaera X exports, with `{stem}_` before them."
+    explained = "\n".join(textwrap.wrap(text, 100, break_on_hyphens=False))
     return f"""
 ## A controller under the monitor
 
@@ -70,11 +77,7 @@ Once in every step, with what was measured in `curr`, `params` and `input`:
 
     curr = {stem}_monitored_ctrl(curr, &params, &input, {ctrl}, 0);
 
-executes `{ctrl}`, {own}, if the controller's check accepts what
-it does. Otherwise, and where a number is NaN, it executes the fallback given, or where that is 0
-`{stem}_fallback`: the first alternative of the model that is possible, one marked `@fallback` before
-others. Then let the plant move for one step of the model. Names and arguments are those of the C that
-KeYmaera X exports, with `{stem}_` before them.
+{explained}
 """
 
 
