@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from random import Random
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from dl2c.ir.inputs import Inputs, nearest, spread
 from dl2c.ir.logic import atoms
 from dl2c.ir.model import AssignAny, Symbol, Test
 from dl2c.ir.straight import planned
+from dl2c.native.binding import Batch
 from dl2c.native.code import cgen_dir
 
 AUDITED = 4000
@@ -317,14 +319,40 @@ COSTS = {
 
 @pytest.mark.slow
 def test_a_test_costs_a_few_times_a_bare_input(tmp_path: Path) -> None:
-    """Nanoseconds for mask and request together (tests/bench/resolve_inputs.c), all in one run."""
+    """Nanoseconds for mask and request together (tests/bench/resolve_inputs.c), all in one run; beside them
+    those of a function that only clips."""
     least = dict.fromkeys(COSTS, float("inf"))
+    clip = float("inf")
     programs = {name: resolving_program(name, text, tmp_path) for name, text in COSTS.items()}
     for _ in range(5):
         for name, program in programs.items():
             done = subprocess.run([program], capture_output=True, text=True, check=True)
-            least[name] = min(least[name], float(done.stdout.split()[0]))
-    print({name: f"{time:.1f} ns, {time / least['bare']:.1f} x" for name, time in least.items()})
+            resolved, clipped = map(float, done.stdout.split()[:2])
+            least[name], clip = min(least[name], resolved), min(clip, clipped)
+    for name, time in least.items():
+        print(f"{name}: {time:.1f} ns, {time / least['bare']:.1f} x bare, {time / clip:.1f} x a C function")
+    assert least["limits"] <= 5 * least["bare"]
+    assert least["square"] <= 10 * least["bare"]
+
+
+@pytest.mark.slow
+def test_a_step_with_a_test_costs_a_few_times_one_with_a_bare_input(tmp_path: Path) -> None:
+    """Whole steps of a batch; the least of many, in turn."""
+    rng, count = np.random.default_rng(0), 4096
+    batches: dict[str, Batch] = {}
+    for name in ("bare", "limits", "square"):
+        (tmp_path / name).mkdir()
+        batches[name] = pair_of(COSTS[name], tmp_path / name, STATE).library.batch(count, max_steps=0)
+        for i in range(count):
+            batches[name].set_state(i, (4 * rng.random(5) - 1).tolist(), [])
+        batches[name].inputs[:] = 6 * rng.random(batches[name].inputs.shape) - 3
+    least = dict.fromkeys(batches, float("inf"))
+    for _ in range(200):
+        for name, batch in batches.items():
+            begun = perf_counter()
+            batch.step()
+            least[name] = min(least[name], perf_counter() - begun)
+    print({name: f"{1e9 * t / count:.1f} ns, {t / least['bare']:.1f} x" for name, t in least.items()})
     assert least["limits"] <= 5 * least["bare"]
     assert least["square"] <= 10 * least["bare"]
 

@@ -3,6 +3,7 @@
 import time
 from fractions import Fraction
 from pathlib import Path
+from shutil import which
 
 import numpy as np
 import pytest
@@ -45,9 +46,9 @@ End.
 )
 
 
-def states(source, count, seed=0):
+def states(source, count, seed=0, **options):
     """Initial states by name, and the model."""
-    library = compile_model(source, Options()).library
+    library = compile_model(source, Options(**options)).library
     batch = library.batch(min(count, 100_000))
     found = []
     for k in range(-(-count // batch.n)):
@@ -156,6 +157,22 @@ def test_linear_equalities_hold_in_doubles():
         x, y, z = env.state.values()
         assert (x, z) == (y + 3, 0.5 * y - x / 4)
         env.reset(options={"state": env.state})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("distribution", ["uniform", "target"])
+@pytest.mark.parametrize("source", [WAYPOINT, ROBOT, GRID], ids=lambda s: s.name)
+def test_streams_are_the_same_bits_however_they_are_compiled(source, distribution, monkeypatch):
+    found = set()
+    for compiler in ("gcc", "clang"):
+        if which(compiler) is None:
+            continue
+        for flags in ("-O0", "-O3", "-O3 -march=native"):
+            monkeypatch.setenv("CC", compiler)
+            monkeypatch.setenv("CFLAGS", f"{flags} -DDL2C_NO_TARGET_CLONES")
+            _, rows, _ = states(source, 3000, initial_distribution=distribution)
+            found.add(rows.tobytes())
+    assert len(found) == 1
 
 
 BAND = Source(

@@ -21,8 +21,8 @@ static inline int dl2c_around(int block, int chart, real *low, real *high)
 {
   const int count = SAMPLE_FREE[chart];
   for (int k = 0; k < count; k++) {
-    low[k] = INFINITY;
-    high[k] = -INFINITY;
+    low[k] = (real)INFINITY;
+    high[k] = (real)-INFINITY;
   }
   for (int box = SAMPLE_START[block]; box < SAMPLE_START[block + 1]; box++) {
     if (SAMPLE_CHART[NCHART > 1 ? box : 0] != chart) continue;

@@ -182,7 +182,9 @@ def enclosure(value: Fraction) -> Interval:
 
 def meet(a: Interval, b: Interval) -> Interval:
     """What both hold; total where both are."""
-    return Interval(max(a.low, b.low), min(a.high, b.high), a.total and b.total)
+    low = a.low if a.low >= b.low else b.low
+    high = a.high if a.high <= b.high else b.high
+    return Interval(low, high, a.total and b.total)
 
 
 def hull_of(pieces: Iterable[Interval]) -> Interval:

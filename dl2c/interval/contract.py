@@ -26,6 +26,7 @@ from dl2c.interval.arithmetic import (
     times,
 )
 from dl2c.interval.nodes import Graph, Node
+from dl2c.ir.logic import symbols
 from dl2c.ir.model import (
     Add,
     And,
@@ -54,6 +55,18 @@ class _Atom:
     right: Node
 
 
+@dataclass(slots=True, eq=False)
+class _Watched:
+    """A part, and versions of its symbols at which it narrows nothing: until they change, it will not."""
+
+    part: "_Atom | _Some"
+    symbols: tuple[Node, ...]
+    quiet: tuple[int, ...] = ()
+
+    def versions(self) -> tuple[int, ...]:
+        return tuple([node.version for node in self.symbols])
+
+
 @dataclass(frozen=True, slots=True)
 class _All:
     parts: tuple["_Part", ...]
@@ -64,7 +77,7 @@ class _Some:
     parts: tuple["_Part", ...]
 
 
-_Part: TypeAlias = "Truth | _Atom | _All | _Some"
+_Part: TypeAlias = "Truth | _Watched | _All"
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,13 +114,17 @@ def _part(formula: Formula, graph: Graph) -> _Part:
         case Truth():
             return formula
         case Compare(op, left, right):
-            return _Atom(op, graph.node(left), graph.node(right))
+            return _watched(_Atom(op, graph.node(left), graph.node(right)), formula, graph)
         case And(children):
             return _All(tuple(_part(c, graph) for c in children))
         case Or(children):
-            return _Some(tuple(_part(c, graph) for c in children))
+            return _watched(_Some(tuple(_part(c, graph) for c in children)), formula, graph)
         case _:
             assert_never(formula)
+
+
+def _watched(part: _Atom | _Some, formula: Formula, graph: Graph) -> _Watched:
+    return _Watched(part, tuple(graph.symbols[s] for s in symbols(formula)))
 
 
 # The functions below shrink the ranges of symbols and return False when nothing is left.
@@ -117,18 +134,14 @@ def _narrow_part(part: _Part, graph: Graph, rounds: int) -> bool:
     match part:
         case Truth(value):
             return value
-        case _Atom():
-            return _narrow_atom(part)
-        case _Some(parts):
-            before = _ranges(graph)
-            branches: list[dict[Symbol, Interval]] = []
-            for child in parts:
-                graph.assign(before)
-                if _narrow_part(child, graph, rounds):
-                    branches.append(_ranges(graph))
-            if branches:
-                graph.assign({s: hull_of(b[s] for b in branches) for s in before})
-            return bool(branches)
+        case _Watched():
+            if part.symbols and part.versions() == part.quiet:
+                return True
+            inner, before = part.part, [node.value() for node in part.symbols]
+            left = _narrow_atom(inner) if isinstance(inner, _Atom) else _narrow_some(inner, graph, rounds)
+            same = left and [node.value() for node in part.symbols] == before
+            part.quiet = part.versions() if same else ()
+            return left
         case _All(parts):
             for _ in range(rounds):
                 before = _ranges(graph)
@@ -139,6 +152,19 @@ def _narrow_part(part: _Part, graph: Graph, rounds: int) -> bool:
             return True
         case _:
             assert_never(part)
+
+
+def _narrow_some(part: _Some, graph: Graph, rounds: int) -> bool:
+    """To the hull of what the parts leave each."""
+    before = _ranges(graph)
+    branches: list[dict[Symbol, Interval]] = []
+    for child in part.parts:
+        graph.assign(before)
+        if _narrow_part(child, graph, rounds):
+            branches.append(_ranges(graph))
+    if branches:
+        graph.assign({s: hull_of(b[s] for b in branches) for s in before})
+    return bool(branches)
 
 
 def _ranges(graph: Graph) -> dict[Symbol, Interval]:

@@ -26,12 +26,14 @@ from dl2c.ir.model import Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Te
 
 @dataclass(slots=True, eq=False)
 class Node:
-    """A term: what it is computed from and how, and its enclosure where that is known."""
+    """A term: what it is computed from and how, and its enclosure where that is known. The version of a
+    symbol counts its ranges."""
 
     term: Term
     args: tuple["Node", ...]
     compute: Callable[..., Interval]
     known: Interval | None = None
+    version: int = 0
     above: list["Node"] = field(default_factory=list["Node"])
 
     def value(self) -> Interval:
@@ -42,8 +44,10 @@ class Node:
 
     def assign(self, value: Interval) -> None:
         """Give a symbol another range."""
-        if self.known != value:
+        now = self.known
+        if now is None or now.low != value.low or now.high != value.high or now.total != value.total:
             self.known = value
+            self.version += 1
             self.forget()
 
     def forget(self) -> None:

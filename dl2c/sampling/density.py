@@ -14,10 +14,13 @@ from dl2c.interval.nodes import Graph, Node
 from dl2c.interval.rounding import add_up, div_up, mul_down, mul_up
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import Symbol
-from dl2c.sampling.measure import Entry, Measure, at
+from dl2c.sampling.measure import Entries, Entry, Measure, at
 
 Slope: TypeAlias = tuple[float, tuple[Node, ...]]
 """A factor, and terms of which each bounds what it multiplies."""
+
+Share: TypeAlias = tuple[Symbol, Symbol, float]
+"""Two names of a row, and how much the product of their slopes counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +31,13 @@ class DensityBound:
     graph: Graph
     rows: tuple[Mapping[Symbol, tuple[Slope, ...]], ...]
     widths: tuple[tuple[Node, ...], ...]
+    shares: tuple[tuple[Share, ...], ...]
 
     def squared(self, box: Box) -> float:
         """An upper bound of `Measure.squared` on a box of all names; may be infinite."""
         self.graph.assign(box)
         sizes = [{z: _size(slopes) for z, slopes in row.items()} for row in self.rows]
-        result = min(_by_rows(self.measure, sizes), _by_columns(self.measure, sizes)) if sizes else 1.0
+        result = min(_by_rows(sizes, self.shares), _by_columns(self.measure, sizes)) if sizes else 1.0
         for widths in self.widths:
             longest = max(min(w.value().high for w in widths), 0.0)
             result = mul_up(result, mul_up(longest, longest))
@@ -56,7 +60,13 @@ def density_bound(measure: Measure) -> DensityBound:
     rows = tuple(
         {z: tuple(_slope(e, graph) for e in entries) for z, entries in row.items()} for row in measure.rows
     )
-    return DensityBound(measure, graph, rows, tuple(tuple(map(graph.node, ws)) for ws in measure.widths))
+    widths = tuple(tuple(map(graph.node, several)) for several in measure.widths)
+    return DensityBound(measure, graph, rows, widths, tuple(_shares(row, measure) for row in measure.rows))
+
+
+def _shares(row: Entries, measure: Measure) -> tuple[Share, ...]:
+    pairs = ((a, b, abs(at(measure.inverse, a, b))) for a in row for b in row)
+    return tuple((a, b, enclosure(share).high) for a, b, share in pairs if share)
 
 
 def _slope(entry: Entry, graph: Graph) -> Slope:
@@ -76,16 +86,14 @@ def _largest(around: Interval) -> float:
     return INF if around.empty else magnitude(around).high
 
 
-def _by_rows(measure: Measure, sizes: Sequence[Mapping[Symbol, float]]) -> float:
+def _by_rows(sizes: Sequence[Mapping[Symbol, float]], shares: Sequence[Sequence[Share]]) -> float:
     result = 1.0
-    for row in sizes:
+    for row, pairs in zip(sizes, shares, strict=True):
         plain, refined = 0.0, 0.0
-        for a, first in row.items():
-            plain = add_up(plain, mul_up(first, first))
-            for b, second in row.items():
-                if share := abs(at(measure.inverse, a, b)):
-                    part = mul_up(enclosure(share).high, mul_up(first, second))
-                    refined = add_up(refined, part)
+        for size in row.values():
+            plain = add_up(plain, mul_up(size, size))
+        for a, b, share in pairs:
+            refined = add_up(refined, mul_up(share, mul_up(row[a], row[b])))
         result = mul_up(result, min(plain, refined))
     return result if not math.isnan(result) else INF
 
