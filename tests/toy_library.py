@@ -52,6 +52,7 @@ def toy_manifest(counts: tuple[int, ...] = (3,), inputs: int = 0, **options: Any
         options=OPTIONS | options,
         notes=(),
         platform={},
+        conditions=(),
     )
 
 

@@ -14,7 +14,7 @@ from typing import Any, NoReturn, cast, get_args, get_origin, get_type_hints
 from dl2c.native.errors import NativeError
 from dl2c.options import Options, with_options
 
-MANIFEST_VERSION = 2
+MANIFEST_VERSION = 3
 
 MAX_BYTES = 64 * 1024**2
 """What is longer is no manifest."""
@@ -114,7 +114,7 @@ class Manifest:
     options: dict[str, Any]
     notes: tuple[str, ...]
     platform: dict[str, str]
-    conditions: tuple[ConditionSpec, ...] = ()
+    conditions: tuple[ConditionSpec, ...]
 
     def to_json(self) -> str:
         """Stable text: the same manifest gives the same bytes. Infinite limits are "inf" and "-inf"."""

@@ -5,7 +5,6 @@ executes code that they contain.
 """
 
 import json
-import pickle
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -113,9 +112,11 @@ def _loaded(path: Path, masked: bool) -> Any:
 
 def _normalisation(path: Path, size: int) -> Scaling | None:
     """The statistics of VecNormalize; None where it leaves observations as they are."""
+    from stable_baselines3.common.save_util import load_from_pkl
+
     try:
-        with path.open("rb") as file:
-            saved: Any = pickle.load(file)
+        load: Any = load_from_pkl
+        saved: Any = load(path)
         if not saved.norm_obs:
             return None
         mean, variance = (np.asarray(a, np.float64) for a in (saved.obs_rms.mean, saved.obs_rms.var))
