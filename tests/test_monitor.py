@@ -17,6 +17,7 @@ from dl2c import cli
 from dl2c.commands.monitor import unit_of
 from dl2c.commands.replay import replayed, unseen
 from dl2c.diagnostics import CompileError
+from dl2c.emit.monitor_h import Unit
 from dl2c.emit.monitor_text import monitor_files
 from dl2c.monitor.build import monitor_of
 from dl2c.monitor.check import Kind
@@ -74,22 +75,48 @@ def test_steps_of_the_simulator_satisfy_the_monitor(example: str, traces: Any) -
     assert found == ends, found[0]
 
 
+OF_LIBM = {f"{name}{end}" for name in ("cos", "exp", "log", "sin", "sqrt", "tan") for end in ("", "f")}
+
+
+def forms_of(example: str) -> list[tuple[str, bool]]:
+    """Kinds of numbers, and whether the monitor is sound: cosines have no enclosure."""
+    return [(r, s) for r in ("double", "float") for s in (False, True) if not (s and example == "pendulum")]
+
+
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_exported_files_compile_without_warnings(example: str, compiler: str, tmp_path: Path) -> None:
+    for real, sound in forms_of(example):
+        unit = unit_of(f"example:{example}", {}, real=real, sound=sound)
+        for standard in ("c99", "c11"):
+            compiled(unit, tmp_path / f"{real}-{sound}-{standard}", compiler, standard)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_each_kind_compiles_alone(example: str, compiler: str, tmp_path: Path) -> None:
+    kinds = [check.kind for check in unit_of(f"example:{example}", {}).monitor.checks]
+    for real, sound in forms_of(example):
+        for kind in kinds:
+            unit = unit_of(f"example:{example}", {}, (kind,), real=real, sound=sound)
+            compiled(unit, tmp_path / f"{real}-{sound}-{kind}", compiler, "c99")
+
+
+def compiled(unit: Unit, folder: Path, compiler: str, standard: str) -> None:
+    """The monitor asks for nothing but functions of libm."""
     if shutil.which(compiler) is None:
         pytest.skip(f"{compiler} is not installed")
-    forms = [(real, sound) for real in ("double", "float") for sound in (False, True)]
-    for real, sound in forms[:: 2 if example == "pendulum" else 1]:
-        folder = tmp_path / f"{real}-{sound}"
-        folder.mkdir()
-        for name, text in monitor_files(unit_of(f"example:{example}", {}, real=real, sound=sound)).items():
-            (folder / name).write_text(text, encoding="utf-8")
-        sources = sorted(p.name for p in folder.glob("*.c"))
-        for standard in ("c99", "c11"):
-            command = [compiler, f"-std={standard}", "-O1", *STRICT_FLAGS, *EXACT_FLAGS, "-c", *sources]
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-            assert done.returncode == 0, done.stderr
+    folder.mkdir()
+    for name, text in monitor_files(unit).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    sources = sorted(p.name for p in folder.glob("*.c"))
+    command = [compiler, f"-std={standard}", "-O1", *STRICT_FLAGS, *EXACT_FLAGS, "-c", *sources]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    listed = ["nm", "-u", f"{unit.stem}_monitor.o"]
+    wanted = subprocess.run(listed, cwd=folder, capture_output=True, text=True, check=True).stdout.split()
+    assert set(wanted) - {"U", "w"} <= OF_LIBM
 
 
 @pytest.mark.parametrize("example", ["acc", "static_safety_line", "bouncing_ball"])
