@@ -202,8 +202,8 @@ static bool dl2c_begin(dl2c_batch *b, int64_t i, dl2c_rng *rng, const real *x, c
 /* Draws initial states until one has a run. */
 static dl2c_status dl2c_reset_one(dl2c_batch *b, int64_t i)
 {
-  real x[NX];
-  real p[NP + 1];
+  real x[NX] = {0.0};
+  real p[NP + 1] = {0.0};
   dl2c_rng rng = dl2c_rng_make(b->seed[i], b->episode[i]++);
   for (int tries = 0; tries < DL2C_MAX_DEADLOCKS; tries++) {
     if (!dl2c_sample(&rng, x, p)) return DL2C_ERR_RESET;
