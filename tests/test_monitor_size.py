@@ -107,11 +107,20 @@ def test_code_and_stack_do_not_grow(
             assert size <= listed[name][what] * 7 / 6 + 32, (name, what)
 
 
-def test_a_controller_monitor_fits_a_small_processor(tmp_path: Path) -> None:
+@pytest.mark.parametrize("machine", ["cortex-m4", "cortex-m4f"])
+def test_a_controller_check_fits_a_small_processor(machine: str, tmp_path: Path) -> None:
+    """What a linker keeps of the monitor for a program that calls only this check."""
     needed(CROSS)
     unit = unit_of("example:waypoint", {}, ("controller",), real="float")
-    assert measured(unit, "cortex-m4", tmp_path / "soft")["text"] <= 2048
-    assert measured(unit, "cortex-m4f", tmp_path / "hard")["text"] <= 2048
+    for name, text in monitor_files(unit).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    compiler, size, *flags = MACHINES[machine]
+    alone = ("-ffunction-sections", "-fdata-sections", "-nostdlib")
+    linked = f"-Wl,--gc-sections,-e,{unit.stem}_check_controller,--unresolved-symbols=ignore-all"
+    command = [compiler, "-std=c99", "-Os", *flags, *EXACT_FLAGS, *alone, linked, f"{unit.stem}_monitor.c"]
+    subprocess.run([*command, "-o", "linked"], cwd=tmp_path, check=True)
+    said = subprocess.run([size, "linked"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    assert 1000 < int(said.splitlines()[1].split()[0]) <= 2048
 
 
 def test_the_deepest_chain_is_found() -> None:
