@@ -45,15 +45,23 @@ COMPARISONS: dict[Comparison, str] = {
     ">=": "is_at_most",
 }
 
-PRELUDE = """\
+PAIR = """\
 typedef struct {
   real lo, hi;
 } iv_pair;
+"""
 
+OPERATIONS = {
+    "iv_smaller": """\
 static inline real iv_smaller(real a, real b) { return a < b ? a : b; }
+""",
+    "iv_larger": """\
 static inline real iv_larger(real a, real b) { return a > b ? a : b; }
+""",
+    "is_known": """\
 static inline bool is_known(iv_pair a) { return a.lo <= a.hi; }
-
+""",
+    "iv_widened": """\
 /* Room for the rounding error of one operation; nothing known where numbers are too large. */
 static inline iv_pair iv_widened(real lo, real hi)
 {
@@ -62,9 +70,7 @@ static inline iv_pair iv_widened(real lo, real hi)
   const iv_pair nothing = {1, 0}, found = {down, up};
   return -IV_LARGEST <= down && up <= IV_LARGEST ? found : nothing;
 }
-"""
-
-OPERATIONS = {
+""",
     "iv_point": """\
 static inline iv_pair iv_point(real a) { return (iv_pair){a, a}; }
 """,
@@ -192,19 +198,14 @@ static inline int iv_either(int a, int b) { return a > b ? a : b; }
 }
 """Definitions by name, each after those that it uses."""
 
-NEEDS = {
-    "iv_product": "iv_around",
-    "iv_quotient": "iv_around",
-    "iv_square": "iv_magnitude",
-    "is_equal": "is_unequal",
-}
-
 
 def prelude(body: str) -> str:
     """What code of intervals needs before it."""
-    used = {name for name in OPERATIONS if re.search(rf"\b{name}\(", body)}
-    used |= {NEEDS[name] for name in used if name in NEEDS}
-    return "\n".join([PRELUDE, *(text for name, text in OPERATIONS.items() if name in used)])
+    needed: list[str] = []
+    for name, text in reversed(OPERATIONS.items()):
+        if any(re.search(rf"\b{name}\(", user) for user in (body, *needed)):
+            needed.append(text)
+    return "\n".join([PAIR, *reversed(needed)])
 
 
 @dataclass(slots=True)
