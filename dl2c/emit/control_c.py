@@ -58,7 +58,7 @@ def _search(unit: Unit, controller: Controller) -> list[str]:
 
 
 def reading(unit: Unit, given: str, state: str = "before->", parameters: str = "parameters->") -> Place:
-    """Where a run reads the value of a symbol."""
+    """Where the value of a symbol is read; what is no constant or variable before, in `given`."""
     fixed = {c.name: c.value for c in unit.monitor.model.constants if c.value is not None}
 
     def place_of(symbol: Symbol) -> str:
@@ -70,7 +70,7 @@ def reading(unit: Unit, given: str, state: str = "before->", parameters: str = "
             case "constant":
                 return f"{parameters}{names.member(symbol.name)}"
             case _:
-                return f"{given}{unit.field(symbol.name)}"
+                return f"{given}{unit.field(symbol.name.removesuffix('_post'))}"
 
     return place_of
 

@@ -12,7 +12,7 @@ from fractions import Fraction
 
 from dl2c.emit import names
 from dl2c.emit.cfile import function, place, wrapped
-from dl2c.emit.control_c import controller_functions
+from dl2c.emit.control_c import controller_functions, reading
 from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor_h import Unit, head, title_of
 from dl2c.interval.arithmetic import Interval, enclosure
@@ -97,21 +97,7 @@ def order_of(unit: Unit) -> Callable[[Symbol], int]:
 
 def places(unit: Unit, check: Check) -> Place:
     """Where a check reads the value of a symbol."""
-    before = "before" if check.transition else "state"
-    fixed = {c.name: c.value for c in unit.monitor.model.constants if c.value is not None}
-
-    def place_of(symbol: Symbol) -> str:
-        match symbol.kind:
-            case "variable":
-                return f"{before}->{names.member(symbol.name)}"
-            case "constant" if symbol.name in fixed:
-                return unit.literal(fixed[symbol.name])
-            case "constant":
-                return f"parameters->{names.member(symbol.name)}"
-            case _:
-                return f"after->{names.member(symbol.name.removesuffix('_post'))}"
-
-    return place_of
+    return reading(unit, "after->", "before->" if check.transition else "state->")
 
 
 def arguments(unit: Unit, check: Check) -> str:
