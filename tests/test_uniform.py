@@ -110,13 +110,13 @@ def rotations(rng, count):
     found = []
     while sum(map(len, found)) < count:
         n = 2**19
-        om, x, y, c = rng.uniform(-4, 4, n), *rng.uniform(-1, 1, (3, n))
-        inside = (np.abs(om * (x - c)) <= 0.2) & (np.abs(om * (y - c)) <= 0.2)
+        om, x, y, c = rng.uniform(-10, 10, n), *rng.uniform(-1, 1, (3, n))
+        inside = (np.abs(om * (x - c)) <= 0.1) & (np.abs(om * (y - c)) <= 0.1)
         om, x, y, c = om[inside], x[inside], y[inside], c[inside]
         # slopes of d and e by om, x, y, c, beside which the drawn names have slope 1
         slopes = np.array([[x - c, om, 0 * om, -om], [y - c, 0 * om, om, -om]])
         gram = np.moveaxis(np.einsum("ikn,jkn->ijn", slopes, slopes), 2, 0) + np.eye(2)
-        kept = rng.random(len(om)) * 34 <= np.sqrt(np.linalg.det(gram))
+        kept = rng.random(len(om)) * 201 <= np.sqrt(np.linalg.det(gram))
         found.append(np.stack([om, x, y, c, om * (x - c)], 1)[kept])
     return np.concatenate(found)[:count]
 
@@ -148,7 +148,7 @@ CASES = {
     "rotations": (
         model(
             "d == om*(x - c) and e == om*(y - c)",
-            {"d": "-0.2:0.2", "e": "-0.2:0.2", "x": "-1:1", "y": "-1:1", "c": "-1:1", "om": "-4:4"},
+            {"d": "-0.1:0.1", "e": "-0.1:0.1", "x": "-1:1", "y": "-1:1", "c": "-1:1", "om": "-10:10"},
         ),
         ("om", "x", "y", "c", "d"),
         rotations,
@@ -186,7 +186,7 @@ def test_states_are_uniform(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [n for n in CASES if n != "rotations"])  # whose reference is slow
 def test_states_are_uniform_for_many_seeds(name):
     assert min(compared(name, seed, 200_000, CELLS) for seed in range(SEEDS)) > 0.01 / SEEDS / len(CASES)
 

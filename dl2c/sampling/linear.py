@@ -44,12 +44,12 @@ class Solution:
     slope: float
 
 
-Rank: TypeAlias = tuple[bool, bool, bool, bool, bool, bool, int, int, int]
+Rank: TypeAlias = tuple[bool, bool, bool, bool, bool, int, int, bool, int]
 
 
 def rank(s: Solution, names: Sequence[Symbol], mentions: Mapping[Symbol, int]) -> Rank:
-    """Smaller is better: plain numbers, affine, exact in doubles, moderate, no division, variables before
-    constants, seldom mentioned elsewhere, short, declared early."""
+    """Smaller is better: plain numbers, affine, moderate, no division, variables before constants, seldom
+    mentioned elsewhere, short, exact in doubles, declared early."""
     is_number = isinstance(s.term, Number)
     steep = s.slope > MODERATE
     affine = is_affine(s.term)
@@ -57,7 +57,7 @@ def rank(s: Solution, names: Sequence[Symbol], mentions: Mapping[Symbol, int]) -
     mentioned, size = mentions.get(s.symbol, 0), size_of(s.term)
     exact = affine and has_dyadic_numbers(s.term)
     place = names.index(s.symbol)
-    return not is_number, not affine, not exact, steep, s.divided, not variable, mentioned, size, place
+    return not is_number, not affine, steep, s.divided, not variable, mentioned, size, not exact, place
 
 
 def solutions(equality: Compare, names: Sequence[Symbol], box: Box) -> Iterator[Solution]:
