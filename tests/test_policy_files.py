@@ -94,7 +94,7 @@ def test_what_is_no_policy_is_refused(name: str, tmp_path: Path) -> None:
         ({"weight_0": np.zeros((5, 10))}, "layer 0 has weights"),
         ({"scale_0": np.zeros(11)}, "not positive"),
     ],
-    ids=str,
+    ids=["objects", "whole numbers", "three axes", "not numbers", "too narrow", "no scale"],
 )
 def test_arrays_that_are_none_of_a_network_are_refused(
     arrays: dict[str, Any], words: str, tmp_path: Path
