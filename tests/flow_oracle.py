@@ -300,18 +300,22 @@ def _bisected(atom: Compare, piece: Piece, low: mpf, high: mpf, before: int | No
     return high
 
 
+ELSEWHERE = 1e-3
+"""An end that is so far away is another one, where neighbours are 1e-7 apart."""
+
+
 def moved(flow: Flow, start: Mapping[Symbol, float], told: Verdict, by: float = 1e-7) -> float:
     """How much more than start and constants the end and the duration move, where these move a little.
 
-    Infinite where a neighbour is outside the domain, ends for another reason or has no solution:
-    then the answer from this start is ill-conditioned, as at a grazing contact.
+    Infinite where a neighbour is outside the domain, ends for another reason or elsewhere, or has no
+    solution: then the answer from this start is ill-conditioned, as at a grazing contact.
     """
     if told.grazed:
         return math.inf
     largest = 1.0
     names = [Symbol(x, "variable") for x, _ in flow.equations]
     rng = Random(1)
-    for _ in range(2):
+    for _ in range(8):
         near = {s: v if s.name == "t" else v + by * rng.choice((-1, 1)) for s, v in start.items()}
         try:
             other = judge(flow, near)
@@ -320,5 +324,8 @@ def moved(flow: Flow, start: Mapping[Symbol, float], told: Verdict, by: float = 
         if other.event != told.event or (other.duration == 0) != (told.duration == 0):
             return math.inf
         change = max(abs(other.state[s] - told.state[s]) for s in names)
-        largest = max(largest, float(max(change, abs(other.duration - told.duration))) / by)
+        change = float(max(change, abs(other.duration - told.duration)))
+        if change > ELSEWHERE:
+            return math.inf
+        largest = max(largest, change / by)
     return largest
