@@ -18,7 +18,7 @@ from test_flow_laws import FLOWS, starts
 
 import dl2c
 from dl2c.ir.kernel import FlowPlan, plan_flow
-from dl2c.ir.model import Flow
+from dl2c.ir.model import Flow, Symbol
 from dl2c.ir.printer import print_flow
 
 CONSTANTS = {"a": 1.0, "b": 2.0, "c": 0.3, "d": 2.0}
@@ -74,7 +74,10 @@ def test_a_car_drives_as_with_cvodes() -> None:
 
 
 def agreement(seed: int, count: int, folder: Path) -> tuple[int, int]:
-    """How many random flows were compared with CVODES at its tolerance, and how many met an event."""
+    """How many random flows were compared with CVODES at its tolerance, and how many met an event.
+
+    Where they differ, a Taylor series at 32 digits decides.
+    """
     rng = Random(f"dopri5 {seed}")
     flows: list[Flow] = []
     while len(flows) < FLOWS:
@@ -84,7 +87,7 @@ def agreement(seed: int, count: int, folder: Path) -> tuple[int, int]:
     libraries: list[Compiled] = [
         compiled(flows_model(f"{kind}{seed}", tuple(flows)), folder, kind) for kind in ("dopri5", "cvodes")
     ]
-    compared = ended = 0
+    compared = ended = disputed = 0
     for k, start in starts(tuple(flows), seed, count):
         ours, theirs = (library.run(k, start) for library in libraries)
         if ours.reason or theirs.reason:
@@ -92,10 +95,14 @@ def agreement(seed: int, count: int, folder: Path) -> tuple[int, int]:
         state = {x: theirs.state[x] for x, _ in flows[k].equations}
         compared += 1
         ended += 0 < theirs.duration < horizon(flows[k], start)
-        error = difference(ours, theirs.duration, state)
-        if error > 3e-8:
-            size = moved(flows[k], start.environment, judge(flows[k], start.environment))
-            assert error <= 6e-8 * size, f"{print_flow(flows[k])}\n{start}\n{ours}\n{theirs}"
+        if difference(ours, theirs.duration, state) > 3e-8:
+            told = judge(flows[k], start.environment)
+            true = {x: float(told.state[Symbol(x, "variable")]) for x, _ in flows[k].equations}
+            size = moved(flows[k], start.environment, told)
+            error = difference(ours, float(told.duration), true)
+            assert error <= 3e-8 * size, f"{print_flow(flows[k])}\n{start}\n{ours}\n{theirs}"
+            disputed += math.isfinite(size) and error <= 3e-8
+    assert disputed <= compared / 1000
     return compared, ended
 
 
