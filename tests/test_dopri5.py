@@ -76,7 +76,8 @@ def test_a_car_drives_as_with_cvodes() -> None:
 def agreement(seed: int, count: int, folder: Path) -> tuple[int, int]:
     """How many random flows were compared with CVODES at its tolerance, and how many met an event.
 
-    Where they differ, a Taylor series at 32 digits decides.
+    Where they differ, a Taylor series at 32 digits decides; along the long steps of CVODES margins with
+    roots are hard to fit, and now and then it is the one that is off.
     """
     rng = Random(f"dopri5 {seed}")
     flows: list[Flow] = []
@@ -101,8 +102,8 @@ def agreement(seed: int, count: int, folder: Path) -> tuple[int, int]:
             size = moved(flows[k], start.environment, told)
             error = difference(ours, float(told.duration), true)
             assert error <= 3e-8 * size, f"{print_flow(flows[k])}\n{start}\n{ours}\n{theirs}"
-            disputed += math.isfinite(size) and error <= 3e-8
-    assert disputed <= compared / 1000
+            disputed += difference(theirs, float(told.duration), true) > 6e-8 * size
+    assert disputed <= compared / 100
     return compared, ended
 
 
