@@ -1,6 +1,8 @@
 """The Runge-Kutta kernel: its order, its tolerance, its interpolant; and that it agrees with CVODES."""
 
+import ctypes
 import math
+import subprocess
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -20,6 +22,7 @@ import dl2c
 from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.model import Flow, Symbol
 from dl2c.ir.printer import print_flow
+from dl2c.native import cgen_dir
 
 CONSTANTS = {"a": 1.0, "b": 2.0, "c": 0.3, "d": 2.0}
 
@@ -50,7 +53,7 @@ def test_events_lie_on_the_interpolant_as_exactly_as_steps(tmp_path: Path) -> No
         assert abs(arrival.duration - true) < 10 * float(rtol)
 
 
-def test_it_uses_no_solver_and_no_pointer_per_flow() -> None:
+def test_it_is_used_only_where_it_was_asked_for() -> None:
     flows = dl2c.build("example:dubins", integrator="dopri5").library.manifest.flows
     assert [(f.kernel, f.reason) for f in flows] == [("dopri5", "integrator=dopri5 was asked for")]
 
@@ -123,11 +126,6 @@ def test_ten_thousand_random_flows_end_as_with_cvodes(tmp_path: Path) -> None:
 
 def test_the_fifth_root_is_one(tmp_path: Path) -> None:
     """Step lengths follow from it: within a thousandth, over all magnitudes."""
-    import ctypes
-    import subprocess
-
-    from dl2c.native import cgen_dir
-
     text = (cgen_dir() / "runtime" / "dopri5.h").read_text(encoding="utf-8")
     start = text.index("static real dl2c_fifth_root")
     body = text[start : text.index("\n}\n", start) + 3].replace("static real", "double")

@@ -64,9 +64,8 @@ def test_a_forked_copy_goes_on_alone() -> None:
     assert os.read(read, len(expected) + 1) == expected
 
 
-def test_what_fails_is_the_first_to_fail_in_order() -> None:
-    text = source_of("example:waypoint").text
-    library = open_library(source_of(text), {})
+def test_a_refused_state_leaves_the_threads_at_work() -> None:
+    library = open_library(source_of("example:waypoint"), {})
     batch = library.batch(300, threads=4)
     batch.reset()
     x, p = batch.get_state(0)

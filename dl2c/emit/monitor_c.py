@@ -184,14 +184,14 @@ def _room(unit: Unit, check: Check) -> list[str]:
     conditions = [c for case in check.cases for c in case.conditions]
     lines = [f"real least = {unit.literal(unit.largest)};"]
     counts = "margin < least"
-    ranges = [range(*_span_of(case)[1:]) for case in check.cases]
-    if any(not _is_inequality(c) for c in conditions if any(c.number in r for r in ranges)):
+    starts = {c.number: _span_of(case)[1] for case in check.cases for c in case.conditions}
+    if any(c.number >= starts[c.number] and not _is_inequality(c) for c in conditions):
         flags = [_is_inequality(c) for c in conditions]
         octets = [sum(flag << i for i, flag in enumerate(flags[k : k + 8])) for k in range(0, len(flags), 8)]
         listed = ", ".join(f"{octet:#04x}" for octet in octets)
         lines = [*wrapped(f"static const unsigned char inequalities[{len(octets)}] = {{{listed}}};"), *lines]
-        place = f"(id - {conditions[0].number})"
-        counts = f"(inequalities[{place} / 8] >> {place} % 8 & 1) != 0 && {counts}"
+        bit = f"(id - {conditions[0].number})"
+        counts = f"(inequalities[{bit} / 8] >> {bit} % 8 & 1) != 0 && {counts}"
     lines += [
         "for (int id = from; id < end; id++) {",
         f"  const real margin = {check.kind}_margin(id, {passed(check)});",
