@@ -302,6 +302,20 @@ def test_margins_that_touch_zero_by_rounding_end_nothing(integrator: Any, tmp_pa
         assert library.run(0, start).duration == 2.0
 
 
+@pytest.mark.parametrize("integrator", ["auto", "dopri5"])
+def test_a_root_that_is_small_where_it_ends_a_flow_and_large_after(integrator: Any, tmp_path: Path) -> None:
+    """A long internal step leads to where the margin's rounding is much larger than at its event."""
+    limit = Compare("<=", Symbol("t", "variable"), term("4"))
+    root = formula("sqrt(1 + x*x) < 3")
+    equations = (("x", term("y*y*y*y*y")), ("y", term("-1")), ("t", ONE))
+    flow = Flow(equations, conjunction((limit, root)), root, (Horizon("t", limit.right),), None)
+    library = compiled(flows_model("root", (flow,)), tmp_path, integrator)
+    state = {"x": -1.2518697452551033, "y": 0.1186483770859299, "z": 0.0, "t": 0.25}
+    arrival = library.run(0, Start(state, CONSTANTS))
+    assert arrival.duration == pytest.approx(1.5729132922895832, rel=1e-9)
+    assert arrival.state["x"] == pytest.approx(-math.sqrt(8), rel=1e-10)
+
+
 def test_a_flow_that_only_sampling_can_watch_is_not_left_to_straight_lines() -> None:
     """A polynomial flow with a disjunction, beside a watch that is no polynomial."""
     flow = Flow((("x", term("y")), ("y", ONE)), d := formula("x <= 1 or y >= 0"), d, (), Fraction(1))

@@ -71,6 +71,18 @@ static void dl2c_rest(const real *x, dl2c_track *track)
   for (int k = 0; k < NX; k++) track->c[k][0] = track->end[k] = x[k];
 }
 
+/* A retreat that went further than this is halved until it is known as well as this. */
+#define DL2C_RETREAT_FINE 0x1p-40
+
+/* Whether the state at s of a stretch, its invariants met, is inside the domain. */
+static bool dl2c_arrives(const dl2c_stretch *stretch, real s, real *y, real *duration)
+{
+  dl2c_stretch_at(stretch, s, y);
+  model_project(stretch->flow, stretch->p, y);
+  *duration = dl2c_stretch_time(stretch, s);
+  return model_inside(stretch->flow, y, stretch->p);
+}
+
 /*
  * The state at s of a stretch, as the end of a flow that began in x: invariants and bounds that
  * were met hold exactly. Where that is outside the domain by rounding, an earlier one.
@@ -86,13 +98,19 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real s, bool settled
   if (!dl2c_all_finite(y, NX)) return DL2C_UNDEFINED;
   *duration = time;
   if (model_inside(flow, y, p)) return DL2C_SETTLED;
-  real part = DL2C_RETREAT_FIRST;
-  for (int k = 0; k < DL2C_RETREATS; k++, part *= 4.0) {
-    const real earlier = s - s * part;
-    dl2c_stretch_at(stretch, earlier, y);
-    model_project(flow, p, y);
-    *duration = dl2c_stretch_time(stretch, earlier);
-    if (model_inside(flow, y, p)) return DL2C_SETTLED;
+  real outside = 0.0;
+  real inside = DL2C_RETREAT_FIRST;
+  for (int k = 0; k < DL2C_RETREATS; k++, outside = inside, inside *= 4.0) {
+    if (!dl2c_arrives(stretch, s - s * inside, y, duration)) continue;
+    while (inside - outside > DL2C_RETREAT_FINE) {
+      const real middle = 0.5 * (outside + inside);
+      if (dl2c_arrives(stretch, s - s * middle, y, duration))
+        inside = middle;
+      else
+        outside = middle;
+    }
+    (void)dl2c_arrives(stretch, s - s * inside, y, duration);
+    return DL2C_SETTLED;
   }
   for (int j = 0; j < NX; j++) y[j] = stretch->track->c[j][0];
   *duration = stretch->from;

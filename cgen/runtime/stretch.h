@@ -26,6 +26,8 @@ typedef struct dl2c_stretch {
 enum { DL2C_HALVINGS = 1024 };
 /* How far a curve may miss a margin between nodes, relative to its largest coefficient. */
 #define DL2C_MISSES 0x1p-40
+/* By how much rounding of the values at the nodes may be larger between them. */
+#define DL2C_FIT_SPREAD 16.0
 /* How far a margin may be off by rounding, relative to the numbers that it is made of. */
 #define DL2C_ROUNDING 0x1p-50
 /* A polynomial of degree 12 stays this many times their spread around its values at the nodes. */
@@ -163,8 +165,12 @@ static void dl2c_begin_signs(const dl2c_stretch *stretch, const dl2c_curve *curv
   dl2c_lie_signs(stretch->flow, y, stretch->p, noise, events->at_start, events->after_start);
 }
 
-/* Whether curves do not miss their margins at two places between the nodes. */
-static bool dl2c_curves_fit(const dl2c_stretch *stretch, const dl2c_curve *curves)
+/*
+ * Whether curves do not miss their margins at two places between the nodes.
+ *   noise: (NMARGIN) of the values that they were fitted to
+ */
+static bool dl2c_curves_fit(const dl2c_stretch *stretch, const dl2c_curve *curves,
+                            const real *noise)
 {
   bool close = true;
   for (int side = 0; side < 2; side++) {
@@ -178,7 +184,7 @@ static bool dl2c_curves_fit(const dl2c_stretch *stretch, const dl2c_curve *curve
       real largest = 0.0;
       for (int k = 0; k < DL2C_NODES; k++) largest = dl2c_max(largest, fabs(curves[j].b[k]));
       const real miss = fabs(dl2c_curve_at(&curves[j], s) - g[j]);
-      close &= miss <= DL2C_MISSES * largest + curves[j].noise;
+      close &= miss <= DL2C_MISSES * largest + DL2C_FIT_SPREAD * noise[j];
     }
   }
   return close;
@@ -213,7 +219,7 @@ static bool dl2c_stretch_events(const dl2c_stretch *stretch, dl2c_events *events
     events->at_end[j] = fabs(curve->b[curve->degree]) <= curve->noise;
   }
   events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
-  return dl2c_curves_fit(stretch, curves);
+  return dl2c_curves_fit(stretch, curves, noise);
 }
 
 /* Whether a whole track plainly has no events that matter. */

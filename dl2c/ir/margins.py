@@ -8,6 +8,7 @@ the condition that they are defined.
 """
 
 from collections.abc import Callable
+from fractions import Fraction
 from functools import reduce
 from typing import TypeAlias
 
@@ -211,7 +212,7 @@ def _defined(term: Term, moves: Moves) -> list[Formula]:
 
 
 def size_of(term: Term) -> Term:
-    """How large the numbers are that a term is made of: its rounding errors are in proportion to this."""
+    """How large the numbers are that a term is made of: its rounding errors are 2^-50 times this at most."""
     match term:
         case Number() | Symbol():
             return folded(Call("abs", (term,)))
@@ -230,6 +231,13 @@ def size_of(term: Term) -> Term:
             return size_of(child)
         case Call("min" | "max", (left, right)):
             return folded(Add(size_of(left), size_of(right)))
+        case Call("sqrt", (child,)):
+            # From its slope, but near 0 no more than the root of what the argument is off by.
+            size, value = size_of(child), Call("abs", (term,))
+            near_zero = folded(Mul(Number(Fraction(2**25)), folded(Call("sqrt", (size,)))))
+            return Add(value, Call("min", (folded(Div(size, value)), near_zero)))
+        case Call("exp", (child,)):
+            return folded(Mul(term, folded(Add(ONE, size_of(child)))))
         case Call(_, args):
             sizes = [size_of(a) for a in args]
             return folded(Mul(Add(ONE, Call("abs", (term,))), Add(ONE, _sum_of(sizes))))
