@@ -4,32 +4,28 @@ Results go to stdout, messages and progress bars to stderr. Exit codes: see `com
 2 for a wrong command line.
 """
 
-import csv
-import math
 import shutil
 import sys
-from collections import Counter
-from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
-from dataclasses import asdict
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from dl2c.commands.arguments import Model, Seed
 from dl2c.commands.cache import app as cache_app
-from dl2c.commands.completion import models, words
-from dl2c.commands.failures import CommandError, as_json, report, show, to_json
+from dl2c.commands.completion import words
+from dl2c.commands.failures import as_json, report, show, to_json
 from dl2c.commands.flags import Json, model_options
 from dl2c.commands.monitor import monitor
-from dl2c.commands.verbosity import begin, detailed, quiet, talkative
+from dl2c.commands.rollout import rollout
+from dl2c.commands.train import train
+from dl2c.commands.verbosity import begin, quiet, talkative
+from dl2c.commands.waiting import working
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
     from dl2c.pipeline import Compiled
-    from dl2c.training.evaluation import Evaluation
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -42,29 +38,13 @@ INTERNAL = ("sealed.json", "warnings.json")
 """Files of a cache entry that concern nobody else."""
 
 app.add_typer(cache_app, name="cache")
-app.command()(model_options(monitor))
 
-Model = Annotated[
-    str, typer.Argument(help="A .kyx file, or example:NAME.", show_default=False, autocompletion=models)
-]
-PolicyName = Annotated[
-    str,
-    typer.Option(
-        "--policy", help="random, first, or a policy's zip file.", autocompletion=words("random", "first")
-    ),
-]
-Algorithm = Annotated[
-    str, typer.Option(help="ppo or maskable-ppo.", autocompletion=words("ppo", "maskable-ppo"))
-]
 Stage = Annotated[
     str,
     typer.Option(
         help="tree, expanded, ir, paths or c.", autocompletion=words("tree", "expanded", "ir", "paths", "c")
     ),
 ]
-Episodes = Annotated[int, typer.Option(min=1, help="How many episodes.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the first episode; the next ones count up.")]
-Masked = Annotated[bool, typer.Option("--masked/--unmasked", help="Keep the policy to enabled alternatives.")]
 
 
 def main() -> None:
@@ -145,7 +125,7 @@ def check(
     from dl2c.commands.check import diagnostics_of, fixed
 
     corrections = fixed(model) if fix else 0
-    with _working(f"checking {model}"):
+    with working(f"checking {model}"):
         found = diagnostics_of(model, options, portable)
     failed = any(d.severity == "error" for d in found)
     if json:
@@ -232,84 +212,13 @@ def sample(
     """Draw initial states and say what is proved of them and how fast they are."""
     from dl2c.commands.sample import draw, present
 
-    with _working(f"sampling {model}"):
+    with working(f"sampling {model}"):
         drawn = draw(model, options, count, seed)
     present(drawn, csv_file, plot, json)
 
 
-@app.command()
-@model_options
-def rollout(
-    model: Model,
-    policy: PolicyName = "random",
-    episodes: Episodes = 1,
-    seed: Seed = 0,
-    masked: Masked = True,
-    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every step to this file.")] = None,
-    json: Json = False,
-    *,
-    options: Mapping[str, Any],
-) -> None:
-    """Run a policy and say how its episodes ended; with --csv, every step."""
-    from dl2c.training.rollout import rollout as run
-
-    rows = list(run(policy, model, episodes, seed, masked, **options))
-    if csv_file is not None:
-        with csv_file.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, tuple(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
-    last = [row for row in rows if row["terminated"] or row["truncated"]]
-    ends = Counter((row["status"], row["reason"]) for row in last)
-    summary = {
-        "episodes": episodes,
-        "steps": len(rows) - episodes,
-        "mean_return": sum(row["reward"] for row in rows) / episodes,
-        "mean_time": sum(row["time"] for row in last) / episodes,
-        "ends": [{"status": s, "reason": r, "episodes": n} for (s, r), n in sorted(ends.items())],
-    }
-    if json:
-        print(to_json(summary))
-        return
-    print(
-        f"{episodes} episodes, {summary['steps']} steps, mean return {summary['mean_return']:.6g}, ", end=""
-    )
-    print(f"mean duration {summary['mean_time']:.6g} s")
-    for (status, reason), count in sorted(ends.items()):
-        print(f"{count:>6}  {status}: {reason}")
-
-
-@app.command()
-@model_options
-def train(
-    model: Model,
-    algo: Algorithm = "ppo",
-    steps: Annotated[int, typer.Option(min=1, help="Environment steps.")] = 400_000,
-    n_envs: Annotated[int, typer.Option(min=1, help="Environments stepped together.")] = 64,
-    seed: Seed = 0,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")] = Path(
-        "build/train"
-    ),
-    json: Json = False,
-    *,
-    options: Mapping[str, Any],
-) -> None:
-    """Train a policy; writes policy.zip, run.json and curve.png and evaluates the result."""
-    from dl2c.training.evaluation import evaluate
-    from dl2c.training.plots import plot_curves
-    from dl2c.training.ppo import train as learn
-    from dl2c.training.run import Settings
-
-    if algo not in ("ppo", "maskable-ppo"):
-        raise CommandError(f"no algorithm {algo!r}; there is ppo, maskable-ppo")
-    settings = Settings(steps=steps, n_envs=n_envs)
-    with _progress(steps) as note:
-        run = learn(model, algo, seed=seed, directory=output, settings=settings, progress=note, **options)
-    plot_curves({algo: [run.curve]}, output / "curve.png")
-    found = evaluate(run.policy, model, masked=algo == "maskable-ppo", **options)
-    print(
-        to_json({"policy": str(run.policy)} | asdict(found)) if json else f"{run.policy}: {_sentence(found)}"
-    )
+app.command()(model_options(rollout))
+app.command()(model_options(train))
 
 
 @app.command()
@@ -328,13 +237,16 @@ def bench(
     """Compare the speed of a model in C with scipy's solve_ivp and others, as ratios."""
     from dl2c.commands.bench import compare, comparison_data, draw_comparison, show_comparison
 
-    with _working(f"measuring {model}") as note:
+    with working(f"measuring {model}") as note:
         comparison = compare(model, options, seconds, require or (), note)
     print(to_json(comparison_data(comparison))) if json else show_comparison(comparison)
     if plot is not None:
         draw_comparison(comparison, plot)
     if not all(map(comparison.met, comparison.requirements)):
         raise typer.Exit(1)
+
+
+app.command()(model_options(monitor))
 
 
 @app.command()
@@ -350,49 +262,5 @@ def _compile(model: str, options: Mapping[str, Any]) -> "Compiled":
     from dl2c.env.opening import build as build_model
     from dl2c.env.opening import source_of
 
-    with _working(f"compiling {model}") as note:
+    with working(f"compiling {model}") as note:
         return build_model(source_of(model), options, note)
-
-
-@contextmanager
-def _working(what: str) -> Generator[Callable[[str], None]]:
-    """A spinner on a terminal's stderr, nothing elsewhere or with -v, -q; yields what changes its text."""
-    console = Console(stderr=True)
-    if not console.is_terminal or detailed() or quiet():
-        yield lambda _: None
-        return
-    with console.status(what) as status:
-        yield lambda text: status.update(f"{what}: {text}")
-
-
-@contextmanager
-def _progress(steps: int) -> Generator[Any]:
-    """A bar on a terminal's stderr, nothing elsewhere; yields what takes a point of the learning curve."""
-    console = Console(stderr=True)
-    columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
-    with Progress(
-        *columns,
-        TextColumn("{task.description}"),
-        console=console,
-        disable=quiet() or not console.is_terminal,
-    ) as bar:
-        task = bar.add_task("", total=steps)
-
-        def note(point: Any) -> None:
-            rates = f"success {point.success:4.0%}  violations {point.violations:4.0%}"
-            bar.update(
-                task, completed=point.steps, description=f"{rates}  {point.steps_per_second:,.0f} steps/s"
-            )
-
-        yield note
-
-
-def _sentence(found: "Evaluation") -> str:
-    def percent(name: str) -> str:
-        e = asdict(found)[name]
-        return f"{e['value']:.1%} [{e['low']:.1%}, {e['high']:.1%}]"
-
-    text = f"{found.episodes} episodes: success {percent('success')}, violations {percent('violations')}"
-    if math.isnan(found.travel_time.value):
-        return text
-    return f"{text}, mean duration of successes {found.travel_time.value:.3g} s"

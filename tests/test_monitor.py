@@ -15,7 +15,7 @@ from monitor_program import Program, program_of
 
 from dl2c import cli
 from dl2c.commands.monitor import unit_of
-from dl2c.commands.replay import replayed, unseen
+from dl2c.commands.trace import replayed, unseen
 from dl2c.diagnostics import CompileError
 from dl2c.emit.monitor_h import Unit
 from dl2c.emit.monitor_text import monitor_files

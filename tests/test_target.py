@@ -11,7 +11,7 @@ from conftest import REPOSITORY
 from target_program import CROSS, HARD, QEMU, SOFT, Records, needed, on_host, on_target, record, records_of
 
 from dl2c.commands.monitor import unit_of
-from dl2c.commands.replay import questions
+from dl2c.commands.trace import questions
 from dl2c.emit.monitor_h import Unit
 from dl2c.monitor.check import KINDS
 from dl2c.training.rollout import rollout

@@ -6,21 +6,19 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from dl2c.commands.completion import models, words
+from dl2c.commands.arguments import Model
+from dl2c.commands.completion import words
 from dl2c.commands.failures import CommandError, show, to_json
 from dl2c.commands.flags import Json
 from dl2c.commands.verbosity import quiet
 
 if TYPE_CHECKING:
-    from dl2c.commands.replay import Violation
+    from dl2c.commands.trace import Violation
     from dl2c.emit.monitor_h import Unit
     from dl2c.monitor.check import Tolerance
     from dl2c.policy.network import NetworkPolicy
 
 
-Model = Annotated[
-    str, typer.Argument(help="A .kyx file, or example:NAME.", show_default=False, autocompletion=models)
-]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="Folder for the files.")]
 Kinds = Annotated[
     list[str] | None,
@@ -158,7 +156,7 @@ def _written(unit: "Unit", output: Path, policy: "NetworkPolicy | None") -> dict
 
 
 def _replayed(unit: "Unit", trace: Path) -> "tuple[list[Violation], int]":
-    from dl2c.commands.replay import replayed, unseen
+    from dl2c.commands.trace import replayed, unseen
 
     if any(check.kind == "controller" for check in unit.monitor.checks):
         show(unseen(unit.monitor.model))

@@ -1,0 +1,43 @@
+"""What a command shows on stderr while it works: a spinner, or a bar."""
+
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from dl2c.commands.verbosity import detailed, quiet
+
+
+@contextmanager
+def working(what: str) -> Generator[Callable[[str], None]]:
+    """A spinner on a terminal's stderr, nothing elsewhere or with -v, -q; yields what changes its text."""
+    console = Console(stderr=True)
+    if not console.is_terminal or detailed() or quiet():
+        yield lambda _: None
+        return
+    with console.status(what) as status:
+        yield lambda text: status.update(f"{what}: {text}")
+
+
+@contextmanager
+def progress(steps: int) -> Generator[Any]:
+    """A bar on a terminal's stderr, nothing elsewhere; yields what takes a point of the learning curve."""
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
+    with Progress(
+        *columns,
+        TextColumn("{task.description}"),
+        console=console,
+        disable=quiet() or not console.is_terminal,
+    ) as bar:
+        task = bar.add_task("", total=steps)
+
+        def note(point: Any) -> None:
+            rates = f"success {point.success:4.0%}  violations {point.violations:4.0%}"
+            bar.update(
+                task, completed=point.steps, description=f"{rates}  {point.steps_per_second:,.0f} steps/s"
+            )
+
+        yield note
