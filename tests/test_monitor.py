@@ -15,7 +15,7 @@ from monitor_program import Program, program_of
 
 from dl2c import cli
 from dl2c.commands.monitor import unit_of
-from dl2c.commands.trace import replayed, unseen
+from dl2c.commands.trace import replayed, rows_of, unseen
 from dl2c.diagnostics import CompileError
 from dl2c.emit.monitor_h import Unit
 from dl2c.emit.monitor_text import monitor_files
@@ -68,7 +68,7 @@ def test_steps_of_the_simulator_satisfy_the_monitor(example: str, traces: Any) -
     unit = unit_of(f"example:{example}", {})
     kinds = {check.kind for check in unit.monitor.checks}
     assert kinds == {"init", "controller", "safety"} | ({"model"} if example in CLOSED_FORM else set())
-    found, steps = replayed(unit, traces(example))
+    found, steps = replayed(unit, rows_of(traces(example), unit))
     assert steps >= STEPS
     rows = read(traces(example))
     ends = [v for v in found if v.kind == "safety" and rows[v.row - 1]["status"] == "failure"]
@@ -239,7 +239,8 @@ def test_a_system_that_is_not_the_model_is_caught(mutant: tuple[str, str], tmp_p
     assert mutant[0] in text
     rows: Rows = list(rollout("random", text.replace(*mutant), 6, max_episode_steps=300))
     written(rows, path := tmp_path / "trace.csv")
-    found, _ = replayed(unit_of("example:static_safety_line", {}, ("controller", "model")), path)
+    unit = unit_of("example:static_safety_line", {}, ("controller", "model"))
+    found, _ = replayed(unit, rows_of(path, unit))
     assert found
 
 
@@ -327,8 +328,31 @@ def test_a_value_that_solves_an_equality_is_met_closely(tmp_path: Path) -> None:
 
 def test_choices_that_a_trace_does_not_show_are_named() -> None:
     body = "x := *; ?-1 <= x & x <= 1; {x' = y}"
-    [found] = unseen(lowered_model(Source("m", program(body)), Options()))
+    model = lowered_model(Source("m", program(body)), Options())
+    [found] = unseen(model, {"x": 0.0, "y": 0.0})
     assert (found.code, found.span.text) == ("not-replayed", "x := *")
+    assert "`assign_x`" in found.help and not unseen(model, {"x": 0.0, "y": 0.0, "assign_x": 1.0})
+
+
+def test_of_what_the_environment_does_first_the_beginning_is_not_seen() -> None:
+    text = program("x := *; ?x^2 <= 2; y := *").replace("Real x;", "/* @var: role=env */ Real x;")
+    [found] = unseen(lowered_model(Source("m", text), Options()), {"x": 0.0, "y": 0.0})
+    assert (found.code, found.span.text) == ("not-replayed", "x := *")
+
+
+@pytest.mark.parametrize("role", ["agent", "env"])
+def test_a_choice_that_then_moves_is_replayed_from_its_column(role: str, tmp_path: Path) -> None:
+    text = program("y := *; ?0 <= y & y <= 1; x := *; ?x^2 <= 2; {x' = 1 + y, y' = 1 & x <= 2}")
+    text = text.replace("Real x;", f"/* @var: role={role} */ Real x;")
+    rows: Rows = list(rollout("random", text, 3, max_episode_steps=20, default_bound=(-3, 3)))
+    unit = unit_of(text, {"default_bound": (-3, 3)}, ("controller",))
+    written(rows, tmp_path / "trace.csv")
+    trace = rows_of(tmp_path / "trace.csv", unit)
+    assert not unseen(unit.monitor.model, trace[0])
+    assert replayed(unit, trace) == ([], 60)
+    outside = [row | {"assign_x": "1.5"} for row in trace]
+    found, steps = replayed(unit, outside)
+    assert len(found) == steps and found[0].about == "x_post^2 <= 2"
 
 
 @pytest.mark.parametrize(

@@ -113,11 +113,11 @@ def test_code_and_stack_do_not_grow(
             assert size <= listed[name][what] * 7 / 6 + 32, (name, what)
 
 
-@pytest.mark.parametrize(("machine", "most"), [("cortex-m4f", 2048), ("cortex-m4", 2304)])
-def test_a_controller_check_fits_a_small_processor(machine: str, most: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("machine", ["cortex-m4f", "cortex-m4"])
+def test_a_controller_check_fits_a_small_processor(machine: str, tmp_path: Path) -> None:
     needed(CROSS)
     unit = unit_of("example:waypoint", {}, ("controller",), real="float")
-    assert 1000 < measured(unit, machine, tmp_path / "unit")["text"] <= most
+    assert 1000 < measured(unit, machine, tmp_path / "unit")["text"] <= 2048
 
 
 def test_the_deepest_chain_is_found() -> None:

@@ -156,11 +156,12 @@ def _written(unit: "Unit", output: Path, policy: "NetworkPolicy | None") -> dict
 
 
 def _replayed(unit: "Unit", trace: Path) -> "tuple[list[Violation], int]":
-    from dl2c.commands.trace import replayed, unseen
+    from dl2c.commands.trace import replayed, rows_of, unseen
 
+    rows = rows_of(trace, unit)
     if any(check.kind == "controller" for check in unit.monitor.checks):
-        show(unseen(unit.monitor.model))
-    return replayed(unit, trace)
+        show(unseen(unit.monitor.model, rows[0]))
+    return replayed(unit, rows)
 
 
 def _tell(found: Mapping[str, Any], failed: "Violation | None", trace: Path | None) -> None:

@@ -2,7 +2,8 @@
 
 A trace has the states between steps. Where the controller's step ends, before the motion, is not
 recorded: variables that do not move have the value recorded after the step, for others every control
-path proposes the value it assigns, and the monitor must accept one of these states.
+path proposes the value it assigns, from the columns of `x := *` where it was chosen, and the monitor
+must accept one of these states.
 """
 
 import csv
@@ -24,7 +25,7 @@ from dl2c.monitor.check import OUT_OF_RANGE, Check, Monitor, after
 from dl2c.monitor.control import Control, control_paths
 from dl2c.native.program import answers, compile_program
 from dl2c.source import Span
-from dl2c.training.rollout import COLUMNS
+from dl2c.training.rollout import column
 
 UNMOVED = ("blocked", "diverged", "numerical", "solver")
 """Reasons to end an episode with a step that is no step of the model."""
@@ -62,12 +63,8 @@ class Question:
     line: str
 
 
-def replayed(unit: Unit, trace: Path) -> tuple[list[Violation], int]:
-    """All violations of a trace in the order of its rows, and how many steps it has.
-
-    Raises `CommandError` for a file that is no trace of the model, `NativeError`.
-    """
-    rows = _rows(trace, unit)
+def replayed(unit: Unit, rows: list[Row]) -> tuple[list[Violation], int]:
+    """All violations of a trace in the order of its rows, and how many steps it has. Raises `NativeError`."""
     asked = list(questions(unit, rows))
     with tempfile.TemporaryDirectory() as folder:
         program = compile_program(monitor_files(unit), Path(folder))
@@ -84,7 +81,7 @@ def questions(unit: Unit, rows: list[Row]) -> Iterator[Question]:
     """Everything that the checks of a monitor say about a trace."""
     model = unit.monitor.model
     controls = controls_of(model)
-    seen = not unseen(model)
+    seen = not unseen(model, rows[0])
     whole = not model.lead and not model.prefix
     for k, row in enumerate(rows):
         state, numbers = _state(model, row), _line(_parameters(unit, row))
@@ -108,20 +105,27 @@ def controls_of(model: Model) -> tuple[Control, ...]:
     return control_paths(model, frozenset(v.name for v in model.variables) - moving)
 
 
-def unseen(model: Model) -> tuple[Diagnostic, ...]:
-    """Choices that a trace does not show, since they are values of variables that move. Where there are
-    any, it does not show where the motion of a step begins, so that the controller is not checked.
+def unseen(model: Model, row: Row) -> tuple[Diagnostic, ...]:
+    """Why steps of a trace with rows like this are not checked. It does not show where a step begins if the
+    step has leading statements, nor where its motion begins if it lacks the column of a value that was
+    chosen for a variable that then moves.
     """
+    if model.lead:
+        title = "the controller and whole steps are not checked: the trace has no states before this"
+        label = "executed when the step before is over, so that the agent observes what it leads to"
+        return (warning("not-replayed", title, model.lead[0].span, label, "other checks are replayed"),)
     moving = {x for flow in model.flows for x, rate in flow.equations if rate != ZERO}
     places: dict[str, Span] = {}
     for control in controls_of(model):
         used = symbols(*(value for x, value in control.values.items() if x in moving))
-        keys = [key for key in control.hidden if Symbol(key, "input") in used]
+        keys = [key for key in control.hidden if Symbol(key, "input") in used and key not in row]
         places |= {key: control.draft.place_of(key) for key in keys}
     title = "the controller is not checked: the trace does not show this value"
-    advice = "the other checks are replayed"
+    label = "given to a variable that moves"
+    advice = "`dl2c rollout --csv` writes it as `{}`, but not with `action_map=squash`"
     return tuple(
-        warning("not-replayed", title, p, "given to a variable that moves", advice) for p in places.values()
+        warning("not-replayed", title, place, label, f"{advice.format(key)}; other checks are replayed")
+        for key, place in places.items()
     )
 
 
@@ -129,6 +133,12 @@ def led_to(model: Model, controls: tuple[Control, ...], before: Row, now: Row) -
     """The states in which the motion of a step may have begun."""
     env: dict[Symbol, Any] = {Symbol(v.name, "variable"): _value(before, v.name) for v in model.variables}
     env |= {after(v.name): _value(now, v.name) for v in model.variables}
+    env |= {
+        Symbol(key, "input"): _number(now[key])
+        for control in controls
+        for key in control.hidden
+        if key in now
+    }
     env |= {
         Symbol(c.name, "constant"): _value(now, c.name) if c.value is None else float(c.value)
         for c in model.constants
@@ -164,23 +174,24 @@ def _violation(monitor: Monitor, row: int, values: Row, kind: str, ids: list[int
     return Violation(*head, condition.about, place(condition.span))
 
 
-def _rows(trace: Path, unit: Unit) -> list[Row]:
+def rows_of(trace: Path, unit: Unit) -> list[Row]:
+    """Raises `CommandError` for a file that is no trace of the model."""
     with trace.open(newline="", encoding="utf-8") as file:
         rows: list[Row] = list(csv.DictReader(file))
     wanted = [*(v.name for v in unit.monitor.model.variables), *(c.name for c in unit.parameters)]
-    columns = ["episode", "step", "reason", *(_column(n) for n in wanted)]
+    columns = ["episode", "step", "reason", *(column(n) for n in wanted)]
     if missing := [c for c in columns if not rows or rows[0].get(c) is None]:
         raise CommandError(f"{trace} is no trace of {unit.monitor.model.name}: it lacks {', '.join(missing)}")
     return rows
 
 
-def _column(name: str) -> str:
-    return f"{name}_" if name in COLUMNS else name
-
-
 def _value(row: Row, name: str) -> float:
+    return _number(row[column(name)])
+
+
+def _number(text: Any) -> float:
     try:
-        return float(row[_column(name)])
+        return float(text)
     except (TypeError, ValueError):
         return float("nan")
 

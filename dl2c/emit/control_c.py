@@ -36,10 +36,12 @@ def controller_functions(unit: Unit, leaves: Leaves, accepted: str, holds: Holds
     controller = unit.monitor.controller
     assert controller is not None
     runs: list[str] = []
+    bounds = next(c.bounds for c in unit.monitor.checks if c.kind == CHECK)
     for run in controller.runs:
         for one in _chosen(run):
             runs += [_admits(unit, run, one, holds), _roots(unit, run, one, leaves)]
-        runs.append(_run(unit, run, leaves, accepted))
+        case = f"{CHECK}_case({bounds[run.case]}, {bounds[run.case + 1]}, before, after, parameters)"
+        runs.append(_run(unit, run, leaves, accepted.replace("CASE", case)))
     return [*_search(unit, controller), *runs, *_public(unit, controller)]
 
 
@@ -133,6 +135,7 @@ def _zero(offset: Term, slope: Term) -> Term:
 
 
 def _run(unit: Unit, run: Run, leaves: Leaves, accepted: str) -> str:
+    """Executes a control path; `accepted` is whether the check accepts that."""
     used = symbols(*(term for _, term in run.updates)) | symbols(*(g.admits for g in run.given))
     needs = any(s.kind == "input" for s in used) or bool(_chosen(run))
     lines = [f"{unit.stem}_input given = *input;"] if needs else []
@@ -144,11 +147,10 @@ def _run(unit: Unit, run: Run, leaves: Leaves, accepted: str) -> str:
         about = f"{place(run.span)}  {variable} := {print_term(term)}"
         value = leaves.term(f"run{run.case}_set_{variable}", term, about, read)
         lines += wrapped(f"after->{names.member(variable)} = {value};")
-    case = accepted.replace("CASE", f"{CHECK}_case{run.case}(before, after, parameters)")
     head = f"static bool run{run.case}({_states(unit)}, const {unit.stem}_input *input, "
     return function(
         f"{head}{unit.stem}_state *after)",
-        [*lines, *wrapped(f"return is_state(after) && {case};")],
+        [*lines, *wrapped(f"return is_state(after) && {accepted};")],
         f"{place(run.span)}  {run.about}: what it leads to; false where it is not possible.",
     )
 

@@ -1,24 +1,25 @@
 """An exported monitor as one C file that needs nothing of the runtime.
 
-Leaf functions are those of the simulator: the same printer, the same order of operations. Each case
-is a function that returns the first of its conditions that does not hold; a check reports the
-condition of the case that came closest, or the room that the satisfied case with most of it leaves.
+Leaf functions are those of the simulator: the same printer, the same order of operations. A case is a
+range of numbers of conditions, and conditions that are the same formula are code only once. A check
+reports the condition of the case that came closest, or the room that the satisfied case with most of
+it leaves.
 """
 
 import re
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 
 from dl2c.emit import names
-from dl2c.emit.cfile import function, place, wrapped
+from dl2c.emit.cfile import comment, function, place, wrapped
 from dl2c.emit.control_c import controller_functions, reading
 from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor_h import Unit, head, title_of
 from dl2c.interval.arithmetic import Interval, enclosure
 from dl2c.ir.logic import delta
 from dl2c.ir.model import UNBOUNDED, Bound, Symbol
-from dl2c.monitor.check import OUT_OF_RANGE, Case, Check, Condition, after
+from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition, after
 from dl2c.symbolic.terms import Builder
 
 LARGEST_SINGLE = 3.4e38
@@ -35,8 +36,9 @@ def monitor_c(unit: Unit) -> str:
     leaves = Leaves(builder_of(unit), order_of(unit), unit.single)
     functions: list[str] = []
     for check in unit.monitor.checks:
-        functions += [_case(unit, check, k, case, leaves) for k, case in enumerate(check.cases)]
-        functions += [_margin(unit, check, leaves), *_room(unit, check), *_choice(unit, check)]
+        if check.cases:
+            functions += [_holds(unit, check, leaves), _case(unit, check)]
+            functions += [_margin(unit, check, leaves), _room(unit, check)]
         functions.append(_check(unit, check))
     if unit.monitor.controller is not None:
         functions += controller_functions(unit, leaves, "CASE == 0", leaves.condition)
@@ -109,15 +111,37 @@ def passed(check: Check) -> str:
     return "before, after, parameters" if check.transition else "state, parameters"
 
 
-def _case(unit: Unit, check: Check, k: int, case: Case, leaves: Leaves) -> str:
+def selected(check: Check, values: Mapping[int, str]) -> list[str]:
+    """A switch that returns what belongs to the condition `id`; `values` by numbers of first conditions."""
+    numbers: dict[int, list[int]] = {}
+    for condition in check.conditions:
+        numbers.setdefault(condition.first, []).append(condition.number)
     body: list[str] = []
-    for condition in case.conditions:
-        holds = _condition(unit, check, condition, leaves)
-        body += [*wrapped(f"if (!{grouped(holds)})"), f"  return {condition.number};"]
+    for first, value in values.items():
+        body += [*(f"case {n}:" for n in numbers[first]), *wrapped(f"  return {value};")]
+    return ["switch (id) {", *(f"  {b}" for b in body), "  default:", "    break;", "}"] if body else []
+
+
+def _holds(unit: Unit, check: Check, leaves: Leaves) -> str:
+    values = {c.first: _condition(unit, check, c, leaves) for c in check.conditions}
     return function(
-        f"static int {check.kind}_case{k}({arguments(unit, check)}",
-        [*body, "return 0;"],
-        f"{check.kind}, {case.about}: the first condition that does not hold.",
+        f"static bool {check.kind}_holds(int id, {arguments(unit, check)}",
+        [*selected(check, values), "return false;"],
+        "Whether a condition holds.",
+    )
+
+
+def _case(unit: Unit, check: Check) -> str:
+    return function(
+        f"static int {check.kind}_case(int first, int end, {arguments(unit, check)}",
+        [
+            "for (int id = first; id < end; id++) {",
+            f"  if (!{check.kind}_holds(id, {passed(check)}))",
+            "    return id;",
+            "}",
+            "return 0;",
+        ],
+        "The first of a case's conditions that does not hold, 0 for none.",
     )
 
 
@@ -136,56 +160,28 @@ def grouped(text: str) -> str:
 def _margin(unit: Unit, check: Check, leaves: Leaves) -> str:
     """How far a state is from satisfying a condition."""
     values: dict[int, str] = {}
-    numbers: dict[int, list[int]] = {}
-    for condition in (c for case in check.cases for c in case.conditions):
-        term = delta(condition.formula)
-        if term is None:
-            continue
-        first = condition.first
-        about = f"The margin of condition {first}."
-        values[first] = leaves.term(f"margin_n{first}", term, about, places(unit, check))
-        numbers.setdefault(first, []).append(condition.number)
-    body: list[str] = []
-    for first, value in values.items():
-        body += [*(f"case {n}:" for n in numbers[first]), *wrapped(f"  return {value};")]
+    for condition in check.conditions:
+        if (term := delta(condition.formula)) is not None:
+            first = condition.first
+            about = f"The margin of condition {first}."
+            values[first] = leaves.term(f"margin_n{first}", term, about, places(unit, check))
     return function(
         f"static real {check.kind}_margin(int id, {arguments(unit, check)}",
-        [*(["switch (id) {", *(f"  {b}" for b in body), "  default:", "    break;", "}"] if body else []),
-         "return -DL2C_SMALLEST;"],
+        [*selected(check, values), "return -DL2C_SMALLEST;"],
         "The margin of a condition, negative where it is violated.",
-    )  # fmt: skip
-
-
-def _choice(unit: Unit, check: Check) -> list[str]:
-    """Any of several cases by its index."""
-    if len(check.cases) < 2:
-        return []
-    called = [f"  return {check.kind}_case{k}({passed(check)});" for k in range(len(check.cases))]
-    labels = [*(f"case {k}:" for k in range(len(called) - 1)), "default:"]
-    body = [line for pair in zip(labels, called, strict=True) for line in pair]
-    signature = f"static int {check.kind}_case(int k, {arguments(unit, check)}"
-    return [function(signature, ["switch (k) {", *(f"  {b}" for b in body), "}"])]
+    )
 
 
 def _is_inequality(condition: Condition) -> bool:
     return condition.gradual and delta(condition.formula) is not None
 
 
-def _span_of(case: Case) -> tuple[int, int, int]:
-    """The numbers of a case's first condition, of its first inequality, and the one after its last."""
-    first, end = (case.conditions[0].number, case.conditions[-1].number + 1) if case.conditions else (0, 0)
-    return first, next((c.number for c in case.conditions if _is_inequality(c)), end), end
-
-
-def _room(unit: Unit, check: Check) -> list[str]:
+def _room(unit: Unit, check: Check) -> str:
     """How far a state that satisfies a case is from violating an inequality of it."""
-    if not check.cases:
-        return []
-    conditions = [c for case in check.cases for c in case.conditions]
+    conditions = check.conditions
     lines = [f"real least = {unit.literal(unit.largest)};"]
     counts = "margin < least"
-    starts = {c.number: _span_of(case)[1] for case in check.cases for c in case.conditions}
-    if any(c.number >= starts[c.number] and not _is_inequality(c) for c in conditions):
+    if not all(map(_is_inequality, conditions)):
         flags = [_is_inequality(c) for c in conditions]
         octets = [sum(flag << i for i, flag in enumerate(flags[k : k + 8])) for k in range(0, len(flags), 8)]
         listed = ", ".join(f"{octet:#04x}" for octet in octets)
@@ -193,36 +189,29 @@ def _room(unit: Unit, check: Check) -> list[str]:
         bit = f"(id - {conditions[0].number})"
         counts = f"(inequalities[{bit} / 8] >> {bit} % 8 & 1) != 0 && {counts}"
     lines += [
-        "for (int id = from; id < end; id++) {",
+        "for (int id = first; id < end; id++) {",
         f"  const real margin = {check.kind}_margin(id, {passed(check)});",
         *(f"  {line}" for line in wrapped(f"if ({counts})")),
         "    least = margin;",
         "}",
         "return least;",
     ]
-    signature = f"static real {check.kind}_room(int from, int end, {arguments(unit, check)}"
-    return [function(signature, lines, "How much room a satisfied case leaves in its inequalities.")]
+    signature = f"static real {check.kind}_room(int first, int end, {arguments(unit, check)}"
+    return function(signature, lines, "How much room a satisfied case leaves in its inequalities.")
 
 
 def _check(unit: Unit, check: Check) -> str:
     """A check, as the header declares it. A loop over the cases takes less code than one after another."""
-    states = ("before", "after") if check.transition else ("state",)
-    usable = " && ".join([*(f"is_state({s})" for s in states), "are_parameters(parameters)"])
-    lines = [f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, -DL2C_SMALLEST}};"]
-    if (count := len(check.cases)) > 1:
-        spans = zip(*map(_span_of, check.cases), strict=True)
-        kind = "unsigned char" if _span_of(check.cases[-1])[2] < 256 else "short"
-        for name, numbers in zip(("firsts", "froms", "ends"), spans, strict=True):
-            lines += wrapped(f"static const {kind} {name}[{count}] = {{{', '.join(map(str, numbers))}}};")
-    lines += [f"if (!({usable}))", "  return verdict;"]
-    if count == 1:
-        lines += _one_case(check)
-    elif count > 1:
-        lines += _any_case(check)
+    verdict = f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, -DL2C_SMALLEST}};"
+    if not check.cases:
+        return function(head(unit, check), [verdict, "return verdict;"])
     return function(
         head(unit, check),
         [
-            *lines,
+            verdict,
+            *begun(check),
+            *refusal(check),
+            *(_one_case(check) if len(check.cases) == 1 else _any_case(check)),
             f"const real margin = {check.kind}_margin(verdict.id, {passed(check)});",
             "if (margin < verdict.val)",
             "  verdict.val = margin;",
@@ -231,24 +220,48 @@ def _check(unit: Unit, check: Check) -> str:
     )
 
 
-def _one_case(check: Check) -> list[str]:
-    _, start, end = _span_of(check.cases[0])
+def begun(check: Check) -> list[str]:
+    """A table of where the conditions of each case begin and end, for a loop over several cases."""
+    if len(check.cases) < 2:
+        return []
+    bounds = check.bounds
+    kind = "unsigned char" if bounds[-1] < 256 else "short"
+    listed = ", ".join(map(str, bounds))
+    about = (
+        f"Where the conditions begin of {'; '.join(case.about for case in check.cases)}; and where they end."
+    )
     return [
-        f"verdict.id = {check.kind}_case0({passed(check)});",
+        *comment(about).split("\n"),
+        *wrapped(f"static const {kind} firsts[{len(bounds)}] = {{{listed}}};"),
+    ]
+
+
+def refusal(check: Check) -> list[str]:
+    """The end of a check of numbers that are out of range."""
+    states = ("before", "after") if check.transition else ("state",)
+    usable = " && ".join([*(f"is_state({s})" for s in states), "are_parameters(parameters)"])
+    return [f"if (!({usable}))", "  return verdict;"]
+
+
+def _one_case(check: Check) -> list[str]:
+    case = f"({', '.join(map(str, check.bounds))}, {passed(check)})"
+    return [
+        f"verdict.id = {check.kind}_case{case};",
         "if (verdict.id == 0) {",
-        f"  verdict.val = {check.kind}_room({start}, {end}, {passed(check)});",
+        f"  verdict.val = {check.kind}_room{case};",
         "  return verdict;",
         "}",
     ]
 
 
 def _any_case(check: Check) -> list[str]:
+    case = f"(firsts[k], firsts[k + 1], {passed(check)})"
     return [
         "int closest = -1;",
         f"for (int k = 0; k < {len(check.cases)}; k++) {{",
-        f"  const int id = {check.kind}_case(k, {passed(check)});",
+        f"  const int id = {check.kind}_case{case};",
         "  if (id == 0) {",
-        f"    const real room = {check.kind}_room(froms[k], ends[k], {passed(check)});",
+        f"    const real room = {check.kind}_room{case};",
         "    verdict.id = 0;",
         "    if (room > verdict.val)",
         "      verdict.val = room;",

@@ -11,11 +11,22 @@ from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.control_c import Holds, controller_functions
 from dl2c.emit.interval_c import Statements, prelude
 from dl2c.emit.leaf import Leaves, Place
-from dl2c.emit.monitor_c import RUNTIME, arguments, builder_of, in_range, order_of, passed, places
+from dl2c.emit.monitor_c import (
+    RUNTIME,
+    arguments,
+    begun,
+    builder_of,
+    in_range,
+    order_of,
+    passed,
+    places,
+    refusal,
+    selected,
+)
 from dl2c.emit.monitor_h import Unit, head, title_of
 from dl2c.ir.logic import mapped, substituted, symbols
 from dl2c.ir.model import Formula, Number, Symbol, Term
-from dl2c.monitor.check import OUT_OF_RANGE, Case, Check, Condition
+from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition
 from dl2c.monitor.control import place_of
 from dl2c.source import Span
 
@@ -25,12 +36,13 @@ def sound_monitor_c(unit: Unit) -> str:
     leaves = [_condition(unit, c) for _, _, c in unit.monitor.conditions if c.first == c.number]
     functions: list[str] = []
     for check in unit.monitor.checks:
-        functions += [_case(unit, check, k, case) for k, case in enumerate(check.cases)]
+        if check.cases:
+            functions += [_truth_of(unit, check), _case(unit, check)]
         functions.append(_check(unit, check))
     plain = Leaves(builder_of(unit), order_of(unit), unit.single)
     if unit.monitor.controller is not None:
         functions += controller_functions(unit, plain, "CASE.id == 0", _surely(unit, plain.texts))
-    body = "\n".join([*leaves, *plain.texts, in_range(unit), _settled(unit), *functions])
+    body = "\n".join([*leaves, *plain.texts, in_range(unit), *functions])
     kind = "FLT" if unit.single else "DBL"
     needs_root = "iv_root(" in body
     text = prelude(body)
@@ -101,55 +113,61 @@ def _surely(unit: Unit, texts: list[str]) -> Holds:
     return holds
 
 
-def _settled(unit: Unit) -> str:
-    lines = [
-        "if (truth == IV_FALSE) {",
-        "  verdict->id = id;",
-        "  verdict->unknown = false;",
-        "  return true;",
-        "}",
-        "if (truth == IV_UNKNOWN && verdict->id == 0) {",
-        "  verdict->id = id;",
-        "  verdict->unknown = true;",
-        "}",
-        "return false;",
-    ]
-    signature = f"static bool is_settled(int truth, int id, {unit.stem}_verdict *verdict)"
-    return function(signature, lines, "Whether a condition decides its case; its verdict so far.")
+def _truth_of(unit: Unit, check: Check) -> str:
+    values = {c.first: _called(unit, check, c) for c in check.conditions}
+    return function(
+        f"static int {check.kind}_truth(int id, {arguments(unit, check)}",
+        [*selected(check, values), "return IV_FALSE;"],
+        "Whether a condition holds.",
+    )
 
 
-def _case(unit: Unit, check: Check, k: int, case: Case) -> str:
-    body = [f"{unit.stem}_verdict verdict = {{0, false}};"]
-    for condition in case.conditions:
-        test = f"if (is_settled({_called(unit, check, condition)}, {condition.number}, &verdict))"
-        body += [*wrapped(test), "  return verdict;"]
-    signature = f"static {unit.stem}_verdict {check.kind}_case{k}({arguments(unit, check)}"
-    return function(signature, [*body, "return verdict;"], f"{check.kind}, {case.about}.")
+def _case(unit: Unit, check: Check) -> str:
+    return function(
+        f"static {unit.stem}_verdict {check.kind}_case(int first, int end, {arguments(unit, check)}",
+        [
+            f"{unit.stem}_verdict verdict = {{0, false}};",
+            "for (int id = first; id < end; id++) {",
+            f"  const int truth = {check.kind}_truth(id, {passed(check)});",
+            "  if (truth == IV_FALSE || (truth == IV_UNKNOWN && verdict.id == 0)) {",
+            "    verdict.id = id;",
+            "    verdict.unknown = truth == IV_UNKNOWN;",
+            "  }",
+            "  if (truth == IV_FALSE)",
+            "    return verdict;",
+            "}",
+            "return verdict;",
+        ],
+        "The first of a case's conditions that does not hold, else the first that may not, 0 for none.",
+    )
 
 
 def _check(unit: Unit, check: Check) -> str:
     """A check, as the header declares it: a case that may hold comes before those that do not."""
-    states = ("before", "after") if check.transition else ("state",)
-    usable = " && ".join([*(f"is_state({s})" for s in states), "are_parameters(parameters)"])
-    lines = [
-        f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, false}};",
-        f"if (!({usable}))",
-        "  return verdict;",
-        *(["int closest = -1;"] if any(case.conditions for case in check.cases) else []),
-    ]
-    for k, case in enumerate(check.cases):
-        first = case.conditions[0].number if case.conditions else 0
-        lines += [
-            f"const {unit.stem}_verdict case{k} = {check.kind}_case{k}({passed(check)});",
-            f"if (case{k}.id == 0)",
-            f"  return case{k};",
-        ]
-        if case.conditions:
-            better = f"case{k}.unknown == verdict.unknown && case{k}.id - {first} > closest"
-            lines += [
-                *wrapped(f"if ((case{k}.unknown && !verdict.unknown) || ({better})) {{"),
-                f"  closest = case{k}.id - {first};",
-                f"  verdict = case{k};",
-                "}",
-            ]
-    return function(head(unit, check), [*lines, "return verdict;"])
+    verdict = f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, false}};"
+    if not check.cases:
+        return function(head(unit, check), [verdict, "return verdict;"])
+    if len(check.cases) == 1:
+        case = f"{check.kind}_case({', '.join(map(str, check.bounds))}, {passed(check)})"
+        return function(head(unit, check), [verdict, *refusal(check), f"return {case};"])
+    better = "found.unknown == verdict.unknown && found.id - firsts[k] > closest"
+    return function(
+        head(unit, check),
+        [
+            verdict,
+            *begun(check),
+            *refusal(check),
+            "int closest = -1;",
+            f"for (int k = 0; k < {len(check.cases)}; k++) {{",
+            f"  const {unit.stem}_verdict found =",
+            f"      {check.kind}_case(firsts[k], firsts[k + 1], {passed(check)});",
+            "  if (found.id == 0)",
+            "    return found;",
+            *(f"  {line}" for line in wrapped(f"if ((found.unknown && !verdict.unknown) || ({better})) {{")),
+            "    closest = found.id - firsts[k];",
+            "    verdict = found;",
+            "  }",
+            "}",
+            "return verdict;",
+        ],
+    )

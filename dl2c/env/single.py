@@ -16,7 +16,7 @@ from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import SEEDS, draw_seed
 from dl2c.env.snapshot import Snapshot, put, take
 from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
-from dl2c.env.state import check_reset_options, read_drawn, read_state, reset_state, state_line
+from dl2c.env.state import check_reset_options, read_chosen, read_drawn, read_state, reset_state, state_line
 from dl2c.env.targeted import Targeted
 from dl2c.native.binding import OUTCOME
 
@@ -200,6 +200,13 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
     def state(self) -> dict[str, float]:
         """Variables and constants by name, exact."""
         return read_state(self.manifest, self._batch)
+
+    @property
+    def chosen(self) -> dict[str, float]:
+        """The values that `x := *` took in the last step by key, exact; with `action_map="squash"` only those
+        that the environment decided. NaN for one that it did not meet.
+        """
+        return read_chosen(self.manifest, self._batch)
 
     def render(self) -> str | None:  # pyright: ignore[reportIncompatibleMethodOverride] # generic in an unused parameter there
         """Time and state on one line (mode `ansi`)."""

@@ -8,6 +8,7 @@ alone. Everything is over the reals; how it is evaluated is decided where code i
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import accumulate
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from dl2c.ir.logic import folded, relaxed, symbols
@@ -65,7 +66,9 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Satisfied where a case is. `transition` where it compares two states."""
+    """Satisfied where a case is. `transition` where it compares two states. Numbers of its conditions count
+    up by one.
+    """
 
     kind: Kind
     cases: tuple[Case, ...]
@@ -73,6 +76,17 @@ class Check:
     @property
     def transition(self) -> bool:
         return self.kind in ("controller", "model")
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """Those of all cases."""
+        return tuple(c for case in self.cases for c in case.conditions)
+
+    @property
+    def bounds(self) -> tuple[int, ...]:
+        """The numbers at which its cases begin, and the one after its last condition."""
+        first = next((c.number for c in self.conditions), 0)
+        return tuple(accumulate((len(case.conditions) for case in self.cases), initial=first))
 
 
 @dataclass(frozen=True, slots=True)

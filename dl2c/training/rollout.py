@@ -12,7 +12,9 @@ from dl2c.env.single import Dl2cEnv
 from dl2c.training.policies import Policy, policy_of
 
 COLUMNS = ("episode", "step", "time", "action", "reward", "terminated", "truncated", "status", "reason")
-"""Columns of a row, before one for each variable and constant (`name_` if the name is among these)."""
+"""Columns of a row, before one for each variable and constant (`name_` if the name is among these), and for
+the value that each `x := *` took (`assign_x`, the key of the action space).
+"""
 
 
 def rollout(
@@ -24,8 +26,9 @@ def rollout(
     **options: Any,
 ) -> Iterator[dict[str, Any]]:
     """The steps of so many episodes, episode k seeded `seed + k`: one row per step, and row 0 of each
-    episode for its initial state (no action, reward 0). `action` is the run that was executed; an
-    action of several numbers is a list.
+    episode for its initial state (no action, reward 0). `action` is the run that was executed, in the
+    type of actions; an action of several numbers is a list. With `action_map="squash"` there are no columns
+    for what the agent assigned.
     """
     source = source_of(model)
     action_format = flat_format(open_library(source, options).manifest)
@@ -48,4 +51,10 @@ def rollout(
 
 def _row(head: tuple[Any, ...], env: Dl2cEnv, names: list[str]) -> dict[str, Any]:
     state = env.state
-    return dict(zip(COLUMNS, head, strict=True)) | {f"{n}_" if n in COLUMNS else n: state[n] for n in names}
+    found = dict(zip(COLUMNS, head, strict=True)) | {column(n): state[n] for n in names}
+    return found | {key: "" if head[1] == 0 else value for key, value in env.chosen.items()}
+
+
+def column(name: str) -> str:
+    """The column of a variable or constant."""
+    return f"{name}_" if name in COLUMNS or name.startswith("assign_") else name
