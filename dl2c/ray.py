@@ -7,6 +7,7 @@ some of them, a lost task is run again, and its rows are the same. Ray and pyarr
 
 import importlib
 import json
+import socket
 import tempfile
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
@@ -19,7 +20,7 @@ from dl2c.env.actions import flat_format
 from dl2c.env.opening import Model, open_library, source_of
 from dl2c.policy.files import JSON, NPZ
 from dl2c.source import Source
-from dl2c.training import rollout as here
+from dl2c.training.rollout import rollout as here
 from dl2c.training.policies import Policy
 from dl2c.training.tables import MANIFEST, Table, arrow, schema, tables
 
@@ -35,6 +36,10 @@ ATTEMPTS = 6
 
 class SweepFailed(Exception):
     """The cluster cannot be reached, its nodes compute differently, or it lost some episodes for good."""
+
+
+REACH_SECONDS = 10.0
+"""How long connecting to an address may take."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,14 +162,22 @@ def _connected(address: str | None) -> Generator[Any]:
         yield ray
         return
     try:
+        if address is not None and ":" in address:
+            _reach(address)
         ray.init(address=address, log_to_driver=False, logging_level="ERROR")
-    except (ConnectionError, ValueError) as failure:
+    except (OSError, ValueError) as failure:
         at = "" if address is None else f" at {address}"
         raise SweepFailed(f"cannot reach a Ray cluster{at}: {failure}") from None
     try:
         yield ray
     finally:
         ray.shutdown()
+
+
+def _reach(address: str) -> None:
+    """Ray itself tries for many minutes before it says so. Raises `OSError` where nothing listens."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    socket.create_connection((host.strip("[]"), int(port)), REACH_SECONDS).close()
 
 
 # What goes to the workers, and what comes back ---------------------------------
