@@ -20,8 +20,8 @@ from dl2c.env.actions import flat_format
 from dl2c.env.opening import Model, open_library, source_of
 from dl2c.policy.files import JSON, NPZ
 from dl2c.source import Source
-from dl2c.training.rollout import rollout as here
 from dl2c.training.policies import Policy
+from dl2c.training.rollout import rollout as here
 from dl2c.training.tables import MANIFEST, Table, arrow, schema, tables
 
 LARGEST = 1000
