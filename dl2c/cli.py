@@ -227,9 +227,12 @@ def bench(
     model: Model,
     seconds: Annotated[float, typer.Option(min=0, help="CPU seconds to measure for, in all.")] = 20.0,
     require: Annotated[
-        list[str] | None, typer.Option(metavar="ROW=RATIO", help="Exit with 1 if a row is slower than this.")
+        list[str] | None,
+        typer.Option(metavar="ROW[/ROW]=RATIO", help="Exit with 1 if a row is slower than this."),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the table too.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="Draw the table, and how speed grows.")
+    ] = None,
     json: Json = False,
     *,
     options: Mapping[str, Any],
@@ -238,7 +241,7 @@ def bench(
     from dl2c.commands.bench import compare, comparison_data, draw_comparison, show_comparison
 
     with working(f"measuring {model}") as note:
-        comparison = compare(model, options, seconds, require or (), note)
+        comparison = compare(model, options, seconds, require or (), note, plot is not None)
     print(to_json(comparison_data(comparison))) if json else show_comparison(comparison)
     if plot is not None:
         draw_comparison(comparison, plot)

@@ -6,7 +6,6 @@ source --read_entry--> entry --resolve--> problem --lower--> step model
 """
 
 import json
-import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -319,6 +318,7 @@ def _build(problem: Problem, options: Options, key: str, folder: Path, say: Prog
     from dl2c.emit.names import file_stem
     from dl2c.native.compile import compile_library
     from dl2c.native.describe import manifest_of
+    from dl2c.native.host import host
     from dl2c.native.sundials import find_sundials
     from dl2c.native.toolchain import find_compiler
 
@@ -329,7 +329,8 @@ def _build(problem: Problem, options: Options, key: str, folder: Path, say: Prog
     numeric = any(f.kernel == "cvodes" for f in environment.flows)
     sundials = find_sundials(options.sundials, find_compiler()) if numeric else None
     compile_library(sources, stem, folder, native=options.native, sundials=sundials)
-    manifest = manifest_of(environment, key, {"machine": platform.machine(), "system": platform.system()})
+    solver = {} if sundials is None else {"solver": sundials.version}
+    manifest = manifest_of(environment, key, host() | solver)
     (folder / "manifest.json").write_text(manifest.to_json(), encoding="utf-8")
     (folder / "model.ir").write_text(print_model(environment.model), encoding="utf-8")
     saved = [_saved(w) for w in warnings]

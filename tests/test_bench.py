@@ -13,11 +13,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dl2c.bench.rows
+import dl2c.bench.sizes
 import dl2c.cli
 from dl2c.bench.hand_written import HandWritten, is_there
 from dl2c.bench.measure import growth, measure
 from dl2c.bench.python_source import NAMESPACE, formula_source, term_source
-from dl2c.bench.rows import BASELINE, Row, Subject, baseline_row, deviation, rows, sb3_row, starts, subject
+from dl2c.bench.rows import (
+    BASELINE,
+    Row,
+    Subject,
+    baseline_row,
+    deviation,
+    infos_row,
+    rows,
+    sb3_row,
+    starts,
+    subject,
+)
+from dl2c.bench.sizes import vehicles
 from dl2c.env.opening import batch_options, source_of
 from dl2c.ir.evaluate import Undefined, evaluate, truth
 from dl2c.ir.model import Add, And, Call, Compare, Div, Formula, Mul, Neg, Number, Or, Sub, Symbol, Term
@@ -170,14 +183,20 @@ def test_rows_agree_on_their_keys_and_order(waypoint: Subject, monkeypatch: pyte
     assert growth(results)[1] == 1.0
 
 
-def test_sb3_row_runs(waypoint: Subject) -> None:
+def test_sb3_rows_run(waypoint: Subject) -> None:
     pytest.importorskip("stable_baselines3")
     sb3_row(waypoint, 8).run(3)
+    infos_row(waypoint, 8).run(3)
 
 
 def test_other_models_have_no_hand_written_loop(waypoint: Subject) -> None:
     assert is_there(waypoint.source)
     assert not is_there(Source("small.kyx", MODEL % BODIES["inputs"]))
+
+
+def test_models_grow_in_every_way() -> None:
+    manifest = subject(vehicles(3), {}).library.manifest
+    assert (len(manifest.variables), len(manifest.runs)) == (10, 4)
 
 
 def test_slower_rows_have_smaller_ratios() -> None:
@@ -213,11 +232,16 @@ def test_bench_prints_json(capsys: Any) -> None:
     assert data["growth"]["1"] == 1.0
 
 
-def test_bench_draws_its_table(capsys: Any, tmp_path: Path) -> None:
+def test_bench_draws_its_table_and_how_speed_grows(
+    capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("matplotlib")
+    monkeypatch.setattr(dl2c.bench.sizes, "SIZES", (1, 3))
     picture = tmp_path / "speed.png"
-    code, _, err = bench(capsys, "--plot", str(picture))
+    code, out, err = bench(capsys, "--plot", str(picture), "--json")
+    sizes = json.loads(out)["sizes"]
     assert code == 0 and str(picture) in err
+    assert set(sizes) == {"4", "10"} and sizes["4"] == 1.0
     assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 10_000
 
 
@@ -227,7 +251,15 @@ def test_bench_fails_where_a_requirement_is_missed(capsys: Any) -> None:
     assert [line.split()[0] for line in out.splitlines()[-2:]] == ["pass", "FAIL"]
 
 
-@pytest.mark.parametrize("wanted", ["nothing=1", "gym", "gym=fast"])
+def test_requirements_may_compare_two_rows(capsys: Any) -> None:
+    code, out, _ = bench(capsys, "--require", "batch64/gym=0.01", "--require", "gym/batch64=1e9")
+    assert code == 1
+    passed, failed = out.splitlines()[-2:]
+    assert passed.startswith("pass  batch64/gym: ") and "times gym" in passed
+    assert failed.startswith("FAIL  gym/batch64: ")
+
+
+@pytest.mark.parametrize("wanted", ["nothing=1", "gym", "gym=fast", "gym/nothing=1"])
 def test_bench_refuses_requirements_it_does_not_know(capsys: Any, wanted: str) -> None:
     code, _, err = bench(capsys, "--require", wanted)
     assert code == 1

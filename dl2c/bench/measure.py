@@ -31,9 +31,13 @@ class Result:
 
 
 def measure(
-    rows: Sequence[Row], seconds: float, rounds: int = ROUNDS, note: Callable[[str], None] = lambda _: None
+    rows: Sequence[Row],
+    seconds: float,
+    rounds: int = ROUNDS,
+    note: Callable[[str], None] = lambda _: None,
+    baseline: str = BASELINE,
 ) -> list[Result]:
-    """Measure rows, one of them `BASELINE`, for about so many CPU seconds in all."""
+    """Measure rows for about so many CPU seconds in all. `baseline` is the key of one of them."""
     slot = seconds / (rounds + 1) / len(rows)
     gc.collect()
     gc.freeze()  # what other libraries have made is not for these rows to trace
@@ -46,7 +50,7 @@ def measure(
                 rates[row.key].append(_rate(row, chunks[row.key], slot))
     finally:
         gc.unfreeze()
-    return [_result(row, rates[row.key], rates[BASELINE]) for row in rows]
+    return [_result(row, rates[row.key], rates[baseline]) for row in rows]
 
 
 def growth(results: Sequence[Result]) -> dict[int, float]:

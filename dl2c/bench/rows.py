@@ -30,6 +30,9 @@ BASELINE = "solve_ivp"
 
 BATCHES = (1, 8, 64, 1024, 16384)
 PYTHON_BATCHES = (64, 1024)
+MANY = 4096
+"""Environments of the Stable-Baselines3 row that is compared with what it cannot do without."""
+
 LOOP = 1024
 """Environments of the hand-written loop."""
 
@@ -73,7 +76,7 @@ def rows(what: Subject) -> tuple[list[Row], list[str]]:
     if find_spec("stable_baselines3") is None:
         notes.append("no row for Stable-Baselines3, which is not installed (pip install dl2c[train])")
     else:
-        found += [sb3_row(what, n) for n in PYTHON_BATCHES]
+        found += [*(sb3_row(what, n) for n in (*PYTHON_BATCHES, MANY)), infos_row(what, MANY)]
     if is_there(what.source) and not what.options.keys() - POLICY.keys() - {"native"}:
         loop = HandWritten(LOOP, what.options.get("native", False))
         found.append(Row("loop", f"hand-written C loop, n = {LOOP}", LOOP, _repeated(loop.step)))
@@ -143,6 +146,19 @@ def sb3_row(what: Subject, n: int) -> Row:
     env.reset()
     actions = create_empty_array(env.action_space, n)
     return Row(f"sb3_{n}", f"Stable-Baselines3 VecEnv, n = {n}", n, _repeated(lambda: env.step(actions)))
+
+
+def infos_row(what: Subject, n: int) -> Row:
+    """The least a VecEnv costs: a step of a batch, an info for each environment, a copy of the arrays."""
+    batch = what.library.batch(n, autoreset="same_step", **batch_options(what.library.manifest))
+    batch.reset(seeds=np.arange(n, dtype=np.uint64))
+    returned = (batch.obs, batch.rewards, batch.terminated, batch.truncated)
+
+    def step() -> tuple[list[NDArray[Any]], list[dict[str, Any]]]:
+        batch.step()
+        return [array.copy() for array in returned], [{} for _ in range(n)]
+
+    return Row(f"infos{n}", f"batch, empty infos and copies, n = {n}", n, _repeated(step))
 
 
 def cartpole_row() -> Row:

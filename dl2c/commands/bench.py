@@ -17,38 +17,50 @@ from dl2c.env.opening import Model, source_of
 if TYPE_CHECKING:
     from dl2c.bench.measure import Result
 
+BASELINE = "solve_ivp"
+"""The row that all others are compared with, as in `bench.rows`, which needs scipy."""
+
 PIPED_WIDTH = 120
 """Columns of output that is not a terminal's."""
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """A row should have at least this ratio to the baseline."""
+    """A row should have at least this ratio to another, by default the baseline."""
 
     key: str
+    of: str
     least: float
+
+    @property
+    def text(self) -> str:
+        """As `--require` takes it, without the ratio."""
+        return self.key if self.of == BASELINE else f"{self.key}/{self.of}"
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """One run. `deviation` is how far Python and C came apart over some steps, infinite if they disagree;
-    `growth` how much faster a batch's environment step is than that of the smallest batch, by size.
+    `growth` how much faster a batch's environment step is than that of the smallest batch, by size;
+    `sizes` how much longer one takes in larger models, by number of variables, where that was asked for.
     """
 
     model: str
     results: tuple["Result", ...]
     growth: Mapping[int, float]
+    sizes: Mapping[int, float]
     deviation: float
     notes: tuple[str, ...]
     requirements: tuple[Requirement, ...]
 
     def met(self, requirement: Requirement) -> bool:
         """Whether a required ratio was reached."""
-        return self.ratio(requirement.key) >= requirement.least
+        return self.reached(requirement) >= requirement.least
 
-    def ratio(self, key: str) -> float:
-        """The ratio of a row to the baseline."""
-        return next(r.ratio for r in self.results if r.key == key)
+    def reached(self, requirement: Requirement) -> float:
+        """The ratio that is asked for, as measured."""
+        ratios = {r.key: r.ratio for r in self.results}
+        return ratios[requirement.key] / ratios[requirement.of]
 
 
 def compare(
@@ -57,31 +69,41 @@ def compare(
     seconds: float,
     required: Iterable[str],
     note: Callable[[str], None],
+    with_sizes: bool = False,
 ) -> Comparison:
-    """Build and measure a model. Raises `CommandError` where that cannot be done as asked."""
+    """Build and measure a model. Raises `CommandError` where that cannot be done as asked.
+
+    `with_sizes` builds and measures models of growing size too.
+    """
     if find_spec("scipy") is None:
         raise CommandError("the comparison is with scipy; install it with `pip install scipy`")
     from dl2c.bench.measure import growth, measure
     from dl2c.bench.rows import deviation, rows, subject
+    from dl2c.bench.sizes import size_growth
 
     requirements = tuple(map(_requirement, required))
     what = subject(source_of(model), options)
     found, notes = rows(what)
     for requirement in requirements:
-        if requirement.key not in (keys := [row.key for row in found]):
-            raise CommandError(f"no row `{requirement.key}` here; there is {', '.join(keys)}")
+        keys = [row.key for row in found]
+        if unknown := [key for key in (requirement.key, requirement.of) if key not in keys]:
+            raise CommandError(f"no row `{unknown[0]}` here; there is {', '.join(keys)}")
     apart = deviation(what)
     results = measure(found, seconds, note=note)
+    sizes = size_growth(seconds / 10, note) if with_sizes else {}
     name = what.library.manifest.name
-    return Comparison(name, tuple(results), growth(results), apart, tuple(notes), requirements)
+    return Comparison(name, tuple(results), growth(results), sizes, apart, tuple(notes), requirements)
 
 
 def _requirement(text: str) -> Requirement:
-    key, _, least = text.partition("=")
+    keys, _, least = text.partition("=")
+    key, _, of = keys.partition("/")
     try:
-        return Requirement(key, float(least))
+        return Requirement(key, of or BASELINE, float(least))
     except ValueError:
-        raise CommandError(f"--require takes ROW=RATIO, such as gym=100, not {text!r}") from None
+        raise CommandError(
+            f"--require takes ROW=RATIO or ROW/ROW=RATIO, such as gym=100, not {text!r}"
+        ) from None
 
 
 def show_comparison(comparison: Comparison) -> None:
@@ -101,13 +123,16 @@ def show_comparison(comparison: Comparison) -> None:
     console.print(table)
     sizes = ", ".join(f"n = {n}: {times:.2f}" for n, times in comparison.growth.items())
     print(f"\nsteps per second of a batch in C, times those of n = 1: {sizes}")
+    if comparison.sizes:
+        times = ", ".join(f"{n} variables: {longer:.2f}" for n, longer in comparison.sizes.items())
+        print(f"time of a step in models of growing size, times that of the smallest: {times}")
     print(_agreement(comparison.deviation))
     for text in comparison.notes:
         print(f"note: {text}")
     for requirement in comparison.requirements:
         verdict = "pass" if comparison.met(requirement) else "FAIL"
-        reached = f"{comparison.ratio(requirement.key):,.0f} times solve_ivp"
-        print(f"{verdict}  {requirement.key}: {reached}, at least {requirement.least:,g} wanted")
+        reached = f"{comparison.reached(requirement):,.4g} times {requirement.of}"
+        print(f"{verdict}  {requirement.text}: {reached}, at least {requirement.least:,g} wanted")
 
 
 def _agreement(deviation: float) -> str:
@@ -117,11 +142,15 @@ def _agreement(deviation: float) -> str:
 
 
 def draw_comparison(comparison: Comparison, path: Path) -> None:
-    """Every row's ratio to the baseline as a bar, on a logarithmic axis, with its range."""
-    from dl2c.training.plots import bars, save
+    """Every row's ratio to the baseline as a bar, with its range, and how speed and time grow."""
+    from dl2c.training.plots import save, speeds
 
     rows = [(r.title, r.ratio, r.low, r.high) for r in comparison.results]
-    save(bars(rows, f"{comparison.model}: environment steps per second, times solve_ivp"), path)
+    title = f"{comparison.model}: environment steps per second, times solve_ivp"
+    growths = [("environments of a batch", "speed, times that of one", comparison.growth)]
+    if comparison.sizes:
+        growths.append(("variables of a model", "time, times the smallest's", comparison.sizes))
+    save(speeds(rows, title, growths), path)
     print(f"wrote {path}", file=sys.stderr)
 
 
@@ -141,10 +170,17 @@ def comparison_data(comparison: Comparison) -> dict[str, Any]:
             for r in comparison.results
         ],
         "growth": {str(n): times for n, times in comparison.growth.items()},
+        "sizes": {str(n): longer for n, longer in comparison.sizes.items()},
         "deviation": None if math.isinf(comparison.deviation) else comparison.deviation,
         "notes": list(comparison.notes),
         "requirements": [
-            {"key": r.key, "least": r.least, "ratio": comparison.ratio(r.key), "met": comparison.met(r)}
+            {
+                "key": r.key,
+                "of": r.of,
+                "least": r.least,
+                "ratio": comparison.reached(r),
+                "met": comparison.met(r),
+            }
             for r in comparison.requirements
         ],
     }

@@ -26,7 +26,9 @@ USER, BUG = 1, 70
 
 COLOURS = {"error": "bold red", "warning": "bold yellow", "note": "cyan", "help": "green"}
 
-EXTRA = {"torch", "stable_baselines3", "sb3_contrib", "matplotlib"}
+EXTRA = dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "matplotlib"), "train")
+EXTRA |= dict.fromkeys(("ray", "pyarrow"), "ray")
+"""Which extra installs an optional library."""
 
 
 class CommandError(Exception):
@@ -49,7 +51,7 @@ def report(failure: BaseException) -> int:
             _line(f"{failure.strerror}: {name}")
             return USER
         case ModuleNotFoundError(name=name) if name in EXTRA:
-            _line(f"this needs {name}; install it with `pip install dl2c[train]`")
+            _line(f"this needs {name}; install it with `pip install dl2c[{EXTRA[name]}]`")
             return USER
         case _:
             if detailed():

@@ -1,16 +1,33 @@
-"""`dl2c rollout`: run a policy, say how its episodes ended, write every step."""
+"""`dl2c rollout`: run a policy, here or on a cluster, say how its episodes ended, write every step."""
 
 import csv
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import typer
 
 from dl2c.commands.arguments import Episodes, Masked, Model, PolicyName, Seed
-from dl2c.commands.failures import to_json
+from dl2c.commands.failures import CommandError, to_json
 from dl2c.commands.flags import Json
+from dl2c.commands.waiting import working
+
+Block: TypeAlias = Mapping[str, list[Any]]
+"""Some rows, as columns."""
+
+TOLD = ("time", "reward", "terminated", "truncated", "status", "reason")
+"""The columns that the summary is made of."""
+
+Ray = Annotated[
+    bool, typer.Option("--ray", help="Run on a Ray cluster: RAY_ADDRESS, one running here, or this machine.")
+]
+Address = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Run on the Ray cluster at this address.")
+]
+Mixed = Annotated[bool, typer.Option("--allow-mixed", help="Accept nodes that may round differently.")]
 
 
 def rollout(
@@ -20,34 +37,118 @@ def rollout(
     seed: Seed = 0,
     masked: Masked = True,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every step to this file.")] = None,
+    parquet: Annotated[Path | None, typer.Option(help="Write every step to this file.")] = None,
+    ray: Ray = False,
+    address: Address = None,
+    allow_mixed: Mixed = False,
     json: Json = False,
     *,
     options: Mapping[str, Any],
 ) -> None:
-    """Run a policy and say how its episodes ended; with --csv, every step."""
-    from dl2c.training.rollout import rollout as run
-
-    rows = list(run(policy, model, episodes, seed, masked, **options))
-    if csv_file is not None:
-        with csv_file.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, tuple(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
-    last = [row for row in rows if row["terminated"] or row["truncated"]]
-    ends = Counter((row["status"], row["reason"]) for row in last)
-    summary = {
-        "episodes": episodes,
-        "steps": len(rows) - episodes,
-        "mean_return": sum(row["reward"] for row in rows) / episodes,
-        "mean_time": sum(row["time"] for row in last) / episodes,
-        "ends": [{"status": s, "reason": r, "episodes": n} for (s, r), n in sorted(ends.items())],
-    }
+    """Run a policy and say how its episodes ended; with --csv or --parquet, every step."""
+    run = (policy, model, episodes, seed, masked)
+    with working(f"running {episodes} episodes of {model}") as note, ExitStack() as files:
+        if ray or address is not None:
+            tables = _on_cluster(run, note, address=address, allow_mixed=allow_mixed, **options)
+            blocks = _stored(tables, parquet, csv_file is None)
+        elif parquet is not None:
+            blocks = _stored(_as_tables(run, options), parquet, csv_file is None)
+        else:
+            blocks = _blocks(_here(run, options))
+        if csv_file is not None:
+            opened = csv_file.open("w", newline="", encoding="utf-8")
+            blocks = _written(blocks, files.enter_context(opened))
+        summary = _summary(blocks, episodes)
     if json:
         print(to_json(summary))
-        return
-    print(
-        f"{episodes} episodes, {summary['steps']} steps, mean return {summary['mean_return']:.6g}, ", end=""
-    )
-    print(f"mean duration {summary['mean_time']:.6g} s")
-    for (status, reason), count in sorted(ends.items()):
-        print(f"{count:>6}  {status}: {reason}")
+    else:
+        _show(summary)
+
+
+# Where the rows come from ------------------------------------------------------
+
+
+def _here(run: tuple[Any, ...], options: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    from dl2c.training.rollout import rollout as rows
+
+    return rows(*run, **options)
+
+
+def _as_tables(run: tuple[Any, ...], options: Mapping[str, Any]) -> Iterable[Any]:
+    from dl2c.env.opening import open_library, source_of
+    from dl2c.training.tables import schema, tables
+
+    shape = schema(open_library(source_of(run[1]), options).manifest)
+    return tables(_here(run, options), shape)
+
+
+def _on_cluster(run: tuple[Any, ...], note: Callable[[str], None], **options: Any) -> Iterator[Any]:
+    from dl2c.ray import SweepFailed
+    from dl2c.ray import rollout as sweep
+
+    def say(done: int) -> None:
+        note(f"{done} done")
+
+    try:
+        yield from sweep(*run, note=say, **options)
+    except SweepFailed as failure:
+        raise CommandError(str(failure)) from None
+
+
+def _blocks(rows: Iterator[dict[str, Any]]) -> Iterator[Block]:
+    while some := list(islice(rows, 1000)):
+        yield {name: [row[name] for row in some] for name in some[0]}
+
+
+# What becomes of them ----------------------------------------------------------
+
+
+def _stored(tables: Iterable[Any], path: Path | None, briefly: bool) -> Iterator[Block]:
+    """Pass tables on, `briefly` only what the summary needs, and write them to a Parquet file."""
+    from dl2c.training.tables import arrow, lists
+
+    with ExitStack() as files:
+        file: Any = None
+        for table in tables:
+            if path is not None:
+                file = file or files.enter_context(arrow("pyarrow.parquet").ParquetWriter(path, table.schema))
+                file.write_table(table)
+            names = TOLD if briefly else table.column_names
+            yield dict(zip(names, lists(table, names), strict=True))
+
+
+def _written(blocks: Iterable[Block], file: Any) -> Iterator[Block]:
+    """Pass blocks on and write them as CSV."""
+    writer = csv.writer(file)
+    for k, block in enumerate(blocks):
+        if k == 0:
+            writer.writerow(block)
+        writer.writerows(zip(*block.values(), strict=True))
+        yield block
+
+
+def _summary(blocks: Iterable[Block], episodes: int) -> dict[str, Any]:
+    rows, total, duration = 0, 0.0, 0.0
+    ends: Counter[tuple[str, str]] = Counter()
+    for block in blocks:
+        for time, reward, terminated, truncated, status, reason in zip(
+            *(block[name] for name in TOLD), strict=True
+        ):
+            rows, total = rows + 1, total + reward
+            if terminated or truncated:
+                ends[status, reason] += 1
+                duration += time
+    return {
+        "episodes": episodes,
+        "steps": rows - episodes,
+        "mean_return": total / episodes,
+        "mean_time": duration / episodes,
+        "ends": [{"status": s, "reason": r, "episodes": n} for (s, r), n in sorted(ends.items())],
+    }
+
+
+def _show(summary: Mapping[str, Any]) -> None:
+    print(f"{summary['episodes']} episodes, {summary['steps']} steps, ", end="")
+    print(f"mean return {summary['mean_return']:.6g}, mean duration {summary['mean_time']:.6g} s")
+    for end in summary["ends"]:
+        print(f"{end['episodes']:>6}  {end['status']}: {end['reason']}")

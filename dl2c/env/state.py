@@ -56,14 +56,22 @@ def read_drawn(manifest: Manifest, batch: "Batch") -> dict[str, NDArray[Any]]:
     return choices | {i.key: batch.drawn_inputs[:, k].copy() for k, i in enumerate(manifest.drawn_inputs)}
 
 
-def read_chosen(manifest: Manifest, batch: "Batch", i: int = 0) -> dict[str, float]:
-    """The values that `x := *` took in the last step of environment i by key, exact. Of one that it did not
-    meet: NaN if the environment's, what was asked for if the agent's. Under `action_map="squash"` the
-    agent's are not known: actions are shares of what passed.
+def chosen_keys(manifest: Manifest) -> tuple[str, ...]:
+    """The keys of `x := *` whose values are known: under `action_map="squash"` those of the agent are not,
+    since actions are shares of what passed.
     """
     own = () if manifest.options["action_map"] == "squash" else manifest.inputs
-    values = {spec.key: float(batch.executed_inputs[i, k]) for k, spec in enumerate(own)}
-    return values | {s.key: float(batch.drawn_inputs[i, k]) for k, s in enumerate(manifest.drawn_inputs)}
+    return tuple(spec.key for spec in (*own, *manifest.drawn_inputs))
+
+
+def read_chosen(manifest: Manifest, batch: "Batch", i: int = 0) -> dict[str, float]:
+    """The values that `x := *` took in the last step of environment i by key (`chosen_keys`), exact. Of one
+    that it did not meet: NaN if the environment's, what was asked for if the agent's.
+    """
+    drawn: list[float] = batch.drawn_inputs[i].tolist()
+    keys = chosen_keys(manifest)
+    own: list[float] = batch.executed_inputs[i, : len(keys) - len(drawn)].tolist()
+    return dict(zip(keys, (*own, *drawn), strict=True))
 
 
 def state_line(manifest: Manifest, batch: "Batch", i: int = 0) -> str:

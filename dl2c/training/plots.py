@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     from dl2c.training.run import Point
@@ -61,10 +61,36 @@ def _axes(rows: int) -> tuple[Any, Any]:
     return figure, figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
 
 
-def bars(rows: Sequence[tuple[str, float, float, float]], title: str) -> Any:
-    """Titles with a value, its lowest and its highest each, as bars on a logarithmic axis."""
-    figure, (axis,) = _axes(1)
-    figure.set_size_inches(8, 1 + 0.3 * len(rows))
+Bar: TypeAlias = tuple[str, float, float, float]
+"""A title with a value, its lowest and its highest."""
+
+GROWTH_INCHES = 2.5
+
+
+def speeds(rows: Sequence[Bar], title: str, growths: Sequence[tuple[str, str, Mapping[int, float]]]) -> Any:
+    """Bars, and below them how something grows: the labels of both axes, and the points. All axes but that
+    of titles are logarithmic.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    heights = [0.5 + 0.3 * len(rows), *(GROWTH_INCHES for _ in growths)]
+    figure: Any = Figure(figsize=(8, 0.5 + sum(heights)), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    _bars(axes[0], rows)
+    axes[0].set_title(title, fontsize="medium")
+    for axis, (x, y, points) in zip(axes[1:], growths, strict=True):
+        axis.loglog(list(points), list(points.values()), marker="o")
+        axis.set_xticks(list(points), [f"{value:,}" for value in points])
+        axis.minorticks_off()
+        axis.set_xlabel(x)
+        axis.set_ylabel(y)
+        axis.grid(alpha=0.3)
+    return figure
+
+
+def _bars(axis: Any, rows: Sequence[Bar]) -> None:
     names, values, lows, highs = zip(*rows, strict=True)
     places = range(len(rows))
     spread = [
@@ -78,9 +104,7 @@ def bars(rows: Sequence[tuple[str, float, float, float]], title: str) -> Any:
     axis.invert_yaxis()
     axis.set_xscale("log")
     axis.set_xlim(right=6 * max(highs))
-    axis.set_title(title, fontsize="medium")
     axis.grid(axis="x", alpha=0.3)
-    return figure
 
 
 def save(figure: Any, path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from dl2c.env.actions import encoding, flat_format
 from dl2c.env.opening import Model, open_library, source_of
 from dl2c.env.single import Dl2cEnv
+from dl2c.native.manifest import Manifest
 from dl2c.training.policies import Policy, policy_of
 
 COLUMNS = ("episode", "step", "time", "action", "reward", "terminated", "truncated", "status", "reason")
@@ -23,19 +24,25 @@ def rollout(
     episodes: int = 1,
     seed: int = 0,
     masked: bool = True,
+    first: int = 0,
     **options: Any,
 ) -> Iterator[dict[str, Any]]:
-    """The steps of so many episodes, episode k seeded `seed + k`: one row per step, and row 0 of each
-    episode for its initial state (no action, reward 0). `action` is the run that was executed, in the
-    type of actions; an action of several numbers is a list. With `action_map="squash"` there are no columns
-    for what the agent assigned.
+    """The steps of so many episodes from number `first` on: one row per step, and row 0 of each episode for
+    its initial state (no action, reward 0). `action` is the run that was executed, in the type of actions; an
+    action of several numbers is a list. With `action_map="squash"` there are no columns for what the agent
+    assigned.
+
+    Episode k is seeded `seed + k`, the random policy too, so its rows do not depend on other episodes.
     """
     source = source_of(model)
     action_format = flat_format(open_library(source, options).manifest)
     env = Dl2cEnv(source, **(options | {"action_format": action_format}))
-    act = policy_of(policy, encoding(env.manifest), masked, seed)
-    names = [q.name for q in (*env.manifest.variables, *env.manifest.constants)]
-    for episode in range(episodes):
+    code = encoding(env.manifest)
+    act = policy_of(policy, code, masked, seed)
+    names = state_names(env.manifest)
+    for episode in range(first, first + episodes):
+        if policy == "random":
+            act = policy_of(policy, code, masked, seed + episode)
         observation, _ = env.reset(seed=seed + episode)
         step, ended = 0, False
         yield _row((episode, 0, 0.0, "", 0.0, False, False, "none", ""), env, names)
@@ -49,12 +56,17 @@ def rollout(
     env.close()
 
 
-def _row(head: tuple[Any, ...], env: Dl2cEnv, names: list[str]) -> dict[str, Any]:
-    state = env.state
-    found = dict(zip(COLUMNS, head, strict=True)) | {column(n): state[n] for n in names}
-    return found | {key: "" if head[1] == 0 else value for key, value in env.chosen.items()}
+def state_names(manifest: Manifest) -> dict[str, str]:
+    """The columns of variables and constants, each with the name in the model."""
+    return {column(q.name): q.name for q in (*manifest.variables, *manifest.constants)}
 
 
 def column(name: str) -> str:
     """The column of a variable or constant."""
     return f"{name}_" if name in COLUMNS or name.startswith("assign_") else name
+
+
+def _row(head: tuple[Any, ...], env: Dl2cEnv, names: dict[str, str]) -> dict[str, Any]:
+    state = env.state
+    found = dict(zip(COLUMNS, head, strict=True)) | {column: state[name] for column, name in names.items()}
+    return found | {key: "" if head[1] == 0 else value for key, value in env.chosen.items()}
