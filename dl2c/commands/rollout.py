@@ -3,6 +3,7 @@
 import csv
 from collections import Counter
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,14 +21,20 @@ def rollout(
     seed: Seed = 0,
     masked: Masked = True,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every step to this file.")] = None,
+    save_failures: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Write each failed episode to a file for `dl2c replay`."),
+    ] = None,
     json: Json = False,
     *,
     options: Mapping[str, Any],
 ) -> None:
     """Run a policy and say how its episodes ended; with --csv, every step."""
+    from dl2c.report.recording import RecordFailures
     from dl2c.training.rollout import rollout as run
 
-    rows = list(run(policy, model, episodes, seed, masked, **options))
+    recorded = {} if save_failures is None else {"around": partial(RecordFailures, folder=save_failures)}
+    rows = list(run(policy, model, episodes, seed, masked, **recorded, **options))
     if csv_file is not None:
         with csv_file.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, tuple(rows[0]))

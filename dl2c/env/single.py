@@ -51,15 +51,15 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"no render mode {render_mode!r}; there is 'ansi'")
         self.render_mode = render_mode
-        self._source = source_of(model)
-        library = open_library(self._source, options)
+        self.source = source_of(model)
+        library = open_library(self.source, options)
         self.manifest = library.manifest
         self._batch = library.batch(1, autoreset="disabled", **batch_options(self.manifest))
         self._encoding = encoding(self.manifest)
         self.observation_space = observation_space(self.manifest)
         self.action_space = action_space(self._encoding)
         targeted = self.manifest.options.get("initial_distribution") == "z3"
-        self._targeted = Targeted(self._source, self.manifest) if targeted else None
+        self._targeted = Targeted(self.source, self.manifest) if targeted else None
         self._seeded = False
         self._act: Callable[[Any], Step] = _not_running
         """What a step does now."""
@@ -213,7 +213,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
 
     def __getstate__(self) -> dict[str, Any]:
         return {
-            "model": self._source,
+            "model": self.source,
             "render_mode": self.render_mode,
             "options": self.manifest.options,
             "spec": self.spec,
