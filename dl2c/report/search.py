@@ -47,9 +47,9 @@ Note: TypeAlias = Callable[[int], None]
 
 @dataclass(frozen=True, slots=True)
 class Attempts:
-    """n attempts. `starts` (n, names) are states, `drawn` (n) where the reset draws one, from the seed; `pace`
-    (n) is the steps of a piece; `choices` (n, PIECES, choices) and `inputs` (n, PIECES, inputs) are the
-    requests.
+    """n attempts. `starts` (n, names) are states, `drawn` (n) where the reset draws one, from the seed;
+    `pace` (n) is the steps of a piece; `choices` (n, PIECES, choices) and `inputs` (n, PIECES, inputs) are
+    the requests.
     """
 
     seeds: NDArray[np.uint64]

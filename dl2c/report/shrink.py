@@ -1,9 +1,10 @@
 """Making a counterexample small: fewer steps, simpler numbers, still a violation."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, cast
+
+import numpy as np
 
 from dl2c.env.single import Dl2cEnv
 from dl2c.native.errors import ResetFailed
@@ -13,22 +14,25 @@ MOST_TRIES = 4000
 """Episodes that shrinking may run."""
 
 Try = Callable[[Start, Sequence[Any]], bool]
-"""Whether a start and actions still violate; what does becomes the smallest known."""
+"""Whether a start and actions still violate and are smaller; if so they become the smallest known."""
+
+Best = Callable[[], Episode]
+"""The smallest known."""
+
+Limits = Mapping[str, tuple[float, float]]
 
 
-def shrunk(
-    env: Dl2cEnv, episode: Episode, violates: Callable[[Episode], int], names: Sequence[str]
-) -> Episode:
+def shrunk(env: Dl2cEnv, episode: Episode, violates: Callable[[Episode], int], limits: Limits) -> Episode:
     """The smallest violation found near `episode`, in an environment of its model and options.
 
-    `violates` gives the step of an episode, counted from 1, that is the violation, 0 for none. `names` are
-    what a reset draws: numbers that may be made simpler, within the precondition.
+    `violates` gives the step of an episode, counted from 1, that is the violation, 0 for none. `limits` are
+    of the names that a reset draws: their numbers may be made simpler, within limits and precondition.
     """
     best, tries = episode, 0
 
     def attempt(start: Start, actions: Sequence[Any]) -> bool:
         nonlocal best, tries
-        if tries >= MOST_TRIES:
+        if tries >= MOST_TRIES or not (_within(start.state, limits) and _asks(env, actions)):
             return False
         tries += 1
         try:
@@ -41,11 +45,31 @@ def shrunk(
         best = found if step == len(found.moments) else play(env, start, actions[:step])
         return True
 
-    while any([_shorter(best, attempt), _later(lambda: best, attempt, names)]) or any(
-        [_plainer_actions(lambda: best, attempt), _plainer_state(lambda: best, attempt, names)]
-    ):
-        pass
+    def smallest() -> Episode:
+        return best
+
+    ways = (_later, _shorter, _plainer_actions, _plainer_state)
+    better = [True]
+    while any(better):
+        better = [way(smallest, attempt, limits) for way in ways]
     return best
+
+
+def _within(state: Mapping[str, float] | None, limits: Limits) -> bool:
+    return state is None or all(low <= state[name] <= high for name, (low, high) in limits.items())
+
+
+def _asks(env: Dl2cEnv, actions: Sequence[Any]) -> bool:
+    """Whether actions are in the action space, as they are when it has rounded them."""
+    space: Any = env.action_space
+
+    def contained(part: Any, action: Any) -> bool:
+        if isinstance(action, dict):
+            given = cast("dict[str, Any]", action)
+            return all(contained(part[key], given[key]) for key in given)
+        return bool(part.contains(np.asarray(action, part.dtype)))
+
+    return all(contained(space, action) for action in actions)
 
 
 def _size(episode: Episode, steps: int) -> tuple[int, int]:
@@ -72,46 +96,40 @@ def _numbers(actions: Any) -> Iterator[float]:
             yield actions
 
 
-def _shorter(episode: Episode, attempt: Try) -> bool:
+def _later(best: Best, attempt: Try, limits: Limits) -> bool:
+    """From a state on the way, if the precondition admits it."""
+    episode = best()
+    for k in range(len(episode.moments) - 1, 0, -1) if limits else ():
+        state = {name: value if name in limits else 0.0 for name, value in episode.states[k].items()}
+        if attempt(Start(episode.start.seed, 0, state), episode.actions[k:]):
+            return True
+    return False
+
+
+def _shorter(best: Best, attempt: Try, limits: Limits) -> bool:
     """Without some of the actions: halves first, single ones last."""
-    actions, better = list(episode.actions), False
-    width = len(actions) // 2
+    better, width = False, len(best().moments) // 2
     while width:
         at = 0
-        while at < len(actions):
+        while at < len(actions := best().actions):
             rest = actions[:at] + actions[at + width :]
-            if rest and attempt(episode.start, rest):
-                actions, better = rest, True
+            if rest and attempt(best().start, rest):
+                better = True
             else:
                 at += width
         width //= 2
     return better
 
 
-def _later(best: Callable[[], Episode], attempt: Try, names: Sequence[str]) -> bool:
-    """From a state on the way, if the precondition admits it."""
-    episode = best()
-    if not names:
-        return False
-    for k in range(len(episode.moments) - 1, 0, -1):
-        start = Start(episode.start.seed, 0, dict(episode.states[k]))
-        if attempt(start, episode.actions[k:]):
-            return True
-    return False
-
-
-def _plainer_actions(best: Callable[[], Episode], attempt: Try) -> bool:
+def _plainer_actions(best: Best, attempt: Try, limits: Limits) -> bool:
     """One number of one action after the other, made simpler."""
-    better = False
-    for k in range(len(best().actions)):
-        if k >= len(best().actions):
-            break
-        for action in _plainer(best().actions[k]):
-            actions = list(best().actions)
-            actions[k] = action
-            if attempt(best().start, actions):
+    better, k = False, 0
+    while k < len(actions := best().actions):
+        for action in _plainer(actions[k]):
+            if attempt(best().start, (*actions[:k], action, *actions[k + 1 :])):
                 better = True
                 break
+        k += 1
     return better
 
 
@@ -133,14 +151,14 @@ def _plainer(action: Any) -> Iterator[Any]:
             raise AssertionError(action)
 
 
-def _plainer_state(best: Callable[[], Episode], attempt: Try, names: Sequence[str]) -> bool:
+def _plainer_state(best: Best, attempt: Try, limits: Limits) -> bool:
     """One number of the initial state after the other, made simpler."""
     better = False
-    for name in names:
-        start = best().start
-        state = dict(best().initial if start.state is None else start.state)
+    for name in limits:
+        episode = best()
+        state = dict(episode.initial if episode.start.state is None else episode.start.state)
         for value in simpler(state[name]):
-            if attempt(replace(start, number=0, state=state | {name: value}), best().actions):
+            if attempt(Start(episode.start.seed, 0, state | {name: value}), episode.actions):
                 better = True
                 break
     return better
