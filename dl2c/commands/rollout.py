@@ -3,7 +3,6 @@
 import csv
 from collections import Counter
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,10 +29,11 @@ def rollout(
     options: Mapping[str, Any],
 ) -> None:
     """Run a policy and say how its episodes ended; with --csv, every step."""
-    from dl2c.report.recording import RecordFailures
+    from dl2c.report.recording import Recorder, failures_to
     from dl2c.training.rollout import rollout as run
 
-    recorded = {} if save_failures is None else {"around": partial(RecordFailures, folder=save_failures)}
+    keep = None if save_failures is None else failures_to(save_failures)
+    recorded = {} if keep is None else {"around": lambda env: Recorder(env, keep)}
     rows = list(run(policy, model, episodes, seed, masked, **recorded, **options))
     if csv_file is not None:
         with csv_file.open("w", newline="", encoding="utf-8") as file:

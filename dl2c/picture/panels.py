@@ -137,13 +137,21 @@ def phase(axes: Any, model: Model, tracks: Sequence[Track], names: tuple[str, st
         colour, marker = ENDS[track.status]
         axes.plot(x[-1:], y[-1:], marker, color=colour, ms=9, zorder=5, label=plain(track.end))
     axes.margins(0.12)
+    units = {q.name: q.unit for q in model.variables}
+    if units[names[0]] == units[names[1]] == "m":
+        _square(axes)
     _shade(axes, model, track, names)
     axes.set_xlabel(label_of(model, names[0], 60), fontsize=8)
     axes.set_ylabel(label_of(model, names[1]), fontsize=8)
-    units = {q.name: q.unit for q in model.variables}
-    if units[names[0]] == units[names[1]] == "m":
-        axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=7, frameon=False)
+
+
+def _square(axes: Any) -> None:
+    """The same scale on both axes."""
+    limits = (axes.get_xlim(), axes.get_ylim())
+    half = max(high - low for low, high in limits) / 2
+    (x, y) = ((low + high) / 2 for low, high in limits)
+    axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect="equal")
 
 
 def _shade(axes: Any, model: Model, track: Track, names: tuple[str, str]) -> None:

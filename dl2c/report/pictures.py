@@ -1,19 +1,18 @@
 """Pictures of recorded episodes and of what a policy does."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from dl2c.env.opening import Model as ModelName
-from dl2c.env.opening import source_of
-from dl2c.ir.model import Model
 from dl2c.picture.figure import episode_figure, save
+from dl2c.picture.panels import BLUE, GREEN, ORANGE, VERMILION, legend
 from dl2c.picture.track import Track
-from dl2c.pipeline import lowered_model, resolve_options
 from dl2c.report.blame import model_of
 from dl2c.report.episode import Episode
+from dl2c.report.recording import Recorder
 from dl2c.training.policies import Policy
-from dl2c.training.rollout import COLUMNS, rollout
+from dl2c.training.rollout import rollout
 
 
 def draw_episode(episode: Episode, path: Path) -> None:
@@ -28,29 +27,67 @@ def track_of(episode: Episode) -> Track:
     return Track(times, tuple(episode.states), blocked, episode.status, episode.reason)
 
 
-def tracks_of(
+def episodes_of(
     policy: str | Path | Policy,
     model: ModelName,
     episodes: int = 1,
     seed: int = 0,
     masked: bool = True,
     **options: Any,
-) -> tuple[Model, list[Track]]:
-    """Episodes of a policy for a picture, and the model they are of. Arguments are those of `rollout`."""
-    source = source_of(model)
-    ir = lowered_model(source, resolve_options(options))
-    rows = list(rollout(policy, source, episodes, seed, masked, **options))
-    return ir, list(_tracks(rows, [*(v.name for v in ir.variables), *(c.name for c in ir.constants)]))
+) -> list[Episode]:
+    """Episodes of a policy. Arguments are those of `rollout`."""
+    found: list[Episode] = []
+    rows = rollout(policy, model, episodes, seed, masked, lambda env: Recorder(env, found.append), **options)
+    for _ in rows:
+        pass
+    return found
 
 
-def _tracks(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> Iterator[Track]:
-    """Rows of a rollout as tracks. Whether a request blocked is not among them."""
-    begins = [k for k, row in enumerate(rows) if row["step"] == 0]
-    column: Callable[[str], str] = lambda name: f"{name}_" if name in COLUMNS else name  # noqa: E731
-    for begin, end in zip(begins, [*begins[1:], len(rows)], strict=True):
-        own = rows[begin:end]
-        states = tuple({n: row[column(n)] for n in names} for row in own)
-        last = own[-1]
-        yield Track(
-            tuple(r["time"] for r in own), states, (False,) * (len(own) - 1), last["status"], last["reason"]
-        )
+def curves_figure(curve: Sequence[Mapping[str, Any]], evaluations: Sequence[Mapping[str, Any]]) -> Any:
+    """The learning curve of a run: entries are those of `run.json`. Rounds without an episode are left out."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure: Any = Figure(figsize=(8.4, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    rates, returns = figure.subplots(2, 1, sharex=True)
+    for name, colour, label in RATES:
+        steps, values = _column(curve, name)
+        rates.plot(steps, values, color=colour, lw=1.3, label=label)
+        if name in ("success", "violations"):
+            _intervals(rates, evaluations, name, colour)
+    rates.set_ylim(-0.03, 1.03)
+    rates.set_ylabel("fraction of episodes", fontsize=8)
+    returns.plot(*_column(curve, "episode_return"), color=BLUE, lw=1.3, label="while learning")
+    _intervals(returns, evaluations, "episode_return", BLUE)
+    returns.set_ylabel("mean return", fontsize=8)
+    returns.set_xlabel("environment steps", fontsize=8)
+    for axes in (rates, returns):
+        axes.grid(alpha=0.25, lw=0.6)
+        axes.tick_params(labelsize=7)
+        axes.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}")
+        legend(axes)
+    return figure
+
+
+RATES = (
+    ("success", GREEN, "success"),
+    ("violations", VERMILION, "safety violated"),
+    ("blocked", ORANGE, "a request blocked"),
+)
+
+
+def _column(curve: Sequence[Mapping[str, Any]], name: str) -> tuple[list[float], list[float]]:
+    told = [p for p in curve if isinstance(p[name], int | float) and p[name] == p[name]]
+    return [p["steps"] for p in told], [p[name] for p in told]
+
+
+def _intervals(axes: Any, evaluations: Sequence[Mapping[str, Any]], name: str, colour: str) -> None:
+    """Evaluations with their 95 % intervals."""
+    if not evaluations:
+        return
+    found = [(e["steps"], e["found"][name]) for e in evaluations]
+    steps, values = [s for s, _ in found], [e["value"] for _, e in found]
+    spread = [[e["value"] - e["low"] for _, e in found], [e["high"] - e["value"] for _, e in found]]
+    label = "evaluated" if name == "episode_return" else f"{name}, evaluated"
+    axes.errorbar(steps, values, spread, fmt="o", ms=4, capsize=2, color=colour, label=label)
