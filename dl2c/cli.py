@@ -20,6 +20,7 @@ from dl2c.commands.falsify import falsify
 from dl2c.commands.flags import Json, model_options
 from dl2c.commands.monitor import monitor
 from dl2c.commands.replay import replay
+from dl2c.commands.report import report as report_command
 from dl2c.commands.rollout import rollout
 from dl2c.commands.train import train
 from dl2c.commands.verbosity import begin, quiet, talkative
@@ -223,6 +224,7 @@ app.command()(model_options(rollout))
 app.command()(model_options(train))
 app.command()(model_options(falsify))
 app.command()(replay)
+app.command("report")(report_command)
 
 
 @app.command()

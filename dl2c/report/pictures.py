@@ -44,16 +44,15 @@ def episodes_of(
 
 
 def curves_figure(curve: Sequence[Mapping[str, Any]], evaluations: Sequence[Mapping[str, Any]]) -> Any:
-    """The learning curve of a run: entries are those of `run.json`. Rounds without an episode are left out."""
+    """The learning curve of a run: entries as in `run.json`. Rounds without an episode are left out."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure: Any = Figure(figsize=(8.4, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     rates, returns = figure.subplots(2, 1, sharex=True)
-    for name, colour, label in RATES:
-        steps, values = _column(curve, name)
-        rates.plot(steps, values, color=colour, lw=1.3, label=label)
+    for name, colour, style, label in RATES:
+        rates.plot(*_column(curve, name), color=colour, ls=style, lw=1.4, label=label)
         if name in ("success", "violations"):
             _intervals(rates, evaluations, name, colour)
     rates.set_ylim(-0.03, 1.03)
@@ -71,9 +70,9 @@ def curves_figure(curve: Sequence[Mapping[str, Any]], evaluations: Sequence[Mapp
 
 
 RATES = (
-    ("success", GREEN, "success"),
-    ("violations", VERMILION, "safety violated"),
-    ("blocked", ORANGE, "a request blocked"),
+    ("success", GREEN, "-", "success"),
+    ("violations", VERMILION, "--", "safety violated"),
+    ("blocked", ORANGE, "-.", "a request blocked"),
 )
 
 
