@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
@@ -12,6 +12,10 @@ from dl2c.commands.failures import CommandError, as_data, to_json
 from dl2c.commands.flags import Json
 from dl2c.commands.waiting import counting
 from dl2c.diagnostics import render
+
+if TYPE_CHECKING:
+    from dl2c.report.episode import Episode
+    from dl2c.report.falsify import Falsified
 
 Output = Annotated[
     Path | None,
@@ -46,44 +50,39 @@ def falsify(
 
     Exit code 0: nothing found, which proves nothing. Exit code 1: found, and written to a file.
     """
-    from dl2c.emit.names import file_stem
-    from dl2c.report.episode import write_episode
     from dl2c.report.falsify import NothingToFalsify
     from dl2c.report.falsify import falsify as search
     from dl2c.report.search import Target
 
     if target not in get_args(Target):
         raise CommandError(f"no target {target!r}; there is {', '.join(get_args(Target))}")
+    size: dict[str, Any] = {"episodes": episodes, "steps": steps, "n_envs": n_envs}
     kind: Any = target
     try:
         with counting(episodes, "episodes") as note:
-            found = search(
-                model,
-                target=kind,
-                episodes=episodes,
-                steps=steps,
-                n_envs=n_envs,
-                seed=seed,
-                note=note,
-                **options,
-            )
+            found = search(model, target=kind, seed=seed, note=note, **size, **options)
     except NothingToFalsify as problem:
         raise CommandError(str(problem)) from None
-    if (episode := found.episode) is None:
-        print(to_json({"found": False, "episodes": found.episodes}) if json else _nothing(found.episodes))
-        return
+    if found.episode is not None:
+        _found(found, found.episode, output, json)
+        raise typer.Exit(1)
+    nothing = f"nothing found in {found.episodes} episodes, which proves nothing"
+    print(to_json({"found": False, "episodes": found.episodes}) if json else nothing)
+
+
+def _found(found: "Falsified", episode: "Episode", output: Path | None, json: bool) -> None:
+    """Write a counterexample and say what it violates."""
+    from dl2c.emit.names import file_stem
+    from dl2c.report.episode import write_episode
+
     path = output or Path("build/counterexamples", f"{file_stem(Path(episode.source.name).stem)}.json")
     write_episode(episode, path)
+    steps = len(episode.moments)
     if json:
-        told = {"found": True, "episodes": found.episodes, "steps": len(episode.moments), "file": str(path)}
+        told = {"found": True, "episodes": found.episodes, "steps": steps, "file": str(path)}
         print(to_json(told | {"conditions": as_data(found.conditions)}))
-    else:
-        for condition in found.conditions:
-            print(render(condition), end="\n\n")
-        print(f"found within {found.episodes} episodes; of {found.steps} steps, ", end="")
-        print(f"{len(episode.moments)} remain; replay it with `dl2c replay {path}`")
-    raise typer.Exit(1)
-
-
-def _nothing(episodes: int) -> str:
-    return f"nothing found in {episodes} episodes, which proves nothing"
+        return
+    for condition in found.conditions:
+        print(render(condition), end="\n\n")
+    print(f"found within {found.episodes} episodes; {steps} of its {found.steps} steps are left; ", end="")
+    print(f"replay it with `dl2c replay {path}`")

@@ -2,7 +2,7 @@
 
 import csv
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,29 +32,36 @@ def rollout(
     from dl2c.report.recording import Recorder, failures_to
     from dl2c.training.rollout import rollout as run
 
-    keep = None if save_failures is None else failures_to(save_failures)
-    recorded = {} if keep is None else {"around": lambda env: Recorder(env, keep)}
-    rows = list(run(policy, model, episodes, seed, masked, **recorded, **options))
+    def around(env: Any) -> Any:
+        return env if save_failures is None else Recorder(env, failures_to(save_failures))
+
+    rows = list(run(policy, model, episodes, seed, masked, around, **options))
     if csv_file is not None:
         with csv_file.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, tuple(rows[0]))
             writer.writeheader()
             writer.writerows(rows)
+    summary = _summary(rows, episodes)
+    if json:
+        print(to_json(summary))
+    else:
+        _show(summary)
+
+
+def _summary(rows: Sequence[Mapping[str, Any]], episodes: int) -> dict[str, Any]:
     last = [row for row in rows if row["terminated"] or row["truncated"]]
     ends = Counter((row["status"], row["reason"]) for row in last)
-    summary = {
+    return {
         "episodes": episodes,
         "steps": len(rows) - episodes,
         "mean_return": sum(row["reward"] for row in rows) / episodes,
         "mean_time": sum(row["time"] for row in last) / episodes,
         "ends": [{"status": s, "reason": r, "episodes": n} for (s, r), n in sorted(ends.items())],
     }
-    if json:
-        print(to_json(summary))
-        return
-    print(
-        f"{episodes} episodes, {summary['steps']} steps, mean return {summary['mean_return']:.6g}, ", end=""
-    )
-    print(f"mean duration {summary['mean_time']:.6g} s")
-    for (status, reason), count in sorted(ends.items()):
-        print(f"{count:>6}  {status}: {reason}")
+
+
+def _show(summary: Mapping[str, Any]) -> None:
+    rates = f"mean return {summary['mean_return']:.6g}, mean duration {summary['mean_time']:.6g} s"
+    print(f"{summary['episodes']} episodes, {summary['steps']} steps, {rates}")
+    for end in summary["ends"]:
+        print(f"{end['episodes']:>6}  {end['status']}: {end['reason']}")

@@ -67,20 +67,24 @@ class Screen:
         """Bring the window up to date, and wait as long as a frame lasts."""
         if self._mode != "human" or self._track is None:
             return
-        from matplotlib import pyplot as plt
-
         from dl2c.picture.figure import draw
 
+        plt = _pyplot()
         if self._figure is None:
             plt.ion()
-            self._figure = plt.figure(self._model.name)
+            self._figure = plt.figure()
         draw(self._figure, self._model, [self._track])
         plt.pause(1 / self._fps)
 
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._figure is not None and self._mode == "human":
-            from matplotlib import pyplot as plt
-
-            plt.close(self._figure)
+            _pyplot().close(self._figure)
         self._figure = None
+
+
+def _pyplot() -> Any:
+    """Matplotlib's windows, untyped."""
+    from matplotlib import pyplot
+
+    return pyplot

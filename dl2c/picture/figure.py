@@ -86,13 +86,13 @@ def _title(model: Model, track: Track) -> str:
 
 def _lines(figure: Any, place: Any, model: Model, tracks: Sequence[Track], names: Sequence[str]) -> None:
     rows = place.subgridspec(len(names), 1)
-    first = None
+    all_axes: list[Any] = []
     for k, name in enumerate(names):
-        axes = _axes(figure, rows[k], sharex=first)
-        first = first or axes
+        axes = _axes(figure, rows[k], sharex=all_axes[0] if k else None)
         panels.line(axes, model, tracks, name, explained=k == 0)
         axes.tick_params(labelbottom=k == len(names) - 1)
-    axes.set_xlabel("time / s", fontsize=8)
+        all_axes.append(axes)
+    all_axes[-1].set_xlabel("time / s", fontsize=8)
 
 
 def _axes(figure: Any, place: Any, **options: Any) -> Any:

@@ -224,16 +224,17 @@ def _reason(problem: Exception) -> str:
     return f"it lacks {problem}" if isinstance(problem, KeyError) else str(problem)
 
 
-def _episode(data: Any) -> Episode:
-    if not isinstance(data, dict) or data.get("format") != FORMAT:  # pyright: ignore[reportUnknownMemberType]
+def _episode(content: Any) -> Episode:
+    data = _object(content)
+    if data.get("format") != FORMAT:
         raise ValueError(f"it does not say that its format is {FORMAT!r}")
     if data["format_version"] != VERSION:
         raise ValueError(f"its format has version {data['format_version']!r}, this dl2c reads {VERSION}")
-    model, start = data["model"], data["start"]
+    model, start = _object(data["model"]), _object(data["start"])
     text = _text(model["text"])
     if len(text) > MAX_TEXT or text_hash(text) != model["sha256"]:
         raise ValueError("the model's text is not the one that was written")
-    given = start["state"]
+    given: Any = start["state"]
     return Episode(
         source=Source(_text(model["name"]), text),
         options=_object(data["options"]),

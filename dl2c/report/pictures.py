@@ -47,6 +47,7 @@ def curves_figure(curve: Sequence[Mapping[str, Any]], evaluations: Sequence[Mapp
     """The learning curve of a run: entries as in `run.json`. Rounds without an episode are left out."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import StrMethodFormatter
 
     figure: Any = Figure(figsize=(8.4, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
@@ -64,7 +65,7 @@ def curves_figure(curve: Sequence[Mapping[str, Any]], evaluations: Sequence[Mapp
     for axes in (rates, returns):
         axes.grid(alpha=0.25, lw=0.6)
         axes.tick_params(labelsize=7)
-        axes.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}")
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         legend(axes)
     return figure
 

@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.env.actions import Encoding, encoding, executed
+from dl2c.env.actions import Encoding, Named, encoding, executed
 from dl2c.env.opening import Model as ModelName
 from dl2c.env.opening import source_of
 from dl2c.env.single import Dl2cEnv
@@ -340,11 +340,15 @@ def _recorded(env: Dl2cVectorEnv, space: Space, attempt: Attempts, last: int, op
         state = single.state | dict(zip(space.names, attempt.starts[0].tolist(), strict=True)) | fixed
         start = replace(start, state=state)
     code: Encoding = encoding(single.manifest)
-    actions: list[Any] = []
-    for step in range(last + 1):
-        piece = int(attempt.piece(step)[0])
-        asked = executed(code, attempt.choices[:, piece].astype(np.int32), attempt.inputs[:, piece])
-        actions.append({k: v[0] for k, v in asked.items()} if isinstance(asked, dict) else asked[0])
-    found = play(single, start, actions)
+    pieces = [int(attempt.piece(step)[0]) for step in range(last + 1)]
+    found = play(single, start, [_action(code, attempt, piece) for piece in pieces])
     single.close()
     return found
+
+
+def _action(code: Encoding, attempt: Attempts, piece: int) -> Any:
+    """What the only attempt asks for in a piece, as an action of the single environment."""
+    asked: Any = executed(code, attempt.choices[:, piece].astype(np.int32), attempt.inputs[:, piece])
+    if isinstance(code, Named):
+        return {key: part[0] for key, part in asked.items()}
+    return asked[0]
