@@ -11,7 +11,7 @@ from dl2c.ir.model import TRUE
 from dl2c.pipeline import drawn_model, resolve_options
 from dl2c.report.blame import blamed, model_of
 from dl2c.report.episode import Episode
-from dl2c.report.search import Note, Target, objective, options_of, search
+from dl2c.report.search import Note, Target, limits_of, objective, options_of, search
 from dl2c.report.shrink import shrunk
 
 
@@ -50,8 +50,7 @@ def falsify(
     drawn = drawn_model(source, resolve_options(given))
     if objective(drawn, target) == TRUE:
         raise NothingToFalsify(f"{drawn.name} has no condition that `{target}` is about")
-    manifest = open_library(source, given).manifest
-    if manifest.certificate == "none":
+    if open_library(source, given).manifest.certificate == "none":
         raise NothingToFalsify(f"initial states of {drawn.name} cannot be drawn: `dl2c check` says why")
     found = search(
         source,
@@ -65,9 +64,7 @@ def falsify(
     )
     if found.episode is None:
         return Falsified(None, (), found.episodes)
-    limits = {q.name: (q.low, q.high) for q in (*manifest.variables, *manifest.constants)}
-    names = () if drawn.prefix else drawn.sampled
-    small = _shrunk(found.episode, target, {n: limits[n] for n in names})
+    small = _shrunk(found.episode, target, limits_of(drawn))
     return Falsified(small, blamed(small, model_of(small)), found.episodes, len(found.episode.moments))
 
 

@@ -7,6 +7,7 @@ are, which is drawn from the attempts that came nearest to one, and gets its sha
 Everything follows from the seed.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
@@ -20,8 +21,9 @@ from dl2c.env.opening import source_of
 from dl2c.env.single import Dl2cEnv
 from dl2c.env.vector import Dl2cVectorEnv
 from dl2c.ir.arrays import margins
+from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.logic import conjunction, conjuncts
-from dl2c.ir.model import Formula, Model, Symbol
+from dl2c.ir.model import Bound, Formula, Model, Symbol
 from dl2c.native.errors import ResetFailed
 from dl2c.pipeline import drawn_model, resolve_options
 from dl2c.report.episode import Episode, Start, play
@@ -161,19 +163,31 @@ def _space(env: Dl2cVectorEnv, drawn: Model, steps: int) -> Space:
     manifest = env.manifest
     squash = manifest.options["action_map"] == "squash"
     inputs = [(-1.0, 1.0) if squash else (i.low, i.high) for i in manifest.inputs]
-    limits = {q.name: (q.low, q.high) for q in (*manifest.variables, *manifest.constants)}
-    names = () if drawn.prefix else drawn.sampled
+    limits = limits_of(drawn)
     longest = manifest.options["max_episode_steps"] or steps
     low, high = np.array(inputs).reshape(-1, 2).T
-    least, most = np.array([limits[n] for n in names]).reshape(-1, 2).T
+    least, most = np.array(list(limits.values())).reshape(-1, 2).T
     counts = tuple(len(c.alternatives) for c in manifest.choices)
     dtype = env.batch.obs.dtype
-    return Space(counts, low, high, names, least, most, dtype, min(steps, longest))
+    return Space(counts, low, high, tuple(limits), least, most, dtype, min(steps, longest))
 
 
 def joined(parts: Sequence[Attempts]) -> Attempts:
     """All attempts of several."""
     return Attempts(*(np.concatenate([getattr(p, name) for p in parts]) for name in Attempts.__slots__))
+
+
+def limits_of(drawn: Model) -> dict[str, tuple[float, float]]:
+    """Between which doubles each name that a reset draws lies; nothing where programs run before the loop,
+    since no state after these can be asked for.
+    """
+    bounds = {item.name: item.bound for item in (*drawn.variables, *drawn.constants)}
+
+    def limits(bound: Bound) -> tuple[float, float]:
+        low = -math.inf if bound.low is None else rounded_up(bound.low)
+        return low, math.inf if bound.high is None else rounded_down(bound.high)
+
+    return {} if drawn.prefix else {name: limits(bounds[name]) for name in drawn.sampled}
 
 
 # One round ----------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
+from itertools import product
 from typing import Any, cast
 
 import numpy as np
@@ -168,11 +170,10 @@ def simpler(number: float) -> Iterator[float]:
     """Numbers that are written with fewer digits, those with the fewest first: 0, 1, then rounded ones, to
     both sides."""
     candidates = [0.0, 1.0, -1.0]
-    if number and math.isfinite(number):
-        places = math.floor(math.log10(abs(number)))
-        for digits in range(1, 7):
-            scale = 10.0 ** (digits - 1 - places)
-            candidates += [math.floor(number * scale) / scale, math.ceil(number * scale) / scale]
+    if math.isfinite(number):
+        for digits, rounding in product(range(1, 7), (ROUND_FLOOR, ROUND_CEILING)):
+            context = Context(prec=digits, rounding=rounding)
+            candidates.append(float(context.create_decimal_from_float(number)))
     tried: set[float] = set()
     for candidate in candidates:
         if candidate not in tried and _length(candidate) < _length(number):
