@@ -16,8 +16,11 @@ from dl2c.commands.arguments import Model, Seed
 from dl2c.commands.cache import app as cache_app
 from dl2c.commands.completion import words
 from dl2c.commands.failures import as_json, report, show, to_json
+from dl2c.commands.falsify import falsify
 from dl2c.commands.flags import Json, model_options
 from dl2c.commands.monitor import monitor
+from dl2c.commands.replay import replay
+from dl2c.commands.report import report as report_command
 from dl2c.commands.rollout import rollout
 from dl2c.commands.train import train
 from dl2c.commands.verbosity import begin, quiet, talkative
@@ -219,6 +222,9 @@ def sample(
 
 app.command()(model_options(rollout))
 app.command()(model_options(train))
+app.command()(model_options(falsify))
+app.command()(replay)
+app.command("report")(report_command)
 
 
 @app.command()

@@ -90,7 +90,12 @@ def _line(message: str) -> None:
 
 def as_json(diagnostics: Iterable[Diagnostic]) -> str:
     """Diagnostics for scripts: a list of objects; `file`, `line` and `column` where there is a place."""
-    return to_json([_plain(d) for d in diagnostics])
+    return to_json(as_data(diagnostics))
+
+
+def as_data(diagnostics: Iterable[Diagnostic]) -> list[Mapping[str, Any]]:
+    """The same before it is text."""
+    return [_plain(d) for d in diagnostics]
 
 
 def _plain(d: Diagnostic) -> Mapping[str, Any]:

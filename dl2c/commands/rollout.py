@@ -38,6 +38,10 @@ def rollout(
     masked: Masked = True,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every step to this file.")] = None,
     parquet: Annotated[Path | None, typer.Option(help="Write every step to this file.")] = None,
+    save_failures: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Write each failed episode to a file for `dl2c replay`."),
+    ] = None,
     ray: Ray = False,
     address: Address = None,
     allow_mixed: Mixed = False,
@@ -49,12 +53,14 @@ def rollout(
     run = (policy, model, episodes, seed, masked)
     with working(f"running {episodes} episodes of {model}") as note, ExitStack() as files:
         if ray or address is not None:
+            if save_failures is not None:
+                raise CommandError("--save-failures is for episodes run here, without --ray and --address")
             tables = _on_cluster(run, note, address=address, allow_mixed=allow_mixed, **options)
             blocks = _stored(tables, parquet, csv_file is None)
         elif parquet is not None:
-            blocks = _stored(_as_tables(run, options), parquet, csv_file is None)
+            blocks = _stored(_as_tables(run, save_failures, options), parquet, csv_file is None)
         else:
-            blocks = _blocks(_here(run, options))
+            blocks = _blocks(_here(run, save_failures, options))
         if csv_file is not None:
             opened = csv_file.open("w", newline="", encoding="utf-8")
             blocks = _written(blocks, files.enter_context(opened))
@@ -68,18 +74,23 @@ def rollout(
 # Where the rows come from ------------------------------------------------------
 
 
-def _here(run: tuple[Any, ...], options: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def _here(
+    run: tuple[Any, ...], failures: Path | None, options: Mapping[str, Any]
+) -> Iterator[dict[str, Any]]:
+    from dl2c.report.recording import Recorder, failures_to
     from dl2c.training.rollout import rollout as rows
 
-    return rows(*run, **options)
+    if failures is None:
+        return rows(*run, **options)
+    return rows(*run, around=lambda env: Recorder(env, failures_to(failures)), **options)
 
 
-def _as_tables(run: tuple[Any, ...], options: Mapping[str, Any]) -> Iterable[Any]:
+def _as_tables(run: tuple[Any, ...], failures: Path | None, options: Mapping[str, Any]) -> Iterable[Any]:
     from dl2c.env.opening import open_library, source_of
     from dl2c.training.tables import schema, tables
 
     shape = schema(open_library(source_of(run[1]), options).manifest)
-    return tables(_here(run, options), shape)
+    return tables(_here(run, failures, options), shape)
 
 
 def _on_cluster(run: tuple[Any, ...], note: Callable[[str], None], **options: Any) -> Iterator[Any]:

@@ -41,3 +41,14 @@ def progress(steps: int) -> Generator[Any]:
             )
 
         yield note
+
+
+@contextmanager
+def counting(total: int, what: str) -> Generator[Callable[[int], None]]:
+    """A bar on a terminal's stderr, nothing elsewhere; yields what takes how many are done."""
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.completed:,} of {task.total:,} " + what))
+    hidden = quiet() or not console.is_terminal
+    with Progress(*columns, TimeElapsedColumn(), console=console, disable=hidden) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda done: bar.update(task, completed=min(done, total))

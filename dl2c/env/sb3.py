@@ -38,8 +38,8 @@ class Dl2cVecEnv(VecEnv):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        self._source, self._render_mode = source_of(model), render_mode
-        library = open_library(self._source, options)
+        self.source, self._render_mode = source_of(model), render_mode
+        library = open_library(self.source, options)
         self.manifest = library.manifest
         check_uniform(self.manifest)
         self.batch = library.batch(
@@ -146,7 +146,7 @@ class Dl2cVecEnv(VecEnv):
         return [None] * self.num_envs
 
     def __getstate__(self) -> dict[str, Any]:
-        given = {"model": self._source, "num_envs": self.num_envs, "render_mode": self._render_mode}
+        given = {"model": self.source, "num_envs": self.num_envs, "render_mode": self._render_mode}
         return given | {"options": self.manifest.options}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dl2c.env.actions import action_space, encoding, masks, reader, writer
 from dl2c.env.opening import Model, batch_options, open_library, source_of
+from dl2c.env.screen import Screen
 from dl2c.env.seeding import SEEDS, draw_seed
 from dl2c.env.snapshot import Snapshot, put, take
 from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
@@ -45,26 +46,32 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
     Pickling or copying an environment gives a fresh one of the same model and options.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["ansi"], "render_fps": 10}  # pyright: ignore[reportIncompatibleVariableOverride] # not ClassVar there
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["ansi", "rgb_array", "human"], "render_fps": 10}  # pyright: ignore[reportIncompatibleVariableOverride] # not ClassVar there
 
     def __init__(self, model: Model, *, render_mode: str | None = None, **options: Any) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ValueError(f"no render mode {render_mode!r}; there is 'ansi'")
+            raise ValueError(f"no render mode {render_mode!r}; there is 'ansi', 'rgb_array', 'human'")
         self.render_mode = render_mode
-        self._source = source_of(model)
-        library = open_library(self._source, options)
+        self.source = source_of(model)
+        library = open_library(self.source, options)
         self.manifest = library.manifest
         self._batch = library.batch(1, autoreset="disabled", **batch_options(self.manifest))
         self._encoding = encoding(self.manifest)
         self.observation_space = observation_space(self.manifest)
         self.action_space = action_space(self._encoding)
         targeted = self.manifest.options.get("initial_distribution") == "z3"
-        self._targeted = Targeted(self._source, self.manifest) if targeted else None
+        self._targeted = Targeted(self.source, self.manifest) if targeted else None
         self._seeded = False
         self._act: Callable[[Any], Step] = _not_running
         """What a step does now."""
         self._closed = False
         self._bind(self._batch)
+        self._screen: Screen | None = None
+        if render_mode in ("rgb_array", "human"):
+            self._screen = Screen(
+                self.source, self.manifest.options, render_mode, self.metadata["render_fps"]
+            )
+            self._transition = self._screen.watching(self._transition, lambda: self.state)
 
     def _bind(self, batch: "Batch") -> None:
         """Views that turn an entry of a buffer into a Python number without an array in between."""
@@ -145,6 +152,8 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         self._seeded, self._act = True, self._transition
         if self.manifest.choices:
             info["action_mask"] = self._fresh_mask()
+        if self._screen is not None:
+            self._screen.begin(self.state)
         return self._obs.copy(), info
 
     def step(self, action: Any) -> Step:
@@ -168,6 +177,8 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         """
         put(self._batch, 0, snapshot)
         self._seeded, self._act = True, _not_running if snapshot.ended else self._transition
+        if self._screen is not None:
+            self._screen.begin(self.state)
         info: dict[str, Any] = {"action_mask": self._fresh_mask()} if self.manifest.choices else {}
         return self._obs.copy(), info
 
@@ -208,8 +219,12 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         """
         return read_chosen(self.manifest, self._batch)
 
-    def render(self) -> str | None:  # pyright: ignore[reportIncompatibleMethodOverride] # generic in an unused parameter there
-        """Time and state on one line (mode `ansi`)."""
+    def render(self) -> str | NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride] # generic in an unused parameter there
+        """Mode `ansi`: time and state on one line. `rgb_array`: the episode so far, as the model's `plot=`
+        asks for, (height, width, 3). `human`: the same in a window, brought up to date by resets and steps.
+        """
+        if self._screen is not None:
+            return self._screen.render()
         return state_line(self.manifest, self._batch) if self.render_mode == "ansi" else None
 
     def close(self) -> None:
@@ -217,10 +232,12 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         if not self._closed:
             self._closed, self._act = True, _not_running
             self._batch.close()
+            if self._screen is not None:
+                self._screen.close()
 
     def __getstate__(self) -> dict[str, Any]:
         return {
-            "model": self._source,
+            "model": self.source,
             "render_mode": self.render_mode,
             "options": self.manifest.options,
             "spec": self.spec,

@@ -61,8 +61,8 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         self.metadata = {"render_modes": ["ansi"], "render_fps": 10, "autoreset_mode": self.autoreset_mode}
         self.num_envs, self.num_threads = num_envs, num_threads
         self.copy, self.render_mode = copy, render_mode
-        self._source = source_of(model)
-        library = open_library(self._source, options)
+        self.source = source_of(model)
+        library = open_library(self.source, options)
         self.manifest = library.manifest
         check_uniform(self.manifest)
         self.batch = library.batch(
@@ -203,7 +203,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
 
     def __getstate__(self) -> dict[str, Any]:
         return {
-            "model": self._source,
+            "model": self.source,
             "arguments": {
                 "num_envs": self.num_envs,
                 "autoreset_mode": self.autoreset_mode,

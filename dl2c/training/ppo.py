@@ -69,7 +69,8 @@ def train(
     progress: Progress | None = None,
     **options: Any,
 ) -> Run:
-    """Train a policy and write `policy.zip`, `policy.json` with `policy.npz`, and `run.json` to `directory`.
+    """Train a policy and write to `directory`: `policy.zip`, `policy.json` with `policy.npz`, `run.json`, and
+    the model's text `model.kyx`.
 
     `options` are those of the environment. Raises what `Dl2cVecEnv` raises, and `PolicyError` for
     MaskablePPO on continuous actions.
@@ -89,6 +90,7 @@ def train(
     learner.learn(chosen.steps, callback=watch)
     seconds = time.perf_counter() - started
     directory.mkdir(parents=True, exist_ok=True)
+    (directory / "model.kyx").write_text(source.text, encoding="utf-8", errors="surrogateescape")
     learner.save(directory / "policy.zip")
     data = policy_data(learner, interface_of(env.manifest), env.manifest, [], algo == "maskable-ppo")
     write_policy(data, directory)

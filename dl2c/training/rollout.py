@@ -1,6 +1,6 @@
 """Episodes written out step by step, for tables and plots."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,30 +25,32 @@ def rollout(
     seed: int = 0,
     masked: bool = True,
     first: int = 0,
+    around: Callable[[Dl2cEnv], Any] = lambda env: env,
     **options: Any,
 ) -> Iterator[dict[str, Any]]:
     """The steps of so many episodes from number `first` on: one row per step, and row 0 of each episode for
     its initial state (no action, reward 0). `action` is the run that was executed, in the type of actions; an
     action of several numbers is a list. With `action_map="squash"` there are no columns for what the agent
-    assigned.
+    assigned. `around` may wrap the environment, to record what happens in it.
 
     Episode k is seeded `seed + k`, the random policy too, so its rows do not depend on other episodes.
     """
     source = source_of(model)
     action_format = flat_format(open_library(source, options).manifest)
     env = Dl2cEnv(source, **(options | {"action_format": action_format}))
+    acted = around(env)
     code = encoding(env.manifest)
     act = policy_of(policy, code, masked, seed)
     names = state_names(env.manifest)
     for episode in range(first, first + episodes):
         if policy == "random":
             act = policy_of(policy, code, masked, seed + episode)
-        observation, _ = env.reset(seed=seed + episode)
+        observation, _ = acted.reset(seed=seed + episode)
         step, ended = 0, False
         yield _row((episode, 0, 0.0, "", 0.0, False, False, "none", ""), env, names)
         while not ended:
             action = act(observation[None], env.action_masks()[None])[0]
-            observation, reward, terminated, truncated, info = env.step(action)
+            observation, reward, terminated, truncated, info = acted.step(action)
             step, ended = step + 1, terminated or truncated
             taken = np.asarray(info["executed_action"]).tolist()
             head = (episode, step, info["time"], taken, reward, terminated, truncated)

@@ -1,0 +1,87 @@
+"""`dl2c replay`: a recorded episode once more, bit for bit, and what it violates."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dl2c.commands.completion import models
+from dl2c.commands.failures import CommandError, as_data, to_json
+from dl2c.commands.flags import Json
+from dl2c.commands.verbosity import quiet, talkative
+from dl2c.commands.waiting import working
+from dl2c.diagnostics import render
+from dl2c.source import Source
+
+if TYPE_CHECKING:
+    from dl2c.report.episode import Episode
+
+Other = Annotated[
+    str | None,
+    typer.Option("--model", help="Replay on this model instead of the recorded text.", autocompletion=models),
+]
+
+
+@talkative
+def replay(
+    file: Annotated[Path, typer.Argument(help="What `dl2c falsify` or `dl2c rollout` wrote.")],
+    model: Other = None,
+    plot: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the episode.")] = None,
+    json: Json = False,
+) -> None:
+    """Replay a recorded episode, say whether every state is the same to the last bit, and what it violates.
+
+    Exit code 0: the same. Exit code 1: it differs, as it may with another model.
+    """
+    from dl2c.env.opening import source_of
+    from dl2c.native.errors import ResetFailed
+    from dl2c.report import episode as episodes
+    from dl2c.report.blame import blamed, model_of
+
+    try:
+        recorded = episodes.read_episode(file)
+        with working(f"replaying {file}"):
+            found = episodes.replay(recorded, None if model is None else source_of(model))
+    except (episodes.EpisodeError, ValueError, ResetFailed) as problem:
+        raise CommandError(f"{problem}" if str(file) in str(problem) else f"{file}: {problem}") from None
+    different = episodes.difference(recorded, found)
+    conditions = blamed(found, model_of(found))
+    changed = _changed(recorded, found)
+    if plot is not None:
+        _draw(found, plot)
+    if json:
+        told = {"steps": len(found.moments), "status": found.status, "reason": found.reason}
+        told |= {"difference": different, "model": changed, "conditions": as_data(conditions)}
+        print(to_json(told))
+    else:
+        for condition in conditions:
+            print(render(condition), end="\n\n")
+        if changed and not quiet():
+            print(changed)
+        print(_summary(found, different))
+    if different:
+        raise typer.Exit(1)
+
+
+def _summary(found: "Episode", different: str) -> str:
+    end = f"{found.status}: {found.reason}" if found.reason else "not ended"
+    same = different or "every state is as recorded, bit for bit"
+    return f"{len(found.moments)} steps, {end}; {same}"
+
+
+def _changed(recorded: "Episode", found: "Episode") -> str:
+    """What to know about the model: whether it is the recorded one, and whether its file still is."""
+    name, text = recorded.source.name, recorded.source.text
+    if found.source.text != text:
+        return f"{found.source.name} is another model than the recorded text of {name}"
+    try:
+        same = not Path(name).is_file() or Source.read(name).text == text
+    except OSError:
+        same = True
+    return "" if same else f"{name} has changed since: `--model {name}` replays the episode on what it is now"
+
+
+def _draw(found: "Episode", path: Path) -> None:
+    from dl2c.report.pictures import draw_episode
+
+    draw_episode(found, path)

@@ -1,0 +1,39 @@
+"""`dl2c report`: one page about a training."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dl2c.commands.completion import models
+from dl2c.commands.failures import CommandError
+from dl2c.commands.verbosity import talkative
+from dl2c.commands.waiting import working
+
+
+@talkative
+def report(
+    run: Annotated[Path, typer.Argument(help="A folder that `dl2c train` wrote.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="HTML", help="Default: report.html in the folder."),
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="The model, where the folder does not hold it.", autocompletion=models)
+    ] = None,
+    episodes: Annotated[int, typer.Option(min=1, help="Episodes of each evaluation.")] = 200,
+) -> None:
+    """Write one HTML page that needs nothing else: curves, episodes, tables, the model, versions, seeds."""
+    from dl2c.report.page import report as write
+    from dl2c.report.trained import RunError, read_trained
+
+    try:
+        trained = read_trained(run, model)
+    except RunError as problem:
+        raise CommandError(str(problem)) from None
+    path = output or run / "report.html"
+    with working(f"looking at {run}"):
+        text = write(trained, episodes)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    print(path)

@@ -1,0 +1,1 @@
+"""Pictures of episodes, as `plot=` annotations ask for. Matplotlib is imported when one is drawn."""

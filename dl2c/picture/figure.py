@@ -1,0 +1,125 @@
+"""A picture of episodes: which panels there are, where they stand, and what becomes of it."""
+
+import base64
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dl2c.ir.model import Model
+from dl2c.picture import panels
+from dl2c.picture.track import Track
+
+MOST_LINES = 6
+"""Panels over time in one column."""
+
+DPI = 110
+
+
+@dataclass(frozen=True, slots=True)
+class Panels:
+    """What is shown of a model: variables over time, variables whose values are counted, pairs of variables
+    against each other.
+    """
+
+    lines: tuple[str, ...]
+    histograms: tuple[str, ...]
+    phases: tuple[tuple[str, str], ...]
+
+
+def panels_of(model: Model) -> Panels:
+    """What `plot=` asks for. Variables with `scatter` are paired in their order, one left over is shown over
+    time; where nothing is asked for, that is every observed variable.
+    """
+    lines, histograms, scatter = (
+        [v.name for v in model.variables if v.plot == kind] for kind in ("line", "hist", "scatter")
+    )
+    if len(scatter) % 2:
+        lines = [*lines, scatter[-1]]
+    if not (lines or scatter or histograms):
+        observed = [v.name for v in model.variables if v.observed]
+        lines = observed or [v.name for v in model.variables]
+    pairs = tuple(zip(scatter[0::2], scatter[1::2], strict=False))
+    return Panels(tuple(lines[:MOST_LINES]), tuple(histograms), pairs)
+
+
+def episode_figure(model: Model, tracks: Sequence[Track], title: str = "") -> Any:
+    """A figure (matplotlib's own) of some episodes: the first is explained, the others are faint."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure: Any = Figure()
+    FigureCanvasAgg(figure)
+    draw(figure, model, tracks, title)
+    return figure
+
+
+def draw(figure: Any, model: Model, tracks: Sequence[Track], title: str = "") -> None:
+    """Draw on a figure, after everything on it is removed."""
+    what = panels_of(model)
+    others = len(what.histograms) + len(what.phases)
+    figure.clear()
+    figure.set_layout_engine("constrained")
+    height = max(1.5 * len(what.lines) + 0.8, 3.2 * others + 0.5, 2.6)
+    figure.set_size_inches(7.2 * bool(what.lines) + 5.0 * bool(others), height)
+    widths = [7.2] * bool(what.lines) + [5.0] * bool(others)
+    columns = figure.add_gridspec(1, len(widths), width_ratios=widths)
+    figure.suptitle(panels.plain(title or _title(model, tracks[0])), fontsize=10)
+    if what.lines:
+        _lines(figure, columns[0], model, tracks, what.lines)
+    if others:
+        rows = columns[len(widths) - 1].subgridspec(others, 1)
+        for k, name in enumerate(what.histograms):
+            panels.histogram(_axes(figure, rows[k]), model, tracks, name)
+        for k, names in enumerate(what.phases, len(what.histograms)):
+            panels.phase(_axes(figure, rows[k]), model, tracks, names)
+
+
+def _title(model: Model, track: Track) -> str:
+    end = f" — {track.end} after {track.times[-1]:.4g} s, {len(track.blocked)} steps" if track.end else ""
+    return f"{model.name}{end}"
+
+
+def _lines(figure: Any, place: Any, model: Model, tracks: Sequence[Track], names: Sequence[str]) -> None:
+    rows = place.subgridspec(len(names), 1)
+    all_axes: list[Any] = []
+    for k, name in enumerate(names):
+        axes = _axes(figure, rows[k], sharex=all_axes[0] if k else None)
+        panels.line(axes, model, tracks, name, explained=k == 0)
+        axes.tick_params(labelbottom=k == len(names) - 1)
+        all_axes.append(axes)
+    all_axes[-1].set_xlabel("time / s", fontsize=8)
+
+
+def _axes(figure: Any, place: Any, **options: Any) -> Any:
+    axes = figure.add_subplot(place, **options)
+    axes.grid(alpha=0.25, lw=0.6)
+    axes.tick_params(labelsize=7)
+    return axes
+
+
+# What becomes of it -------------------------------------------------------------
+
+
+def save(figure: Any, path: Path) -> None:
+    """Write PNG (or SVG, PDF, by the name); folders are made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=DPI, metadata={"Software": None} if path.suffix == ".png" else None)
+
+
+def pixels(figure: Any) -> NDArray[np.uint8]:
+    """The picture (height, width, 3)."""
+    figure.set_dpi(DPI)
+    figure.canvas.draw()
+    return np.asarray(figure.canvas.buffer_rgba())[:, :, :3].copy()
+
+
+def data_uri(figure: Any) -> str:
+    """The picture as PNG in a URI, for pages."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=DPI, format="png", metadata={"Software": None})
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -1,0 +1,73 @@
+"""What a picture needs of an episode: states over time, and what happened in each step."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dl2c.ir.evaluate import Undefined, evaluate
+from dl2c.ir.model import Model, Symbol
+from dl2c.ir.watch import flows_come_last
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """The states of an episode by name at `times` (seconds), the first one at 0; of each of the steps between
+    them whether its request blocked. `status` and `reason` are those of the last step.
+    """
+
+    times: tuple[float, ...]
+    states: tuple[Mapping[str, float], ...]
+    blocked: tuple[bool, ...]
+    status: str = "none"
+    reason: str = ""
+
+    def values(self, name: str) -> NDArray[np.float64]:
+        """A variable or constant at `times`."""
+        return np.array([state[name] for state in self.states])
+
+    @property
+    def end(self) -> str:
+        """How it ended, in words; "" while it runs."""
+        return f"{self.status}: {self.reason}" if self.reason else ""
+
+    def then(
+        self, time: float, state: Mapping[str, float], blocked: bool, status: str, reason: str
+    ) -> "Track":
+        """This and one more step."""
+        times, states = (*self.times, time), (*self.states, state)
+        return Track(times, states, (*self.blocked, blocked), status, reason)
+
+
+def symbols_at(model: Model, state: Mapping[str, float]) -> dict[Symbol, float]:
+    """A state by symbol."""
+    constants = {Symbol(c.name, "constant"): state[c.name] for c in model.constants}
+    return {Symbol(v.name, "variable"): state[v.name] for v in model.variables} | constants
+
+
+def moving(model: Model) -> set[str]:
+    """Variables that some differential equation names. Others change only between two steps."""
+    return {x for flow in model.flows for x, _ in flow.equations}
+
+
+def events(model: Model, track: Track) -> list[int]:
+    """After which states a flow ended before its time was up, because its domain did; none where a step
+    does not show that, having other flows or statements after them. Failures end flows too.
+    """
+    if len(model.flows) != 1 or not flows_come_last(model.body) or model.duration != "max":
+        return []
+    flow = model.flows[0]
+    longest = math.inf if flow.cap is None else float(flow.cap)
+    found: list[int] = []
+    for k in range(1, len(track.times) - (track.status == "failure")):
+        env = symbols_at(model, track.states[k])
+        try:
+            full = any(env[Symbol(h.clock, "variable")] == evaluate(h.bound, env) for h in flow.horizons)
+        except Undefined:
+            continue
+        lasted = track.times[k] - track.times[k - 1]
+        if not full and lasted < longest * (1 - 1e-9):
+            found.append(k)
+    return found

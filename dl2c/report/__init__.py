@@ -1,0 +1,1 @@
+"""Looking at what happened: episodes as files, counterexamples, pictures, pages."""

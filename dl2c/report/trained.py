@@ -1,0 +1,70 @@
+"""A folder that `dl2c train` wrote, as far as a report needs it."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dl2c.env.opening import Model, source_of
+from dl2c.source import Source
+
+TEXT = "model.kyx"
+"""The model's text as it was trained on, beside `run.json`."""
+
+
+class RunError(Exception):
+    """A folder that is no training; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trained:
+    """What was asked for, and what came of it: entries of `curve` and `evaluations` as in `run.json`."""
+
+    folder: Path
+    source: Source
+    algo: str
+    seed: int
+    options: Mapping[str, Any]
+    settings: Mapping[str, Any]
+    curve: Sequence[Mapping[str, Any]]
+    evaluations: Sequence[Mapping[str, Any]]
+    seconds: float
+    versions: Mapping[str, Any]
+    interrupted: bool
+
+    @property
+    def masked(self) -> bool:
+        """Whether the policy is meant to be kept to enabled alternatives."""
+        return self.algo == "maskable-ppo"
+
+
+def read_trained(folder: Path, model: Model | None = None) -> Trained:
+    """Read a folder; `model` stands for the text where there is none. Raises `RunError`, `OSError`."""
+    if not (folder / "run.json").is_file():
+        raise RunError(f"{folder} holds no training: there is no run.json")
+    try:
+        data: dict[str, Any] = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        return Trained(
+            folder=folder,
+            source=_source(folder, str(data["model"]), model),
+            algo=str(data["algo"]),
+            seed=int(data["seed"]),
+            options=dict(data["options"]),
+            settings=dict(data["settings"]),
+            curve=list(data["curve"]),
+            evaluations=list(data.get("evaluations", ())),
+            seconds=float(data["seconds"]),
+            versions=dict(data.get("versions", {})),
+            interrupted=bool(data.get("interrupted", False)),
+        )
+    except (ValueError, KeyError, TypeError, AttributeError) as problem:
+        raise RunError(f"{folder / 'run.json'} is not of `dl2c train`: {problem}") from None
+
+
+def _source(folder: Path, name: str, model: Model | None) -> Source:
+    if model is not None:
+        return source_of(model)
+    if not (folder / TEXT).is_file():
+        raise RunError(f"{folder} does not hold the text of {name!r}: name the model with --model")
+    return Source(TEXT, Source.read(folder / TEXT).text)
