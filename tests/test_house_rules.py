@@ -23,8 +23,8 @@ LAYERS = (
 OWNERS = {"lark": "parse", "z3": "smt", "casadi": "symbolic", "cffi": "native"}
 """Libraries that one layer alone may import."""
 
-EXTRAS = {"matplotlib", "stable_baselines3", "sb3_contrib", "torch", "ray"}
-EXTRAS_ARE_NEEDED = {"env/sb3.py", "training/ppo.py"}
+EXTRAS = {"matplotlib", "stable_baselines3", "sb3_contrib", "torch", "ray", "yaml"}
+EXTRAS_ARE_NEEDED = {"env/sb3.py", "training/learning.py", "training/callbacks.py"}
 """Optional libraries, and the modules that are of no use without them: others import these lazily."""
 
 FORBIDDEN_NAMES = {"utils", "helpers", "common", "misc", "base", "core", "manager"}
