@@ -18,6 +18,7 @@ from dl2c.commands.completion import words
 from dl2c.commands.failures import as_json, report, show, to_json
 from dl2c.commands.flags import Json, model_options
 from dl2c.commands.monitor import monitor
+from dl2c.commands.paper import paper
 from dl2c.commands.rollout import rollout
 from dl2c.commands.train import train
 from dl2c.commands.verbosity import begin, quiet, talkative
@@ -247,6 +248,7 @@ def bench(
 
 
 app.command()(model_options(monitor))
+app.command()(talkative(paper))
 
 
 @app.command()

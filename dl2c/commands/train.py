@@ -46,6 +46,24 @@ Resume = Annotated[
 ]
 
 
+Steps = Annotated[int | None, typer.Option(min=1, help="Environment steps, in all.")]
+Environments = Annotated[int | None, typer.Option(min=1, help="Environments stepped together.")]
+Seed = Annotated[int | None, typer.Option(min=0, help="The same seed gives the same policy; default 0.")]
+Normalize = Annotated[
+    bool | None,
+    typer.Option("--normalize/--no-normalize", help="Normalise observations with VecNormalize."),
+]
+EvalEvery = Annotated[int | None, typer.Option(min=0, help="Steps between evaluations; 0: none.")]
+EvalEpisodes = Annotated[int | None, typer.Option(min=1, help="Episodes of each evaluation.")]
+CheckpointEvery = Annotated[int | None, typer.Option(min=0, help="Steps between checkpoints; 0: none.")]
+TensorBoard = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="Log for TensorBoard, if that is installed.")
+]
+Output = Annotated[
+    Path | None, typer.Option("-o", "--output", help=f"Folder for the results; default {OUTPUT}.")
+]
+
+
 @dataclass(frozen=True, slots=True)
 class Wanted:
     """A training as configuration and flags ask for it together."""
@@ -64,26 +82,17 @@ def train(
     model: Model = None,
     algo: Algo = None,
     config: Config = None,
-    steps: Annotated[int | None, typer.Option(min=1, help="Environment steps, in all.")] = None,
-    n_envs: Annotated[int | None, typer.Option(min=1, help="Environments stepped together.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="The same seed gives the same policy.")] = None,
+    steps: Steps = None,
+    n_envs: Environments = None,
+    seed: Seed = None,
     hyper: Hyper = None,
-    normalize: Annotated[
-        bool | None,
-        typer.Option("--normalize/--no-normalize", help="Normalise observations with VecNormalize."),
-    ] = None,
-    eval_every: Annotated[int | None, typer.Option(min=0, help="Steps between evaluations; 0: none.")] = None,
-    eval_episodes: Annotated[int | None, typer.Option(min=1, help="Episodes of each evaluation.")] = None,
-    checkpoint_every: Annotated[
-        int | None, typer.Option(min=0, help="Steps between checkpoints; 0: none.")
-    ] = None,
+    normalize: Normalize = None,
+    eval_every: EvalEvery = None,
+    eval_episodes: EvalEpisodes = None,
+    checkpoint_every: CheckpointEvery = None,
     resume: Resume = None,
-    tensorboard: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Log for TensorBoard, if that is installed.")
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help=f"Folder for the results; default {OUTPUT}.")
-    ] = None,
+    tensorboard: TensorBoard = None,
+    output: Output = None,
     json: Json = False,
     *,
     options: Mapping[str, Any],
@@ -132,7 +141,8 @@ def _wanted(
         raise CommandError(f"no algorithm {algo!r}; there is {', '.join(ALGORITHMS)}")
     if "model" not in asked:
         raise CommandError("name a model: a .kyx file, or example:NAME")
-    names = ("steps", "n_envs", "normalize", "eval_every", "eval_episodes", "checkpoint_every", "threads")
+    names = ("steps", "n_envs", "normalize", "checkpoint_every", "threads")
+    names += ("eval_every", "eval_episodes", "eval_options")
     changes = {name: asked[name] for name in names if name in asked}
     return Wanted(
         model=asked["model"],

@@ -30,9 +30,10 @@ KINDS: dict[str, type] = {
     "output": str,
     "tensorboard": str,
     "hyper": dict,
+    "eval_options": dict,
     "options": dict,
 }
-"""What a file may set; `hyper` and `options` are mappings of their own."""
+"""What a file may set; `hyper`, `options` and `eval_options` are mappings of their own."""
 
 LEAST = {"steps": 1, "n_envs": 1, "eval_episodes": 1, "threads": 1}
 WORDS = {str: "a text", int: "a whole number", bool: "true or false", dict: "a mapping"}

@@ -50,9 +50,9 @@ class Training:
     def evaluate(self) -> None:
         """Measure the policy as it is; the best so far is kept."""
         given = self.given
-        masked = given.algo == "maskable-ppo"
-        episodes = given.settings.eval_episodes
-        found = evaluate(self._data().act, self.source, episodes, masked=masked, **given.options)
+        masked, episodes = given.algo == "maskable-ppo", given.settings.eval_episodes
+        options = {**given.options, **given.settings.eval_options}
+        found = evaluate(self._data().act, self.source, episodes, masked=masked, **options)
         best = max((_rank(e.found) for e in self.evaluations), default=None)
         self.evaluations.append(Checked(self.learner.num_timesteps, found))
         for name in ("success", "violations", "episode_return"):

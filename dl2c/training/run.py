@@ -23,8 +23,9 @@ class Settings:
     `hyper` holds hyperparameters by the names of Stable-Baselines3, and `net_arch`, `activation`,
     `schedule`. With `normalize` observations are normalised by VecNormalize, whose statistics go on
     changing; else by those of a random policy. Every `eval_every` steps the policy is evaluated in
-    `eval_episodes` episodes, every `checkpoint_every` steps all is saved; 0: never. `threads` is torch's,
-    for the whole process: networks this small are much quicker on one.
+    `eval_episodes` episodes, in environments with `eval_options` over the other options; every
+    `checkpoint_every` steps all is saved; 0: never. `threads` is torch's, for the whole process: networks
+    this small are much quicker on one.
     """
 
     steps: int | None = None
@@ -33,6 +34,7 @@ class Settings:
     normalize: bool = False
     eval_every: int = 0
     eval_episodes: int = 100
+    eval_options: Mapping[str, Any] = field(default_factory=dict[str, Any])
     checkpoint_every: int = 0
     threads: int = 1
 
