@@ -20,6 +20,7 @@ from dl2c.commands.flags import Json, model_options
 from dl2c.commands.monitor import monitor
 from dl2c.commands.paper import paper
 from dl2c.commands.rollout import rollout
+from dl2c.commands.study import study
 from dl2c.commands.train import train
 from dl2c.commands.verbosity import begin, quiet, talkative
 from dl2c.commands.waiting import working
@@ -249,6 +250,7 @@ def bench(
 
 app.command()(model_options(monitor))
 app.command()(talkative(paper))
+app.command()(study)
 
 
 @app.command()
