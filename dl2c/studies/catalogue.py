@@ -1,6 +1,5 @@
 """Which examples are studied, and how their policies are trained."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,7 +24,7 @@ class Study:
     proved: str
     learned: str
     settings: Settings
-    options: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    options: dict[str, Any] = field(default_factory=dict[str, Any])
     has_goal: bool = True
 
     def quick(self) -> "Study":
@@ -34,7 +33,7 @@ class Study:
         return replace(self, settings=Settings(steps=128, n_envs=8, hyper=tiny))
 
 
-SQUASH = {"action_map": "squash"}
+SQUASH: dict[str, Any] = {"action_map": "squash"}
 
 STUDIES: tuple[Study, ...] = (
     Study(

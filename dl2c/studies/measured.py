@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class Result:
 
 def algorithm(study: Study) -> Algorithm:
     """Masks are learned with where all decisions are discrete."""
-    manifest = open_library(source_of(_model(study)), dict(study.options)).manifest
+    manifest = open_library(source_of(_model(study)), study.options).manifest
     return "ppo" if manifest.inputs else "maskable-ppo"
 
 
@@ -54,7 +55,8 @@ def measure(study: Study, folder: Path, seed: int = 0, episodes: int = 400, step
     """Train with guards and without them, and measure what was learned and what chance achieves."""
     from dl2c.training.learning import train
 
-    guarded, unguarded = GUARDED | study.options, UNGUARDED | study.options
+    guarded: dict[str, Any] = GUARDED | study.options
+    unguarded: dict[str, Any] = UNGUARDED | study.options
     model, algo = _model(study), algorithm(study)
     runs: dict[str, Run] = {
         "with guards": train(
@@ -74,7 +76,7 @@ def measure(study: Study, folder: Path, seed: int = 0, episodes: int = 400, step
     )
     measured: list[Measured] = []
     for name, held, actor in rows:
-        options = guarded if held else unguarded
+        options: dict[str, Any] = guarded if held else unguarded
         measured.append(Measured(name, held, evaluate(actor, model, episodes, masked=held, **options)))
     return Result(study, tuple(measured), endure(safe, study, steps), runs)
 
