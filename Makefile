@@ -9,14 +9,22 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo test test-slow test-target lint bench corpus sampling-report fuzz clean
+.PHONY: help demo paper studies test test-slow test-target lint bench corpus sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | test | test-slow | test-target | lint | bench | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | paper | studies | test | test-slow | test-target | lint | bench | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
+
+# The paper's evaluation, with five seeds: about a quarter of an hour on two cores.
+paper: $(READY)
+	$(BIN)/dl2c paper
+
+# Six examples, each trained with its guards and without: some ten minutes each.
+studies: $(READY)
+	$(BIN)/dl2c study
 
 test: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q -m "not slow"

@@ -19,9 +19,11 @@ from dl2c.commands.failures import as_json, report, show, to_json
 from dl2c.commands.falsify import falsify
 from dl2c.commands.flags import Json, model_options
 from dl2c.commands.monitor import monitor
+from dl2c.commands.paper import paper
 from dl2c.commands.replay import replay
 from dl2c.commands.report import report as report_command
 from dl2c.commands.rollout import rollout
+from dl2c.commands.study import study
 from dl2c.commands.train import train
 from dl2c.commands.verbosity import begin, quiet, talkative
 from dl2c.commands.waiting import working
@@ -256,6 +258,8 @@ def bench(
 
 
 app.command()(model_options(monitor))
+app.command()(talkative(paper))
+app.command()(study)
 
 
 @app.command()

@@ -211,11 +211,11 @@ def test_zip_files_of_something_else_are_refused(capsys: Any, monkeypatch: Any, 
 def test_training_writes_the_policy_as_data(capsys: Any, monkeypatch: Any, tmp_path: Path) -> None:
     """The same actions as the zip file, in the same episode."""
     pytest.importorskip("stable_baselines3")
-    from dl2c.training.ppo import train
+    from dl2c.training.learning import train
     from dl2c.training.rollout import rollout
     from dl2c.training.run import Settings
 
-    settings = Settings(steps=64, n_envs=4, n_steps=16, batch_size=16, width=8)
+    settings = Settings(steps=64, n_envs=4, hyper={"n_steps": 16, "batch_size": 16, "net_arch": [8, 8]})
     train("example:watertank", directory=tmp_path, settings=settings, action_map="squash")
     runs = [
         list(rollout(str(path), "example:watertank", seed=4, max_episode_steps=40, action_map="squash"))

@@ -113,12 +113,13 @@ def test_a_trained_policy_can_be_read_back(
     toy: Any, algo: Any, counts: Any, inputs: int, tmp_path: Path
 ) -> None:
     pytest.importorskip("sb3_contrib")
+    from dl2c.training.learning import train
     from dl2c.training.plots import plot_curves, plot_trajectory
-    from dl2c.training.ppo import train
     from dl2c.training.run import Settings
 
     toy(counts, inputs)
-    small = Settings(steps=128, n_envs=4, n_steps=16, batch_size=32, n_epochs=1, width=8)
+    hyper = {"n_steps": 16, "batch_size": 32, "n_epochs": 1, "net_arch": [8, 8]}
+    small = Settings(steps=128, n_envs=4, hyper=hyper)
     seen: list[int] = []
     run = train(
         MODEL, algo, directory=tmp_path, settings=small, progress=lambda p: seen.append(p.steps), seed=1
@@ -134,7 +135,7 @@ def test_a_trained_policy_can_be_read_back(
 
 def test_maskable_ppo_refuses_continuous_actions(toy: Any, tmp_path: Path) -> None:
     pytest.importorskip("sb3_contrib")
-    from dl2c.training.ppo import train
+    from dl2c.training.learning import train
 
     toy((), 1)
     with pytest.raises(ValueError, match="discrete"):

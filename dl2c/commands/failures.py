@@ -19,6 +19,7 @@ from dl2c.native.errors import NativeError
 from dl2c.options import UnknownOption
 from dl2c.source import NOWHERE
 from dl2c.training.policies import PolicyError
+from dl2c.training.run import TrainingError
 from dl2c.version import __version__
 
 USER, BUG = 1, 70
@@ -26,7 +27,7 @@ USER, BUG = 1, 70
 
 COLOURS = {"error": "bold red", "warning": "bold yellow", "note": "cyan", "help": "green"}
 
-EXTRA = dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "matplotlib"), "train")
+EXTRA = dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "matplotlib", "yaml"), "train")
 EXTRA |= dict.fromkeys(("ray", "pyarrow"), "ray")
 """Which extra installs an optional library."""
 
@@ -41,7 +42,7 @@ def report(failure: BaseException) -> int:
         case CompileError(diagnostics=diagnostics):
             show(diagnostics)
             return USER
-        case NativeError() | UnknownOption() | PolicyError() | CommandError():
+        case NativeError() | UnknownOption() | PolicyError() | TrainingError() | CommandError():
             _line(str(failure))
             return USER
         case UnicodeDecodeError():

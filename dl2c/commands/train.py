@@ -1,56 +1,205 @@
 """`dl2c train`: train a policy and evaluate it."""
 
 import math
+import sys
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dl2c.commands.arguments import Model, Seed
-from dl2c.commands.completion import words
+from dl2c.commands.completion import models, words
 from dl2c.commands.failures import CommandError, to_json
 from dl2c.commands.flags import Json
+from dl2c.commands.verbosity import quiet
 from dl2c.commands.waiting import progress
+from dl2c.training.run import ALGORITHMS, Algorithm, Run, Settings
 
 if TYPE_CHECKING:
     from dl2c.training.evaluation import Evaluation
 
-Algorithm = Annotated[
-    str, typer.Option(help="ppo or maskable-ppo.", autocompletion=words("ppo", "maskable-ppo"))
+OUTPUT = Path("build/train")
+
+Model = Annotated[
+    str | None,
+    typer.Argument(
+        help="A .kyx file, or example:NAME; needed unless the configuration names one.",
+        show_default=False,
+        autocompletion=models,
+    ),
+]
+Algo = Annotated[
+    str | None, typer.Option(help=f"{', '.join(ALGORITHMS)}; default ppo.", autocompletion=words(*ALGORITHMS))
+]
+Config = Annotated[
+    Path | None, typer.Option(metavar="YAML", help="File with these settings; flags win over it.")
+]
+Hyper = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=VALUE", help="Hyperparameter of Stable-Baselines3, or net_arch. May be repeated."
+    ),
+]
+Resume = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="Go on with this training or checkpoint.")
 ]
 
 
+Steps = Annotated[int | None, typer.Option(min=1, help="Environment steps, in all.")]
+Environments = Annotated[int | None, typer.Option(min=1, help="Environments stepped together.")]
+Seed = Annotated[int | None, typer.Option(min=0, help="The same seed gives the same policy; default 0.")]
+Normalize = Annotated[
+    bool | None,
+    typer.Option("--normalize/--no-normalize", help="Normalise observations with VecNormalize."),
+]
+EvalEvery = Annotated[int | None, typer.Option(min=0, help="Steps between evaluations; 0: none.")]
+EvalEpisodes = Annotated[int | None, typer.Option(min=1, help="Episodes of each evaluation.")]
+CheckpointEvery = Annotated[int | None, typer.Option(min=0, help="Steps between checkpoints; 0: none.")]
+TensorBoard = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="Log for TensorBoard, if that is installed.")
+]
+Output = Annotated[
+    Path | None, typer.Option("-o", "--output", help=f"Folder for the results; default {OUTPUT}.")
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A training as configuration and flags ask for it together."""
+
+    model: str
+    algo: Algorithm
+    seed: int
+    output: Path
+    settings: Settings
+    options: Mapping[str, Any]
+    resume: Path | None
+    tensorboard: Path | None
+
+
 def train(
-    model: Model,
-    algo: Algorithm = "ppo",
-    steps: Annotated[int, typer.Option(min=1, help="Environment steps.")] = 400_000,
-    n_envs: Annotated[int, typer.Option(min=1, help="Environments stepped together.")] = 64,
-    seed: Seed = 0,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")] = Path(
-        "build/train"
-    ),
+    model: Model = None,
+    algo: Algo = None,
+    config: Config = None,
+    steps: Steps = None,
+    n_envs: Environments = None,
+    seed: Seed = None,
+    hyper: Hyper = None,
+    normalize: Normalize = None,
+    eval_every: EvalEvery = None,
+    eval_episodes: EvalEpisodes = None,
+    checkpoint_every: CheckpointEvery = None,
+    resume: Resume = None,
+    tensorboard: TensorBoard = None,
+    output: Output = None,
     json: Json = False,
     *,
     options: Mapping[str, Any],
 ) -> None:
-    """Train a policy; writes policy.zip, run.json and curve.png and evaluates the result."""
+    """Train a policy; writes it with run.json and curve.png to a folder, and evaluates the result.
+
+    Ctrl-C ends the training early and keeps what there is.
+    """
+    given = {
+        "model": model,
+        "algo": algo,
+        "steps": steps,
+        "n_envs": n_envs,
+        "seed": seed,
+        "output": output,
+        "normalize": normalize,
+        "eval_every": eval_every,
+        "eval_episodes": eval_episodes,
+        "checkpoint_every": checkpoint_every,
+        "tensorboard": tensorboard,
+    }
+    wanted = _wanted({k: v for k, v in given.items() if v is not None}, hyper or [], config, resume, options)
+    run = _trained(wanted)
+    _present(wanted, run, json)
+
+
+def _wanted(
+    flags: dict[str, Any],
+    hyper: list[str],
+    config: Path | None,
+    resume: Path | None,
+    options: Mapping[str, Any],
+) -> Wanted:
+    """Flags over the configuration over the training that is resumed."""
+    from dl2c.training.configured import read_configuration
+    from dl2c.training.hyper import parsed
+
+    asked = ({} if config is None else read_configuration(config)) | flags
+    asked["hyper"] = asked.get("hyper", {}) | parsed(hyper)
+    asked["options"] = asked.get("options", {}) | dict(options)
+    settings = Settings()
+    if resume is not None:
+        asked, settings = _resumed(asked, resume)
+    algo = asked.get("algo", "ppo")
+    if algo not in ALGORITHMS:
+        raise CommandError(f"no algorithm {algo!r}; there is {', '.join(ALGORITHMS)}")
+    if "model" not in asked:
+        raise CommandError("name a model: a .kyx file, or example:NAME")
+    names = ("steps", "n_envs", "normalize", "checkpoint_every", "threads")
+    names += ("eval_every", "eval_episodes", "eval_options")
+    changes = {name: asked[name] for name in names if name in asked}
+    return Wanted(
+        model=asked["model"],
+        algo=algo,
+        seed=asked.get("seed", 0),
+        output=Path(asked.get("output", resume or OUTPUT)),
+        settings=replace(settings, hyper=asked["hyper"], **changes),
+        options=asked["options"],
+        resume=resume,
+        tensorboard=Path(asked["tensorboard"]) if "tensorboard" in asked else None,
+    )
+
+
+def _resumed(asked: dict[str, Any], folder: Path) -> tuple[dict[str, Any], Settings]:
+    """What a training that goes on keeps: all but its length, and what is written how often."""
+    from dl2c.training.folders import read_run
+
+    earlier = read_run(folder).given
+    kept = {"algo": earlier.algo, "seed": earlier.seed, "hyper": dict(earlier.settings.hyper)}
+    kept |= {"n_envs": earlier.settings.n_envs, "normalize": earlier.settings.normalize}
+    changed = [k for k in kept if asked.get(k, kept[k]) not in (kept[k], {})]
+    if changed:
+        raise CommandError(f"a training goes on with its own {', '.join(changed)}; leave that out")
+    return asked | kept | {"options": dict(earlier.options) | asked["options"]}, earlier.settings
+
+
+def _trained(wanted: Wanted) -> Run:
+    from dl2c.training.hyper import complete
+    from dl2c.training.learning import train as learn
+
+    settings = complete(wanted.algo, wanted.settings)
+    with progress(settings.steps or 0) as note:
+        return learn(
+            wanted.model,
+            wanted.algo,
+            seed=wanted.seed,
+            directory=wanted.output,
+            settings=settings,
+            progress=note,
+            resume=wanted.resume,
+            tensorboard=wanted.tensorboard,
+            **wanted.options,
+        )
+
+
+def _present(wanted: Wanted, run: Run, json: bool) -> None:
     from dl2c.training.evaluation import evaluate
     from dl2c.training.plots import plot_curves
-    from dl2c.training.ppo import train as learn
-    from dl2c.training.run import Settings
 
-    if algo not in ("ppo", "maskable-ppo"):
-        raise CommandError(f"no algorithm {algo!r}; there is ppo, maskable-ppo")
-    settings = Settings(steps=steps, n_envs=n_envs)
-    with progress(steps) as note:
-        run = learn(model, algo, seed=seed, directory=output, settings=settings, progress=note, **options)
-    plot_curves({algo: [run.curve]}, output / "curve.png")
-    found = evaluate(run.policy, model, masked=algo == "maskable-ppo", **options)
-    print(
-        to_json({"policy": str(run.policy)} | asdict(found)) if json else f"{run.policy}: {_sentence(found)}"
-    )
+    plot_curves({wanted.algo: [run.curve]}, wanted.output / "curve.png")
+    masked = wanted.algo == "maskable-ppo"
+    found = evaluate(wanted.output, wanted.model, masked=masked, **wanted.options)
+    if run.interrupted and not quiet():
+        steps = run.curve[-1].steps if run.curve else 0
+        print(f"stopped after {steps} steps; --resume {wanted.output} goes on", file=sys.stderr)
+    data = {"policy": str(run.policy), "interrupted": run.interrupted} | asdict(found)
+    print(to_json(data) if json else f"{run.policy}: {_sentence(found)}")
 
 
 def _sentence(found: "Evaluation") -> str:

@@ -63,6 +63,10 @@ class Scaling:
     scale: Floats
     clip: float
 
+    def of(self, x: NDArray[Any]) -> Floats:
+        """What becomes of observations (n, nobs)."""
+        return np.clip((x - self.center) / self.scale, -self.clip, self.clip)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
@@ -87,7 +91,7 @@ class Network:
         """Logits or action values for observations (n, nobs)."""
         x = observations.astype(np.float64)
         for s in self.scalings:
-            x = np.clip((x - s.center) / s.scale, -s.clip, s.clip)
+            x = s.of(x)
         for layer in self.layers:
             x = FUNCTIONS[layer.activation](x @ layer.weight.T + layer.bias)
         return np.tanh(x) if self.bounded else x

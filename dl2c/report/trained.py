@@ -8,9 +8,7 @@ from typing import Any
 
 from dl2c.env.opening import Model, source_of
 from dl2c.source import Source
-
-TEXT = "model.kyx"
-"""The model's text as it was trained on, beside `run.json`."""
+from dl2c.training.folders import RUN, TEXT
 
 
 class RunError(Exception):
@@ -41,10 +39,10 @@ class Trained:
 
 def read_trained(folder: Path, model: Model | None = None) -> Trained:
     """Read a folder; `model` stands for the text where there is none. Raises `RunError`, `OSError`."""
-    if not (folder / "run.json").is_file():
-        raise RunError(f"{folder} holds no training: there is no run.json")
+    if not (folder / RUN).is_file():
+        raise RunError(f"{folder} holds no training: there is no {RUN}")
     try:
-        data: dict[str, Any] = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        data: dict[str, Any] = json.loads((folder / RUN).read_text(encoding="utf-8"))
         return Trained(
             folder=folder,
             source=_source(folder, str(data["model"]), model),

@@ -35,13 +35,15 @@ LESSONS: dict[str, Any] = {"on_blocked": "fallback", "blocked_penalty": -1000.0}
 GUARDS = Settings(
     steps=2_000_000,
     n_envs=256,
-    n_steps=8,
-    batch_size=256,
-    n_epochs=3,
-    learning_rate=3e-3,
-    gamma=0.01,
-    gae_lambda=0.0,
-    width=128,
+    hyper={
+        "n_steps": 8,
+        "batch_size": 256,
+        "n_epochs": 3,
+        "learning_rate": 3e-3,
+        "gamma": 0.01,
+        "gae_lambda": 0.0,
+        "net_arch": [128, 128],
+    },
 )
 """Long enough to find the guards. A request blocks or not at once, so nothing needs to look ahead."""
 
@@ -109,7 +111,7 @@ def _train_all() -> list[Trained]:
 
 
 def _train(algo: Algorithm, seed: int) -> Trained:
-    from dl2c.training.ppo import train
+    from dl2c.training.learning import train
 
     masked = algo == "maskable-ppo"
     settings = Settings(steps=65_536) if masked else GUARDS

@@ -1,7 +1,5 @@
 """Policies as functions from observations and masks to actions, for n environments at once."""
 
-import json
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias, assert_never
@@ -92,25 +90,18 @@ def data_policy(path: Path, code: Encoding, masked: bool) -> Policy:
 
 
 def saved_policy(path: Path, masked: bool) -> Policy:
-    """A policy that PPO or MaskablePPO saved; it acts deterministically. Raises `OSError`, `PolicyError`."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            data = json.loads(archive.read("data"))
-        maskable = str(data["policy_class"]["__module__"]).startswith("sb3_contrib")
-    except (KeyError, TypeError, zipfile.BadZipFile):
-        raise PolicyError(f"{path} is not a policy that Stable-Baselines3 saved") from None
-    if maskable:
-        from sb3_contrib import MaskablePPO
+    """A policy that Stable-Baselines3 saved, with the statistics of VecNormalize beside it if there are any;
+    it acts deterministically. Raises `OSError`, `PolicyError`.
+    """
+    from dl2c.training.saved import load_learner, scaling_saved, statistics_beside
 
-        maskable_ppo: Any = MaskablePPO
-        model = maskable_ppo.load(path, device="cpu")
-        if masked:
-            return lambda observations, masks: model.predict(
-                observations, deterministic=True, action_masks=masks
-            )[0]
-        return lambda observations, _: model.predict(observations, deterministic=True)[0]
-    from stable_baselines3 import PPO
+    algo, model = load_learner(path)
+    statistics, shape = statistics_beside(path), model.observation_space.shape
+    scaling = None if statistics is None else scaling_saved(statistics, shape[0])
 
-    ppo: Any = PPO
-    plain = ppo.load(path, device="cpu")
-    return lambda observations, _: plain.predict(observations, deterministic=True)[0]
+    def act(observations: NDArray[Any], masks: Masks) -> NDArray[Any]:
+        given = observations if scaling is None else scaling.of(observations).astype(observations.dtype)
+        kept = {"action_masks": masks} if masked and algo == "maskable-ppo" else {}
+        return model.predict(given, deterministic=True, **kept)[0]
+
+    return act

@@ -1,30 +1,41 @@
 """What goes into a training and what comes out of it, as data."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
-Algorithm: TypeAlias = Literal["ppo", "maskable-ppo"]
+if TYPE_CHECKING:
+    from dl2c.training.evaluation import Evaluation
+
+Algorithm: TypeAlias = Literal["ppo", "maskable-ppo", "sac"]
+ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
+
+
+class TrainingError(ValueError):
+    """A training that cannot be done as it is wanted; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """PPO's settings, in Stable-Baselines3's terms; `width` is the size of two hidden layers.
+    """How to train; None is the default of the algorithm (`dl2c.training.hyper`).
 
-    `threads` is torch's, for the whole process: networks this small are much quicker on one.
+    `hyper` holds hyperparameters by the names of Stable-Baselines3, and `net_arch`, `activation`,
+    `schedule`. With `normalize` observations are normalised by VecNormalize, whose statistics go on
+    changing; else by those of a random policy. Every `eval_every` steps the policy is evaluated in
+    `eval_episodes` episodes, in environments with `eval_options` over the other options; every
+    `checkpoint_every` steps all is saved; 0: never. `threads` is torch's, for the whole process: networks
+    this small are much quicker on one.
     """
 
-    steps: int = 400_000
-    n_envs: int = 64
-    n_steps: int = 128
-    batch_size: int = 1024
-    n_epochs: int = 6
-    learning_rate: float = 1e-3
-    gamma: float = 0.995
-    gae_lambda: float = 0.95
-    ent_coef: float = 0.003
-    width: int = 64
+    steps: int | None = None
+    n_envs: int | None = None
+    hyper: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    normalize: bool = False
+    eval_every: int = 0
+    eval_episodes: int = 100
+    eval_options: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    checkpoint_every: int = 0
     threads: int = 1
 
 
@@ -44,12 +55,37 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
+class Checked:
+    """An evaluation during the training, after so many steps."""
+
+    steps: int
+    found: "Evaluation"
+
+
+@dataclass(frozen=True, slots=True)
 class Run:
-    """A finished training: the saved policy and its learning curve."""
+    """A training: the saved policy, its learning curve, its evaluations, and how long it took so far."""
 
     policy: Path
     curve: tuple[Point, ...]
     seconds: float
+    evaluations: tuple[Checked, ...] = ()
+    interrupted: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What was asked for, complete: that of `run.json`, from which a training can go on."""
+
+    model: str
+    algo: Algorithm
+    seed: int
+    options: Mapping[str, Any]
+    settings: Settings
+
+    def content(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
 
 
 Progress: TypeAlias = Callable[[Point], None]

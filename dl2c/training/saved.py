@@ -1,4 +1,4 @@
-"""Policies of Stable-Baselines3 as data: PPO and MaskablePPO with a multilayer perceptron.
+"""Policies of Stable-Baselines3 as data: PPO, MaskablePPO and SAC with a multilayer perceptron.
 
 Torch and Stable-Baselines3 are imported when called. Loading a zip file or the statistics of VecNormalize
 executes code that they contain.
@@ -24,15 +24,18 @@ from dl2c.policy.network import (
     Scaling,
     checked,
 )
+from dl2c.training.hyper import constructor
+from dl2c.training.run import Algorithm
 
 STATISTICS = ("vecnormalize.pkl", "vec_normalize.pkl")
 """What VecNormalize's statistics are called beside a zip file."""
 
-MODULES = {
-    "stable_baselines3.common.policies": False,
-    "sb3_contrib.common.maskable.policies": True,
+MODULES: dict[str, Algorithm] = {
+    "stable_baselines3.common.policies": "ppo",
+    "sb3_contrib.common.maskable.policies": "maskable-ppo",
+    "stable_baselines3.sac.policies": "sac",
 }
-"""Where the policies that are understood come from, and whether they are masked."""
+"""Where the policies that are understood come from."""
 
 ACTIVATION: dict[str, Activation] = {
     "Identity": "identity",
@@ -58,7 +61,12 @@ def found_policy(path: Path) -> tuple[Path, Path | None]:
         raise PolicyError(f"there is no policy {path}")
     if path.suffix == ".json":
         return path, None
-    return path, next((p for p in (path.with_name(n) for n in STATISTICS) if p.exists()), None)
+    return path, statistics_beside(path)
+
+
+def statistics_beside(path: Path) -> Path | None:
+    """The statistics of VecNormalize that stand beside a zip file."""
+    return next((p for p in (path.with_name(n) for n in STATISTICS) if p.exists()), None)
 
 
 def load_policy(path: Path, statistics: Path | None, manifest: Manifest) -> NetworkPolicy:
@@ -68,11 +76,14 @@ def load_policy(path: Path, statistics: Path | None, manifest: Manifest) -> Netw
     """
     if path.suffix == ".json":
         return read_policy(path)
-    masked = _masked(path)
-    model: Any = _loaded(path, masked)
-    scalings = [] if statistics is None else [_normalisation(statistics, len(manifest.observations))]
+    algo, model = load_learner(path)
+    scalings = [] if statistics is None else [scaling_saved(statistics, len(manifest.observations))]
     return policy_data(
-        model, interface_of(manifest), manifest, [s for s in scalings if s is not None], masked
+        model,
+        interface_of(manifest),
+        manifest,
+        [s for s in scalings if s is not None],
+        algo == "maskable-ppo",
     )
 
 
@@ -86,7 +97,8 @@ def policy_data(
     return checked(NetworkPolicy(manifest.name, interface, network, masked, manifest.options))
 
 
-def _masked(path: Path) -> bool:
+def load_learner(path: Path) -> tuple[Algorithm, Any]:
+    """What Stable-Baselines3 saved to a zip file. Raises `PolicyError`, `OSError`."""
     try:
         with zipfile.ZipFile(path) as archive:
             data = json.loads(archive.read("data"))
@@ -94,41 +106,37 @@ def _masked(path: Path) -> bool:
     except (KeyError, TypeError, ValueError, zipfile.BadZipFile):
         raise PolicyError(f"{path} is not a policy that Stable-Baselines3 saved") from None
     if module not in MODULES:
-        raise PolicyError(f"{path} is of {module}; only PPO and MaskablePPO are understood")
-    return MODULES[module]
-
-
-def _loaded(path: Path, masked: bool) -> Any:
-    if masked:
-        from sb3_contrib import MaskablePPO as Algorithm
-    else:
-        from stable_baselines3 import PPO as Algorithm
-    algorithm: Any = Algorithm
+        raise PolicyError(f"{path} is of {module}; only PPO, MaskablePPO and SAC are understood")
+    algo = MODULES[module]
     try:
-        return algorithm.load(path, device="cpu")
+        return algo, constructor(algo).load(path, device="cpu")
     except Exception as problem:  # whatever the pickles inside raise
         raise PolicyError(f"{path} cannot be loaded: {type(problem).__name__}: {problem}") from None
 
 
-def _normalisation(path: Path, size: int) -> Scaling | None:
-    """The statistics of VecNormalize; None where it leaves observations as they are."""
+def scaling_of(normaliser: Any) -> Scaling | None:
+    """What VecNormalize does to observations; None where it leaves them as they are."""
+    if not normaliser.norm_obs:
+        return None
+    mean, variance = (np.asarray(a, np.float64) for a in (normaliser.obs_rms.mean, normaliser.obs_rms.var))
+    return Scaling(mean, np.sqrt(variance + normaliser.epsilon), float(normaliser.clip_obs))
+
+
+def scaling_saved(path: Path, size: int) -> Scaling | None:
+    """That of saved statistics, for so many observations. Raises `PolicyError`, `OSError`."""
     from stable_baselines3.common.save_util import load_from_pkl
 
     try:
         load: Any = load_from_pkl
-        saved: Any = load(path)
-        if not saved.norm_obs:
-            return None
-        mean, variance = (np.asarray(a, np.float64) for a in (saved.obs_rms.mean, saved.obs_rms.var))
-        scale = np.sqrt(variance + saved.epsilon)
-        clip = float(saved.clip_obs)
+        scaling = scaling_of(load(path))
     except OSError:
         raise
     except Exception as problem:
         raise PolicyError(f"{path} holds no statistics of VecNormalize: {problem}") from None
-    if mean.shape != (size,):
-        raise PolicyError(f"{path} normalises {mean.shape} numbers; the model shows {size} observations")
-    return Scaling(mean, scale, clip)
+    if scaling is not None and scaling.center.shape != (size,):
+        shape = scaling.center.shape
+        raise PolicyError(f"{path} normalises {shape} numbers; the model shows {size} observations")
+    return scaling
 
 
 def _fits(model: Any, interface: Interface) -> None:
@@ -164,14 +172,18 @@ def _network(policy: Any) -> tuple[list[Scaling], tuple[Layer, ...], bool]:
     """Scalings and layers of a policy, and whether its actions are squashed."""
     from torch import nn
 
-    shared = getattr(policy, "share_features_extractor", True)
-    extractor = policy.features_extractor if shared else policy.pi_features_extractor
+    actor = getattr(policy, "actor", None)
+    if actor is not None:
+        extractor, body, last = actor.features_extractor, actor.latent_pi, actor.mu
+    else:
+        shared = getattr(policy, "share_features_extractor", True)
+        extractor = policy.features_extractor if shared else policy.pi_features_extractor
+        body, last = getattr(getattr(policy, "mlp_extractor", None), "policy_net", None), policy.action_net
     scalings = _extracted(extractor)
-    body = getattr(getattr(policy, "mlp_extractor", None), "policy_net", None)
-    if not isinstance(body, nn.Sequential) or not isinstance(policy.action_net, nn.Linear):
+    if not isinstance(body, nn.Sequential) or not isinstance(last, nn.Linear):
         raise PolicyError(f"{type(policy).__name__} is no multilayer perceptron")
     layers: list[Layer] = []
-    for module in (*body, policy.action_net):
+    for module in (*body, last):
         name = type(module).__name__
         if isinstance(module, nn.Linear):
             layers.append(Layer(_numbers(module.weight), _numbers(module.bias), "identity"))
@@ -185,7 +197,7 @@ def _network(policy: Any) -> tuple[list[Scaling], tuple[Layer, ...], bool]:
 def _extracted(extractor: Any) -> list[Scaling]:
     from stable_baselines3.common.torch_layers import FlattenExtractor
 
-    from dl2c.training.ppo import Standardised
+    from dl2c.training.learning import Standardised
 
     match extractor:
         case Standardised():

@@ -1,0 +1,46 @@
+"""Studies of examples: pages that tell what the models say of themselves, and what was measured."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from dl2c.cli import app
+from dl2c.env.opening import source_of
+from dl2c.pipeline import resolve_options, step_model
+from dl2c.studies.catalogue import STUDIES, Study
+from dl2c.studies.page import ANNOTATED
+
+PREDICATE = re.compile(r"Bool (\w+)")
+
+
+@pytest.mark.parametrize("study", STUDIES, ids=lambda s: s.example)
+def test_a_page_shows_every_predicate_that_is_annotated(study: Study) -> None:
+    source = source_of(f"example:{study.example}")
+    model, _ = step_model(source, resolve_options({}))
+    shown = {name for text in ANNOTATED.findall(source.text) for name in PREDICATE.findall(text)}
+    assert shown == {p.name for p in model.predicates}
+    assert study.has_goal == ("on_success=terminate" in source.text)
+
+
+def test_a_study_is_a_page_with_curves_and_data(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    ran = CliRunner().invoke(app, ["study", "watertank", "--quick", "-o", str(tmp_path)])
+    assert ran.exit_code == 0, ran.output
+    folder = tmp_path / "watertank"
+    page = (folder / "page.md").read_text(encoding="utf-8")
+    results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    assert results["endured"] == {"steps": 800, "violations": 0}
+    assert [row["guarded"] for row in results["rows"]] == [True, True, False, False, False]
+    assert "curves.png" in page and (folder / "curves.png").stat().st_size > 10_000
+    for heading in ("# Water tank", "## What is proved", "## What is left to learn", "## What was found"):
+        assert heading in page
+    for row in results["rows"]:
+        assert f"| {row['policy']} | {'yes' if row['guarded'] else 'no'} |" in page
+
+
+def test_a_study_that_does_not_exist_is_said() -> None:
+    ran = CliRunner().invoke(app, ["study", "bouncing_ball"])
+    assert ran.exit_code == 1 and "static_safety" in str(ran.exception)
