@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo paper studies test test-slow test-target lint bench corpus sampling-report fuzz clean
+.PHONY: help demo paper studies test test-slow test-target lint docs bench corpus sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | paper | studies | test | test-slow | test-target | lint | bench | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | paper | studies | test | test-slow | test-target | lint | docs | bench | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -47,6 +47,12 @@ lint: $(READY)
 	$(BIN)/ruff check dl2c tests examples || status=1; \
 	$(BIN)/pyright --pythonpath $(BIN)/python || status=1; \
 	exit $$status
+
+# The pages to read are in build/docs.
+docs: $(READY)
+	@$(BIN)/python -c 'import furo, myst_parser, sphinx' 2>/dev/null || \
+	  $(BIN)/python -m pip install -q -c constraints.txt -e '.[docs]'
+	$(BIN)/python -m sphinx -W -q -b html -d build/docs/.doctrees docs build/docs
 
 bench: $(READY)
 	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000

@@ -47,7 +47,8 @@ app.add_typer(cache_app, name="cache")
 Stage = Annotated[
     str,
     typer.Option(
-        help="tree, expanded, ir, paths or c.", autocompletion=words("tree", "expanded", "ir", "paths", "c")
+        help="tree, expanded, ir, paths, c or gym.",
+        autocompletion=words("tree", "expanded", "ir", "paths", "c", "gym"),
     ),
 ]
 
@@ -189,6 +190,9 @@ def info(model: Model, json: Json = False, *, options: Mapping[str, Any]) -> Non
 def emit(
     model: Model,
     stage: Stage = "c",
+    pure_python: Annotated[
+        bool, typer.Option("--pure-python", help="With --stage gym: needs neither compiler nor dl2c.")
+    ] = False,
     json: Json = False,
     *,
     options: Mapping[str, Any],
@@ -198,7 +202,7 @@ def emit(
     from dl2c.pipeline import emit as emitted
     from dl2c.pipeline import resolve_options
 
-    text = emitted(source_of(model), stage, resolve_options(options))
+    text = emitted(source_of(model), stage, resolve_options(options), pure_python)
     print(to_json({"stage": stage, "text": text}) if json else text.rstrip("\n"))
 
 

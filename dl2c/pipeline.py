@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 ANY = (-LARGEST_STATE, LARGEST_STATE)
 """A default bound that limits nothing."""
 
-STAGES = ("tree", "expanded", "ir", "paths", "c")
+STAGES = ("tree", "expanded", "ir", "paths", "c", "gym")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +122,11 @@ def check_model(source: Source, options: Options) -> tuple[Diagnostic, ...]:
     return checked(source, options).warnings
 
 
-def emit(source: Source, stage: str, options: Options) -> str:
-    """One stage of the pipeline as text. Raises `CompileError`, `UnknownOption` for an unknown stage."""
+def emit(source: Source, stage: str, options: Options, pure_python: bool = False) -> str:
+    """One stage of the pipeline as text; of `gym` also the form that needs no compiler.
+
+    Raises `CompileError`, `UnknownOption` for an unknown stage.
+    """
     if stage not in STAGES:
         raise UnknownOption(f"no stage `{stage}`; the stages are {', '.join(STAGES)}")
     if stage == "tree":
@@ -140,9 +143,24 @@ def emit(source: Source, stage: str, options: Options) -> str:
         from dl2c.paths.printer import print_paths
 
         return print_paths(environment.paths)
+    if stage == "gym":
+        return _gymnasium_module(source, environment, pure_python)
     from dl2c.emit.model_c import model_sources
 
     return "\n".join(model_sources(environment).values())
+
+
+def _gymnasium_module(source: Source, environment: "Environment", pure_python: bool) -> str:
+    """The module of an environment, over its library or in plain Python."""
+    from dl2c.emit.gym_pure import pure_module
+    from dl2c.emit.gym_py import gym_module
+    from dl2c.emit.gym_refusal import refusals
+
+    if not pure_python:
+        return gym_module(environment, source)
+    if refused := refusals(environment):
+        raise CompileError(refused)
+    return pure_module(environment, source)
 
 
 def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:

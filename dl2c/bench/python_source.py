@@ -9,44 +9,10 @@ import math
 from collections.abc import Callable
 from typing import Any, assert_never
 
-from dl2c.ir.model import (
-    Add,
-    And,
-    Call,
-    Compare,
-    Comparison,
-    Div,
-    Formula,
-    Function,
-    Mul,
-    Neg,
-    Number,
-    Or,
-    Pow,
-    Sub,
-    Symbol,
-    Term,
-    Truth,
-)
+from dl2c.emit.python_expr import Writer, flat
+from dl2c.ir.model import And, Compare, Formula, Or, Symbol, Term, Truth
 
 PREFIX = {"variable": "X_", "constant": "P_", "input": "U_", "time": "tau_"}
-
-NAMES: dict[Function, str] = {
-    "abs": "abs",
-    "min": "least",
-    "max": "greatest",
-    "sqrt": "sqrt",
-    "exp": "exp",
-    "sin": "sin",
-    "cos": "cos",
-    "tan": "tan",
-    "arcsin": "arcsin",
-    "arctan": "atan",
-    "tanh": "tanh",
-    "pow": "pow",
-}
-
-OPERATORS: dict[Comparison, str] = {"=": "==", "!=": "!=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 
 
 def _divide(a: float, b: float) -> float:
@@ -77,13 +43,9 @@ NAMESPACE: dict[str, Any] = {
     "greatest": _greatest,
     "sqrt": _or_nan(math.sqrt),
     "exp": _or_nan(math.exp),
-    "sin": math.sin,
-    "cos": math.cos,
-    "tan": math.tan,
     "arcsin": _or_nan(math.asin),
-    "atan": math.atan,
-    "tanh": math.tanh,
-    "pow": _or_nan(math.pow),
+    "power": _or_nan(math.pow),
+    "math": math,
 }
 
 
@@ -92,49 +54,17 @@ def symbol_source(symbol: Symbol) -> str:
     return PREFIX[symbol.kind] + symbol.name
 
 
+WRITER = Writer(symbol_source)
+
+
 def term_source(term: Term) -> str:
-    """An expression for the value of a term."""
-    match term:
-        case Number(value):
-            return repr(float(value)) if value >= 0 else f"({float(value)!r})"
-        case Symbol():
-            return symbol_source(term)
-        case Neg(child):
-            return f"(-{term_source(child)})"
-        case Add(left, right):
-            return f"({term_source(left)} + {term_source(right)})"
-        case Sub(left, right):
-            return f"({term_source(left)} - {term_source(right)})"
-        case Mul(left, right):
-            return f"({term_source(left)} * {term_source(right)})"
-        case Div(left, Number(value)) if value != 0:
-            return f"({term_source(left)} / {float(value)!r})"
-        case Div(left, right):
-            return f"divide({term_source(left)}, {term_source(right)})"
-        case Pow(base, exponent):
-            return f"({term_source(base)} ** {exponent})"
-        case Call(function, args):
-            return f"{NAMES[function]}({', '.join(map(term_source, args))})"
-        case _:
-            assert_never(term)
+    """An expression for the value of a term, in parentheses."""
+    return f"({flat(WRITER.term(term))})"
 
 
 def formula_source(formula: Formula) -> str:
-    """An expression for the truth of a formula."""
-    match formula:
-        case Truth(value):
-            return str(value)
-        case Compare("!=", left, right):
-            a, b = term_source(left), term_source(right)
-            return f"({a} < {b} or {a} > {b})"
-        case Compare(op, left, right):
-            return f"({term_source(left)} {OPERATORS[op]} {term_source(right)})"
-        case And(children):
-            return f"({' and '.join(map(formula_source, children))})"
-        case Or(children):
-            return f"({' or '.join(map(formula_source, children))})"
-        case _:
-            assert_never(formula)
+    """An expression for the truth of a formula, in parentheses."""
+    return f"({flat(WRITER.formula(formula))})"
 
 
 def margin_source(formula: Formula) -> str:

@@ -1,9 +1,10 @@
-"""The only place where identifiers of generated C are made.
+"""The only place where identifiers of generated C and Python are made.
 
 A dL name keeps its letters and their case. dL allows `_` only at the end of a name or
 before its index, so every name made here that has `_` before a letter is new.
 """
 
+import keyword
 import re
 
 from dl2c.ir.model import Symbol
@@ -85,3 +86,18 @@ def file_stem(model_name: str) -> str:
     if stem.lower() in RUNTIME_FILES:
         stem = f"{stem}_model"
     return f"m{stem}" if stem[0].isdigit() else stem
+
+
+def python_attribute(name: str) -> str:
+    """What a variable or constant is called in generated Python."""
+    return f"{name}_v" if keyword.iskeyword(name) else name
+
+
+def python_value(symbol: Symbol) -> str:
+    """Where generated Python finds a value: in the state `s`; inputs and time are local variables."""
+    return symbol.name if symbol.kind in ("input", "time") else f"s.{python_attribute(symbol.name)}"
+
+
+def python_predicate(name: str, what: str = "holds") -> str:
+    """The function of a predicate: no dL name has `_` before a letter."""
+    return f"{what}_{name}"

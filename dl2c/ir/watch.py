@@ -5,7 +5,7 @@ continuously. The obligation `D -> P` of a @progress predicate P fails at the fi
 at which D holds, unless P held before, or holds then.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal
@@ -68,7 +68,7 @@ def watches_of(model: Model) -> tuple[Watch, ...]:
     """All watches of a model, in the order of its predicates."""
     last = not model.lead and flows_come_last(model.body)
     found: list[Watch] = []
-    least = {c.name: _smallest(c.bound, c.value) for c in model.constants}
+    least = _least_constants(model)
     for k, predicate in enumerate(model.predicates):
         exact, relaxed = (_guarded(f, least) for f in (predicate.formula, predicate.relaxed))
         if predicate.category == "safety" and model.continuous:
@@ -81,6 +81,16 @@ def watches_of(model: Model) -> tuple[Watch, ...]:
             plainly, at_end = (early, negation(predicate.due)) if last else (stays, TRUE)
             found.append(Watch(k, "obligation", stays, due, relaxed, plainly, at_end, False))
     return tuple(found)
+
+
+def surely_positive(model: Model) -> Callable[[Term], bool]:
+    """Whether a term is positive whatever the state, as a product of constants may be."""
+    least = _least_constants(model)
+    return lambda term: _least(term, least) >= SMALLEST
+
+
+def _least_constants(model: Model) -> dict[str, Fraction]:
+    return {c.name: _smallest(c.bound, c.value) for c in model.constants}
 
 
 def _guarded(formula: Formula, least: Mapping[str, Fraction]) -> Formula:

@@ -8,7 +8,7 @@ from typing import Any
 
 from dl2c.env.opening import Model, source_of
 from dl2c.source import Source
-from dl2c.training.folders import RUN, TEXT
+from dl2c.training.run import RUN, TEXT
 
 
 class RunError(Exception):

@@ -24,12 +24,11 @@ from dl2c.policy.files import write_policy
 from dl2c.source import Source
 from dl2c.training.evaluation import Estimate, Evaluation, evaluate
 from dl2c.training.hyper import constructor
-from dl2c.training.run import ALGORITHMS, Checked, Given, Point, Run, Settings, TrainingError
+from dl2c.training.run import ALGORITHMS, RUN, TEXT, Checked, Given, Point, Run, Settings, TrainingError
 from dl2c.training.saved import policy_data, scaling_of
 from dl2c.version import __version__
 
-POLICY, STATISTICS, BUFFER, RUN = "policy.zip", "vecnormalize.pkl", "replay_buffer.pkl", "run.json"
-TEXT = "model.kyx"
+POLICY, STATISTICS, BUFFER = "policy.zip", "vecnormalize.pkl", "replay_buffer.pkl"
 LIBRARIES = ("numpy", "gymnasium", "torch", "stable-baselines3", "sb3-contrib")
 
 

@@ -11,6 +11,9 @@ if TYPE_CHECKING:
 Algorithm: TypeAlias = Literal["ppo", "maskable-ppo", "sac"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
+RUN, TEXT = "run.json", "model.kyx"
+"""In the folder of a training: what was asked for and what came of it, and the text of the model."""
+
 
 class TrainingError(ValueError):
     """A training that cannot be done as it is wanted; the message says why."""

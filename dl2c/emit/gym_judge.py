@@ -1,0 +1,158 @@
+"""Predicates, rewards and the end of episodes in plain Python (semantics 6)."""
+
+from collections.abc import Iterator
+
+from dl2c.emit.cfile import place
+from dl2c.emit.gym_parts import condition, function
+from dl2c.emit.names import python_predicate
+from dl2c.emit.plan import Environment
+from dl2c.emit.python_expr import AND, OR, Bracketed, Expression, Writer, joined, statement
+from dl2c.ir.logic import relaxed
+from dl2c.ir.model import TRUE, And, Compare, Formula, Model, Or, Predicate, Trigger
+from dl2c.ir.printer import print_formula
+from dl2c.ir.watch import watches_of
+
+JUDGEMENT = '''\
+class Judgement(NamedTuple):
+    """What the predicates say of a step."""
+
+    reward: float
+    cost: int
+    ends: str
+    status: str
+    reason: str
+    undefined: bool
+'''
+
+
+def judge_functions(environment: Environment, writer: Writer) -> Iterator[str]:
+    """One function for each predicate, then what they say together."""
+    model = environment.model
+    for predicate in model.predicates:
+        where = f"{place(predicate.span)}  @{predicate.category} {predicate.name}"
+        body = statement("return ", written(predicate, model, writer), "", 4)
+        head = f"def {python_predicate(predicate.name)}(s: State) -> bool:"
+        yield function(head, f"{where}: {print_formula(predicate.formula)}", body)
+        if predicate.due is not None:
+            about = f"When {predicate.name} must hold at the latest."
+            yield condition(python_predicate(predicate.name, "due"), about, predicate.due, writer)
+    about = "What the model proves of every state."
+    yield condition("postcondition", about, model.postcondition or TRUE, writer)
+    yield from _watched(model)
+    yield _judged(model, writer)
+
+
+def written(predicate: Predicate, model: Model, writer: Writer) -> Expression:
+    """The predicate within its tolerance: `at_most(a, b)` for a <= b, where that says the same."""
+    if relaxed(predicate.formula, model.tolerance) != predicate.relaxed or model.tolerance == 0:
+        return writer.formula(predicate.relaxed)
+    return _tolerant(predicate.formula, writer)
+
+
+def _tolerant(formula: Formula, writer: Writer) -> Expression:
+    match formula:
+        case And(children):
+            return joined(AND, "and", [_tolerant(c, writer) for c in children])
+        case Or(children):
+            return joined(OR, "or", [_tolerant(c, writer) for c in children])
+        case Compare("=", left, right):
+            return Bracketed("equal", (writer.term(left), writer.term(right)))
+        case Compare("<" | ">" as op, left, right):
+            sides = (left, right) if op == "<" else (right, left)
+            return Bracketed("less", tuple(map(writer.term, sides)))
+        case Compare("<=" | ">=" as op, left, right):
+            sides = (left, right) if op == "<=" else (right, left)
+            return Bracketed("at_most", tuple(map(writer.term, sides)))
+        case _:
+            return writer.formula(formula)
+
+
+def _watched(model: Model) -> Iterator[str]:
+    """What is watched along motion: safety with whether a violation cuts it; obligations."""
+    safety: list[Expression] = []
+    obligations: list[Expression] = []
+    for watch in watches_of(model):
+        name = model.predicates[watch.predicate].name
+        holds = python_predicate(name)
+        if watch.kind == "safety":
+            safety.append(f'"{name}": ({holds}, {watch.cuts})')
+        else:
+            obligations.append(f'"{name}": ({python_predicate(name, "due")}, {holds})')
+    for table, entries in (("SAFETY", safety), ("OBLIGATIONS", obligations)):
+        head = f"{table}: dict[str, Any] = "
+        yield "\n".join(statement(head, Bracketed("", tuple(entries), "{}"))) + "\n"
+
+
+def _judged(model: Model, writer: Writer) -> str:
+    lines = ["    pays: list[float] = []"]
+    for predicate in model.predicates:
+        lines += _facts(predicate, model)
+        lines += _pays(predicate, writer)
+    costs = [f"(not {p.name}_holds)" for p in model.predicates if p.category == "safety"]
+    lines += [
+        f"    cost = {' + '.join(costs) if len(costs) > 1 else f'int{costs[0]}' if costs else '0'}",
+        "    reward = sum((x for x in pays if math.isfinite(x)), 0.0)",
+        "    undefined = not all(map(math.isfinite, pays))",
+        '    status = "none"',
+    ]
+    for condition_, trigger in _triggers(model, ending=False):
+        lines += [f"    if {condition_}:", f'        status = "{trigger.status}"']
+    for condition_, name, trigger in _endings(model):
+        result = f'Judgement(reward, cost, "{trigger.action}", "{trigger.status}", "{name}", undefined)'
+        lines += [f"    if {condition_}:", f"        return {result}"]
+    lines.append('    return Judgement(reward, cost, "", status, "", undefined)')
+    head = "def judged(s: State, failed: set[str], met: set[str], late: bool) -> Judgement:"
+    about = "Reward and end after a step; `failed` and `met` are what happened on the way."
+    return function(head, about, lines)
+
+
+def _facts(predicate: Predicate, model: Model) -> Iterator[str]:
+    name, holds = predicate.name, f"{python_predicate(predicate.name)}(s)"
+    watched = any(model.predicates[w.predicate] is predicate for w in watches_of(model))
+    on_the_way = f' and "{name}" not in failed' if predicate.category == "safety" and watched else ""
+    matters = (predicate.reward, predicate.penalty, predicate.on_success, predicate.on_failure)
+    if predicate.category == "safety" or any(part is not None for part in matters):
+        yield f"    {name}_holds = {holds}{on_the_way}"
+    if predicate.category == "progress" and predicate.on_failure is not None:
+        due = "late" if predicate.due is None else f"{python_predicate(name, 'due')}(s)"
+        yield f"    {name}_fails = not {name}_holds and {due}"
+        if watched:
+            yield f'    if "{name}" in failed | met:'
+            yield f'        {name}_fails = "{name}" in failed'
+
+
+def _pays(predicate: Predicate, writer: Writer) -> Iterator[str]:
+    for term, when in (
+        (predicate.reward, f"{predicate.name}_holds"),
+        (predicate.penalty, f"not {predicate.name}_holds"),
+        (predicate.shape, ""),
+    ):
+        if term is not None:
+            if when:
+                yield f"    if {when}:"
+            indent = 8 if when else 4
+            yield from statement("", Bracketed("pays.append", (writer.term(term),)), "", indent)
+
+
+def _triggers(model: Model, ending: bool) -> Iterator[tuple[str, Trigger]]:
+    for p in model.predicates:
+        for trigger, when in ((p.on_success, f"{p.name}_holds"), (p.on_failure, _fails(p))):
+            if trigger is not None and (trigger.action != "continue") == ending:
+                yield when, trigger
+
+
+def _fails(predicate: Predicate) -> str:
+    return f"{predicate.name}_fails" if predicate.category == "progress" else f"not {predicate.name}_holds"
+
+
+def _endings(model: Model) -> list[tuple[str, str, Trigger]]:
+    """The ends that predicates may bring, most important first."""
+    found: list[tuple[tuple[int, int, int, bool], str, str, Trigger]] = []
+    for k, p in enumerate(model.predicates):
+        for trigger, when in ((p.on_success, f"{p.name}_holds"), (p.on_failure, _fails(p))):
+            if trigger is not None and trigger.action != "continue":
+                status = ("failure", "success", "none").index(trigger.status)
+                category = ("safety", "progress", "stability").index(p.category)
+                rank = (status, category, k, trigger != p.on_failure)
+                found.append((rank, when, p.name, trigger))
+    return [(when, name, trigger) for _, when, name, trigger in sorted(found, key=lambda f: f[0])]
