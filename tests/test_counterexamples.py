@@ -33,7 +33,6 @@ from dl2c.report.falsify import Falsified, NothingToFalsify, falsify
 from dl2c.report.recording import Recorder, failures_to
 from dl2c.report.search import propose
 from dl2c.report.shrink import simpler
-from dl2c.source import Source
 
 HERE = Path(__file__).parent
 WALK = HERE / "good" / "walk.kyx"
@@ -165,7 +164,7 @@ def test_a_replay_finds_the_first_bit_that_differs() -> None:
 
 
 def test_the_condition_is_located(tmp_path: Path) -> None:
-    env = Recorder(dl2c.make(TANK, constants={"U": 0.6, "q": 0.05}), failures_to(tmp_path))
+    env = Recorder(dl2c.make(TANK), failures_to(tmp_path))
     env.reset(seed=1, options={"state": {"l": 5, "goal": 1, "u": 0, "t": 0, "U": 0.6, "q": 0.05}})
     ended = env.step([0.6])
     assert ended[4]["reason"] == "inTank"
@@ -242,7 +241,7 @@ def test_proposals_stay_within_limits() -> None:
     from dl2c.env.vector import Dl2cVectorEnv
     from dl2c.report.search import _space  # pyright: ignore[reportPrivateUsage]
 
-    source = Source("tank", TANK.read_text(encoding="utf-8"))
+    source = source_of(TANK)
     env = Dl2cVectorEnv(source, 2, autoreset_mode="Disabled", action_format="auto")
     space = _space(env, drawn_model(source, resolve_options({})), 50)
     attempts = propose(space, 64, None, np.random.default_rng(0))

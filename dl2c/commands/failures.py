@@ -27,8 +27,10 @@ USER, BUG = 1, 70
 
 COLOURS = {"error": "bold red", "warning": "bold yellow", "note": "cyan", "help": "green"}
 
-EXTRA = dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "matplotlib", "yaml"), "train")
-EXTRA |= dict.fromkeys(("ray", "pyarrow"), "ray")
+EXTRA: dict[str | None, str] = {
+    **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "matplotlib", "yaml"), "train"),
+    **dict.fromkeys(("ray", "pyarrow"), "ray"),
+}
 """Which extra installs an optional library."""
 
 

@@ -84,5 +84,5 @@ def _found(found: "Falsified", episode: "Episode", output: Path | None, json: bo
         return
     for condition in found.conditions:
         print(render(condition), end="\n\n")
-    print(f"found within {found.episodes} episodes; {steps} of its {found.steps} steps are left; ", end="")
+    print(f"found within {found.episodes} episodes: steps {steps}, before it was made small {found.steps};")
     print(f"replay it with `dl2c replay {path}`")

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from dl2c.source import Source
@@ -20,6 +21,11 @@ class Screen:
     def __init__(self, source: Source, options: Mapping[str, Any], mode: str, fps: int) -> None:
         from dl2c.pipeline import lowered_model, resolve_options
 
+        try:
+            import matplotlib  # noqa: F401 # whether it is there
+        except ImportError:
+            advice = "rendering needs matplotlib; install it with `pip install matplotlib`"
+            raise DependencyNotInstalled(advice) from None
         self._model = lowered_model(source, resolve_options(options))
         self._mode, self._fps = mode, fps
         self._track: Track | None = None

@@ -7,6 +7,7 @@ constants, or variables that have not changed.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -69,7 +70,8 @@ def constant_names(model: Model, track: Track) -> set[str]:
 def condition_text(atom: Compare) -> str:
     """A condition as the model has it; "" where that is long."""
     text = "" if atom.span == NOWHERE else " ".join(atom.span.text.split())
-    if text.startswith("(") and text.find(")") == len(text) - 1:
+    depths = list(accumulate((c == "(") - (c == ")") for c in text))
+    if text.startswith("(") and 0 not in depths[:-1]:
         text = text[1:-1]
     return text if len(text) <= LONGEST else ""
 

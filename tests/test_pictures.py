@@ -1,0 +1,163 @@
+"""What pictures show is what the model says, and any model can be drawn."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dl2c
+from dl2c.env.opening import source_of
+from dl2c.ir.arrays import margins, truths, values
+from dl2c.ir.evaluate import Undefined, evaluate, truth
+from dl2c.ir.logic import atoms
+from dl2c.ir.model import Model
+from dl2c.picture.figure import Panels, episode_figure, panels_of, pixels
+from dl2c.picture.regions import region
+from dl2c.picture.thresholds import deadline, thresholds
+from dl2c.picture.track import Track, events, symbols_at
+from dl2c.pipeline import lowered_model, resolve_options
+from dl2c.source import Source
+
+matplotlib = pytest.importorskip("matplotlib")
+matplotlib.use("Agg")
+
+
+def lowered(model: str, **options: Any) -> Model:
+    return lowered_model(source_of(model), resolve_options(options))
+
+
+def track(model: Model, times: list[float], values: Mapping[str, list[float]], end: str = "") -> Track:
+    """States with these values; everything else is 1."""
+    names = [*(v.name for v in model.variables), *(c.name for c in model.constants)]
+    rest = {c.name: float(c.value) for c in model.constants if c.value is not None}
+    states = tuple(
+        {n: values[n][k] if n in values else rest.get(n, 1.0) for n in names} for k in range(len(times))
+    )
+    blocked = tuple(k == 1 for k in range(len(times) - 1))
+    return Track(tuple(times), states, blocked, "success" if end else "none", end)
+
+
+@pytest.mark.parametrize("name", ["waypoint", "static_safety", "pendulum", "bouncing_ball"])
+@given(data=st.data())
+def test_arrays_agree_with_the_reference(name: str, data: st.DataObject) -> None:
+    """Terms to rounding, the truth of atoms away from their boundary."""
+    model = lowered(f"example:{name}")
+    numbers = st.floats(-50, 50) | st.sampled_from([0.0, 1.0])
+    state = {s: data.draw(numbers) for s in symbols_at(model, track(model, [0.0], {}).states[0])}
+    for predicate in model.predicates:
+        for atom in atoms(predicate.formula):
+            try:
+                sides = [float(evaluate(side, state)) for side in (atom.left, atom.right)]
+            except Undefined:
+                assert not truths(atom, state)
+                continue
+            found = [float(values(side, state)) for side in (atom.left, atom.right)]
+            assert found == pytest.approx(sides, rel=1e-9, abs=1e-9)
+            if not math.isclose(*sides, rel_tol=1e-9, abs_tol=1e-9):
+                assert bool(truths(atom, state)) == truth(atom, state) == (float(margins(atom, state)) > 0)
+
+
+def test_plot_chooses_the_panels() -> None:
+    assert panels_of(lowered("example:waypoint")) == Panels(("xr", "vr", "ar", "T"), (), ())
+    assert panels_of(lowered("example:static_safety")).phases == (("x", "y"),)
+    plain = source_of("example:waypoint").text.replace("plot=line, ", "")
+    assert panels_of(lowered(plain)).lines[:2] == ("xr", "vr")
+    counted = plain.replace('unit="m/s", def="velocity"', 'unit="m/s", plot=hist, def="velocity"')
+    assert panels_of(lowered(counted)) == Panels((), ("vr",), ())
+    single = plain.replace('unit="m/s", def="velocity"', 'unit="m/s", plot=scatter, def="velocity"')
+    assert panels_of(lowered(single)) == Panels(("vr",), (), ())
+
+
+def test_thresholds_stand_where_conditions_change() -> None:
+    tank = lowered("example:watertank")
+    seen = track(tank, [0, 1, 2], {"l": [1, 2, 3], "goal": [2.5] * 3})
+    found = {(t.text, round(t.value, 9)) for t in thresholds(tank, seen, "l", -0.5, 5.5)}
+    near = "abs(l - goal) <= 0.1"
+    assert found == {("0 <= l", 0.0), ("l <= m", 5.0), (near, 2.4), (near, 2.6)}
+
+
+def test_a_threshold_that_moves_is_not_drawn() -> None:
+    tank = lowered("example:watertank")
+    seen = track(tank, [0, 1, 2], {"l": [1, 2, 3], "goal": [2.5, 2.6, 2.5]})
+    assert {t.text for t in thresholds(tank, seen, "l", -0.5, 5.5)} == {"0 <= l", "l <= m"}
+
+
+def test_a_deadline_is_where_the_clock_runs_out() -> None:
+    waypoint = lowered("example:waypoint")
+    seen = track(waypoint, [0.0, 0.5, 1.5], {"T": [5.0, 4.5, 3.5]})
+    assert deadline(waypoint, seen) == pytest.approx(5.0)
+    irregular = track(waypoint, [0.0, 0.5, 1.5], {"T": [5.0, 4.9, 3.5]})
+    assert deadline(waypoint, irregular) is None
+
+
+def test_an_event_is_a_flow_that_ends_early() -> None:
+    waypoint = lowered("example:waypoint")
+    seen = track(waypoint, [0.0, 0.5, 0.7, 1.2], {"t": [0, 0.5, 0.2, 0.5], "ep": [0.5] * 4})
+    assert events(waypoint, seen) == [2]
+
+
+def test_unsafe_and_impossible_states_are_shaded() -> None:
+    acc = lowered("example:acc")
+    seen = track(acc, [0.0], {"d": [10.0]})
+    found = region(acc, seen, ("d", "v"), (-5.0, 5.0), (-5.0, 5.0))
+    columns, rows = np.meshgrid(found.x, found.y)
+    assert (found.safe == (columns > 0)).all()
+    assert (found.inside == (rows >= 0)).all()
+
+
+HOSTILE = source_of("example:waypoint").text.replace('"velocity"', r'"$\frac{1 _ <b> %s {0}"')
+
+
+@pytest.mark.parametrize(
+    "model", [HOSTILE, *(f"example:{n}" for n in ("acc", "static_safety", "thermostat"))]
+)
+@pytest.mark.parametrize("n", [1, 7])
+def test_every_picture_can_be_drawn(model: str, n: int) -> None:
+    ir = lowered(model)
+    changing = {v.name: [math.sin(k + i) for k in range(n)] for i, v in enumerate(ir.variables)}
+    tracks = [track(ir, [0.3 * k for k in range(n)], changing, "$end" if n > 1 else "")] * 2
+    picture = pixels(episode_figure(ir, tracks))
+    assert picture.dtype == np.uint8 and picture.shape[2] == 3 and picture.std() > 5
+
+
+def test_environments_render_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = gym.make("dl2c:dl2c/WaterTank-v0", render_mode="rgb_array")
+    env.reset(seed=1)
+    frames: list[Any] = [env.render()]
+    env.step(env.action_space.sample())
+    frames.append(env.render())
+    assert frames[0].shape == frames[1].shape and (frames[0] != frames[1]).any()
+    env.close()
+    monkeypatch.setattr("matplotlib.pyplot.pause", lambda seconds: None)
+    check_env(gym.make("dl2c:dl2c/WaterTank-v0", render_mode="rgb_array").unwrapped)
+
+
+def test_rendering_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("matplotlib.pyplot.pause", lambda seconds: None)
+    plain, shown = dl2c.make("example:watertank"), dl2c.make("example:watertank", render_mode="human")
+    for env in (plain, shown):
+        env.reset(seed=4)
+        env.step([0.2])
+    saved = shown.save()
+    assert plain.state == shown.state
+    shown.restore(saved)
+    assert shown.render() is None
+    shown.close()
+
+
+def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
+    with pytest.raises(gym.error.DependencyNotInstalled, match="matplotlib"):
+        dl2c.make("example:watertank", render_mode="rgb_array")
+
+
+def test_a_source_without_annotations_has_a_picture() -> None:
+    text = 'Theorem "t" ProgramVariables Real x; End. Problem x >= 0 -> [{x := x + 1;}*] x >= 0 End. End.\n'
+    ir = lowered_model(Source("t", text), resolve_options({}))
+    assert panels_of(ir).lines == ("x",)
