@@ -16,14 +16,15 @@ LAYERS = (
     *("version", "source", "diagnostics", "options", "configuration", "progress"),
     *("parse", "resolve", "ir", "interval", "paths", "smt", "sampling", "symbolic"),
     *("monitor", "policy", "emit"),
-    *("native", "pipeline", "env", "training", "lint", "bench", "report", "commands", "cli", "__main__"),
+    *("native", "pipeline", "env", "training", "ray"),
+    *("lint", "bench", "report", "commands", "cli", "__main__"),
 )
 """Everything in dl2c, in the order of the way through. A layer imports only what stands before it."""
 
 OWNERS = {"lark": "parse", "z3": "smt", "casadi": "symbolic", "cffi": "native"}
 """Libraries that one layer alone may import."""
 
-EXTRAS = {"matplotlib", "stable_baselines3", "sb3_contrib", "torch", "ray"}
+EXTRAS = {"matplotlib", "stable_baselines3", "sb3_contrib", "torch", "ray", "pyarrow"}
 EXTRAS_ARE_NEEDED = {"env/sb3.py", "training/ppo.py"}
 """Optional libraries, and the modules that are of no use without them: others import these lazily."""
 

@@ -26,8 +26,14 @@ USER, BUG = 1, 70
 
 COLOURS = {"error": "bold red", "warning": "bold yellow", "note": "cyan", "help": "green"}
 
-EXTRA = dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "matplotlib"), "train")
-EXTRA |= dict.fromkeys(("ray", "pyarrow"), "ray")
+EXTRA = {
+    "torch": "train",
+    "stable_baselines3": "train",
+    "sb3_contrib": "train",
+    "matplotlib": "train",
+    "ray": "ray",
+    "pyarrow": "ray",
+}
 """Which extra installs an optional library."""
 
 
