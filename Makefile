@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo paper studies test test-slow test-target lint docs bench corpus sampling-report fuzz clean
+.PHONY: help demo paper studies test test-slow test-target test-ray lint docs bench corpus sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | paper | studies | test | test-slow | test-target | lint | docs | bench | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | paper | studies | test | test-slow | test-target | test-ray | lint | docs | bench | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -42,6 +42,19 @@ test-target: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -q tests/test_target.py \
 	  tests/test_monitor_size.py tests/test_monitor_analysed.py
 
+# Sweeps over a cluster of Ray, RLlib and TorchRL, in .venv.ray: RLlib needs a Gymnasium of its own choice.
+RAY := .venv.ray/bin/python
+
+test-ray: .venv.ray/.ready
+	$(RAY) -m pytest -q tests/test_sweeps.py tests/test_ray.py tests/test_rllib.py tests/test_torchrl.py
+
+.venv.ray/.ready: pyproject.toml
+	@test -x $(RAY) || $(PYTHON) -m venv .venv.ray || \
+	  { rm -rf .venv.ray; echo "cannot make .venv.ray: install python3-venv" >&2; exit 1; }
+	$(RAY) -m pip install -q torch
+	$(RAY) -m pip install -q 'ray[rllib]>=2.40' torchrl hypothesis pytest -e '.[ray]'
+	@touch $@
+
 lint: $(READY)
 	@status=0; \
 	$(BIN)/ruff check dl2c tests examples || status=1; \
@@ -55,7 +68,8 @@ docs: $(READY)
 	$(BIN)/python -m sphinx -W -q -b html -d build/docs/.doctrees docs build/docs
 
 bench: $(READY)
-	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000
+	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000 \
+	  --require sb3_4096/infos4096=0.66
 	$(BIN)/dl2c bench examples/dubins.kyx --integrator cvodes --rtol 1e-6 --atol 1e-6 --require batch1024=30
 
 # What becomes of every public model, where these are at hand (../shared/corpus).
@@ -73,9 +87,9 @@ sampling-report: $(READY)
 	$(BIN)/python -m tests.sampling_report
 
 clean:
-	rm -rf .venv dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv.ray dist .pytest_cache .ruff_cache .hypothesis
 	find build -mindepth 1 ! -name README.md -delete
-	find . -name __pycache__ -not -path './.venv/*' -exec rm -rf {} +
+	find . -name __pycache__ -not -path './.venv*' -exec rm -rf {} +
 
 # torch comes first: stable-baselines3 would choose a version itself.
 $(READY): pyproject.toml constraints.txt

@@ -16,7 +16,7 @@ LAYERS = (
     *("version", "source", "diagnostics", "options", "configuration", "progress"),
     *("parse", "resolve", "ir", "interval", "paths", "smt", "sampling", "symbolic"),
     *("monitor", "policy", "emit"),
-    *("native", "pipeline", "picture", "env", "training", "lint", "bench", "paper", "studies", "report"),
+    *("native", "pipeline", "picture", "env", "training", "ray", "lint", "bench", "paper", "studies", "report"),
     *("commands", "cli", "__main__"),
 )
 """Everything in dl2c, in the order of the way through. A layer imports only what stands before it."""
@@ -24,7 +24,7 @@ LAYERS = (
 OWNERS = {"lark": "parse", "z3": "smt", "casadi": "symbolic", "cffi": "native"}
 """Libraries that one layer alone may import."""
 
-EXTRAS = {"matplotlib", "stable_baselines3", "sb3_contrib", "torch", "ray", "yaml"}
+EXTRAS = {"matplotlib", "stable_baselines3", "sb3_contrib", "torch", "ray", "pyarrow", "yaml"}
 EXTRAS_ARE_NEEDED = {"env/sb3.py", "training/learning.py", "training/callbacks.py", "report/callback.py"}
 """Optional libraries, and the modules that are of no use without them: others import these lazily."""
 
