@@ -113,7 +113,7 @@ def experiments(budget: Budget, folder: Path, note: Callable[[int, int], None]) 
     ends = [forced.forced(seed, n) for seed in budget.seeds]
     states = forced.initial_states(forced.MODEL, 20, forced.FIRST_SEED, **forced.STRICT)
     shown = forced.approach(max(states, key=lambda s: s["xo"] - s["x"]))
-    found = _all(_jobs(budget, folder), note)
+    found = _all(_jobs(budget, folder), budget.proper, note)
 
     def of(kind: str) -> list[Any]:
         return [found[name] for name in sorted(found) if name[0] == kind]
@@ -137,10 +137,14 @@ def _jobs(budget: Budget, folder: Path) -> dict[tuple[str, int], Job]:
     return jobs
 
 
-def _all(jobs: dict[tuple[str, int], Job], note: Callable[[int, int], None]) -> dict[tuple[str, int], Result]:
-    """The results of all jobs, which processes of their own work on."""
+def _all(
+    jobs: dict[tuple[str, int], Job], apart: bool, note: Callable[[int, int], None]
+) -> dict[tuple[str, int], Result]:
+    """The results of all jobs; processes of their own work on them, if it is worth to start these."""
     found: dict[tuple[str, int], Result] = {}
     note(0, len(jobs))
+    if not apart:
+        return {name: work(*arguments) for name, (work, arguments) in jobs.items()}
     with ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn")) as pool:
         running = {pool.submit(work, *arguments): name for name, (work, arguments) in jobs.items()}
         for done in as_completed(running):
