@@ -18,13 +18,12 @@ from dl2c.training.run import Settings
 FOLDER = Path("build/paper")
 
 GUARDS: dict[str, Any] = {
-    "n_steps": 8,
-    "batch_size": 256,
-    "n_epochs": 3,
-    "learning_rate": 3e-3,
-    "gamma": 0.01,
+    "n_steps": 16,
+    "batch_size": 1024,
+    "n_epochs": 4,
+    "learning_rate": 4e-3,
+    "gamma": 0.0,
     "gae_lambda": 0.0,
-    "net_arch": [128, 128],
 }
 """Whether a request blocks is known at once, so nothing needs to look ahead."""
 
@@ -61,7 +60,7 @@ FULL = Budget(
     plane=Settings(steps=10_000, n_envs=8, hyper=PAPER_PPO),
     masked=Settings(steps=65_536, eval_every=8_192, eval_options=waypoint.STRICT),
     unmasked=Settings(
-        steps=2_000_000, n_envs=256, hyper=GUARDS, eval_every=100_000, eval_options=waypoint.STRICT
+        steps=6_000_000, n_envs=512, hyper=GUARDS, eval_every=400_000, eval_options=waypoint.STRICT
     ),
 )
 
