@@ -1,9 +1,11 @@
 """Hyperparameters and configurations: what fits is taken, what does not is named with advice."""
 
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import REPOSITORY
 
 pytest.importorskip("sb3_contrib")
 
@@ -78,6 +80,16 @@ def test_a_configuration_is_read(tmp_path: Path) -> None:
     assert complete("sac", Settings(hyper=found["hyper"])).hyper["learning_rate"] == 1e-3
     path.write_text("", encoding="utf-8")
     assert read_configuration(path) == {}
+
+
+def test_the_configuration_of_the_readme_is_one(tmp_path: Path) -> None:
+    pytest.importorskip("yaml")
+    from dl2c.training.configured import read_configuration
+
+    (block,) = re.findall(r"^```yaml\n(.*?)^```", (REPOSITORY / "README.md").read_text("utf-8"), re.M | re.S)
+    (tmp_path / "c.yaml").write_text(block, encoding="utf-8")
+    found = read_configuration(tmp_path / "c.yaml")
+    assert complete(found["algo"], Settings(hyper=found["hyper"])).hyper["learning_rate"] == 4e-3
 
 
 @pytest.mark.parametrize(
