@@ -202,7 +202,8 @@ def test_train_writes_its_results(capsys: Any, model: str, tmp_path: Path) -> No
     assert code == 0
     assert out.startswith(f"{output / 'policy.zip'}: 200 episodes: success")
     assert {p.name for p in output.iterdir()} == {
-        *("policy.zip", "policy.json", "policy.npz", "run.json", "model.kyx", "curve.png")
+        *("policy.zip", "policy.json", "policy.npz", "vecnormalize.pkl"),
+        *("model.kyx", "run.json", "curve.png"),
     }
     code, _, err = run(capsys, "train", model, "--algo", "sarsa")
     assert code == 1 and "no algorithm" in err

@@ -18,13 +18,12 @@ from dl2c.training.run import Settings
 FOLDER = Path("build/paper")
 
 GUARDS: dict[str, Any] = {
-    "n_steps": 8,
-    "batch_size": 256,
-    "n_epochs": 3,
-    "learning_rate": 3e-3,
-    "gamma": 0.01,
+    "n_steps": 16,
+    "batch_size": 1024,
+    "n_epochs": 4,
+    "learning_rate": 4e-3,
+    "gamma": 0.0,
     "gae_lambda": 0.0,
-    "net_arch": [128, 128],
 }
 """Whether a request blocks is known at once, so nothing needs to look ahead."""
 
@@ -61,7 +60,7 @@ FULL = Budget(
     plane=Settings(steps=10_000, n_envs=8, hyper=PAPER_PPO),
     masked=Settings(steps=65_536, eval_every=8_192, eval_options=waypoint.STRICT),
     unmasked=Settings(
-        steps=2_000_000, n_envs=256, hyper=GUARDS, eval_every=100_000, eval_options=waypoint.STRICT
+        steps=6_000_000, n_envs=512, hyper=GUARDS, eval_every=400_000, eval_options=waypoint.STRICT
     ),
 )
 
@@ -113,7 +112,7 @@ def experiments(budget: Budget, folder: Path, note: Callable[[int, int], None]) 
     ends = [forced.forced(seed, n) for seed in budget.seeds]
     states = forced.initial_states(forced.MODEL, 20, forced.FIRST_SEED, **forced.STRICT)
     shown = forced.approach(max(states, key=lambda s: s["xo"] - s["x"]))
-    found = _all(_jobs(budget, folder), note)
+    found = _all(_jobs(budget, folder), budget.proper, note)
 
     def of(kind: str) -> list[Any]:
         return [found[name] for name in sorted(found) if name[0] == kind]
@@ -137,10 +136,14 @@ def _jobs(budget: Budget, folder: Path) -> dict[tuple[str, int], Job]:
     return jobs
 
 
-def _all(jobs: dict[tuple[str, int], Job], note: Callable[[int, int], None]) -> dict[tuple[str, int], Result]:
-    """The results of all jobs, which processes of their own work on."""
+def _all(
+    jobs: dict[tuple[str, int], Job], apart: bool, note: Callable[[int, int], None]
+) -> dict[tuple[str, int], Result]:
+    """The results of all jobs; processes of their own work on them, if it is worth to start these."""
     found: dict[tuple[str, int], Result] = {}
     note(0, len(jobs))
+    if not apart:
+        return {name: work(*arguments) for name, (work, arguments) in jobs.items()}
     with ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn")) as pool:
         running = {pool.submit(work, *arguments): name for name, (work, arguments) in jobs.items()}
         for done in as_completed(running):

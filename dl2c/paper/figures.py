@@ -68,7 +68,7 @@ UNITS = {"A": "m/s²", "b": "m/s²", "ep": "s"}
 
 
 def _profiles(results: Results, path: Path) -> None:
-    """One episode of a masked and of an unmasked policy, the second seed of each for nothing but variety."""
+    """One episode of a masked and of an unmasked policy."""
     figure, axes = _axes(3, 7.5)
     k = _telling(results.unmasked[-1])
     for run, colour, style in ((results.masked[-1], BLUE, "-"), (results.unmasked[-1], ORANGE, "--")):
@@ -89,7 +89,7 @@ def _profiles(results: Results, path: Path) -> None:
     axes[1].axhline(first["Vmax"], color=GREY, ls="-.", label=f"Vmax = {first['Vmax']:.1f} m/s")
     for axis in axes:
         axis.axvline(optimum, color=GREY, ls=":", label=f"optimum of the guards, {optimum:.1f} s")
-        axis.axvline(fastest, color=RED, ls=":", label=f"fastest run of the model, {fastest:.1f} s")
+        axis.axvline(fastest, color=RED, ls="--", lw=1, label=f"fastest run of the model, {fastest:.1f} s")
     axes[1].set_ylim(0, 1.9 * first["Vmax"])
     axes[1].legend(loc="upper center", fontsize="small", ncols=2)
     axes[2].set_ylim(bottom=0)

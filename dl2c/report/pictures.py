@@ -37,7 +37,9 @@ def episodes_of(
 ) -> list[Episode]:
     """Episodes of a policy. Arguments are those of `rollout`."""
     found: list[Episode] = []
-    rows = rollout(policy, model, episodes, seed, masked, around=lambda env: Recorder(env, found.append), **options)
+    rows = rollout(
+        policy, model, episodes, seed, masked, around=lambda env: Recorder(env, found.append), **options
+    )
     for _ in rows:
         pass
     return found

@@ -43,10 +43,10 @@ def read_configuration(path: Path) -> dict[str, Any]:
     """The settings of a YAML file. Raises `TrainingError` that says all that is wrong, and `OSError`."""
     import yaml
 
-    text = path.read_text(encoding="utf-8")
+    text, untyped = path.read_text(encoding="utf-8"), cast("Any", yaml)
     try:
         data: Any = yaml.safe_load(text)
-        root: Any = yaml.compose(text, Loader=yaml.SafeLoader)
+        root: Any = untyped.compose(text, Loader=yaml.SafeLoader)
     except yaml.YAMLError as problem:
         mark = getattr(problem, "problem_mark", None)
         place = f"{path}:{mark.line + 1}" if mark is not None else str(path)

@@ -2,8 +2,8 @@
 
 - `policy.zip` is the learner of Stable-Baselines3, `vecnormalize.pkl` the statistics of VecNormalize;
 - `policy.json` and `policy.npz` are the policy as data, which needs neither;
-- `run.json` says what was asked for, with the learning curve, the evaluations and the versions used;
-- `model.kyx` is the text of the model;
+- `model.kyx` is the model's text, and `run.json` says what was asked for, with the learning curve, the
+  evaluations and the versions used;
 - `replay_buffer.pkl` is SAC's memory, in the last state only;
 - `best/` is the state that did best in an evaluation, `checkpoints/<steps>/` those saved in between.
 
@@ -81,6 +81,7 @@ class Training:
 
     def _write(self, folder: Path, interrupted: bool) -> Run:
         folder.mkdir(parents=True, exist_ok=True)
+        (folder / TEXT).write_text(self.source.text, encoding="utf-8", errors="surrogateescape")
         self.learner.save(folder / POLICY)
         self.learner.get_vec_normalize_env().save(str(folder / STATISTICS))
         write_policy(self._data(), folder)

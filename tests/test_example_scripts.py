@@ -1,0 +1,32 @@
+"""The example programs run, with few steps."""
+
+import runpy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+FOLDER = Path(__file__).resolve().parent.parent / "examples"
+
+LAST_LINE = {
+    "train_ppo": "reach the goal area in time",
+    "train_maskable_ppo": ": ",
+    "train_torch": "steps/s",
+}
+STEPS = {"train_ppo": 4096, "train_maskable_ppo": 8192, "train_torch": 16384}
+
+
+def test_every_program_is_run() -> None:
+    assert {path.stem for path in FOLDER.glob("*.py")} == set(STEPS)
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_an_example_runs(name: str, capsys: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("sb3_contrib")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", [f"{name}.py", str(STEPS[name])])
+    runpy.run_path(str(FOLDER / f"{name}.py"), run_name="__main__")
+    said = capsys.readouterr().out.splitlines()
+    assert LAST_LINE[name] in said[-1]
+    if name != "train_ppo":
+        assert not [line for line in said if "violations" in line and "violations 0.0%" not in line]
