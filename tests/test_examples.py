@@ -30,6 +30,7 @@ KERNELS = dict.fromkeys(NAMES, POLYNOMIAL) | {
     "dubins": LINEAR,
     "thermostat": LINEAR,
     "static_safety": ("cvodes", "dx' depends on itself, directly or through other variables"),
+    "passive_safety": ("cvodes", "dx' depends on itself, directly or through other variables"),
     "pendulum": ("cvodes", "theta' depends on itself, directly or through other variables"),
 }
 

@@ -51,45 +51,50 @@ typedef struct dl2c_scratch {
 
 /*
  * Counters after a move that took so long. An episode stalls where its time stands still: at a Zeno
- * point durations get lost in rounding before they are zero, if they ever are.
+ * point durations get lost in rounding before they are zero, if they ever are. Environments that
+ * `moved` does not name keep theirs.
  */
-DL2C_INLINE void dl2c_count_lanes(int64_t count, const real *restrict duration,
-                                  real *restrict shown, real *restrict elapsed, real *restrict time,
+DL2C_INLINE void dl2c_count_lanes(int64_t count, const uint8_t *restrict moved,
+                                  const real *restrict duration, real *restrict shown,
+                                  real *restrict elapsed, real *restrict time,
                                   int64_t *restrict steps, int64_t *restrict stalled)
 {
   for (int64_t i = 0; i < count; i++) {
-    const real took = duration[i];
-    const real so_far = elapsed[i] + took;
-    stalled[i] = so_far > elapsed[i] ? 0 : stalled[i] + 1;
-    shown[i] = took;
-    elapsed[i] = so_far;
-    time[i] = so_far;
-    steps[i] += 1;
+    const int64_t all = -(int64_t)moved[i];
+    const real so_far = elapsed[i] + duration[i];
+    const int64_t still = so_far > elapsed[i] ? 0 : stalled[i] + 1;
+    shown[i] = dl2c_select(moved[i], duration[i], shown[i]);
+    time[i] = dl2c_select(moved[i], so_far, time[i]);
+    elapsed[i] = dl2c_select(moved[i], so_far, elapsed[i]);
+    stalled[i] ^= (stalled[i] ^ still) & all;
+    steps[i] -= all;
   }
 }
 
-DL2C_INLINE void dl2c_count(dl2c_batch *b, int64_t first, int64_t count, const real *duration)
+DL2C_INLINE void dl2c_count(dl2c_batch *b, int64_t first, int64_t count, const uint8_t *moved,
+                            const real *duration)
 {
-  dl2c_count_lanes(count, duration, b->out.duration + first, b->elapsed + first,
+  dl2c_count_lanes(count, moved, duration, b->out.duration + first, b->elapsed + first,
                    b->out.time + first, b->steps + first, b->stalled + first);
 }
 
-/* Takes over what lanes `lane` to `lane + count` did for environments from `at` on. */
-DL2C_INLINE void dl2c_commit(dl2c_batch *b, int64_t at, int64_t count, const dl2c_moves *moves,
-                             int64_t lane, uint8_t *attempt)
+/* Takes over what the lanes of a block did that moved. */
+DL2C_INLINE void dl2c_commit(dl2c_batch *b, int64_t first, int64_t count, const dl2c_moves *moves,
+                             const uint8_t *restrict moved)
 {
-  const size_t n = (size_t)count;
-  for (int k = 0; k < NX; k++)
-    memcpy(b->x + k * b->stride + at, moves->state + k * DL2C_BLOCK + lane, n * sizeof(real));
-  dl2c_decided_lanes(moves->path + lane, count, b->out.choices + at * NCHOICE,
-                     b->out.executed_choices + at * NCHOICE);
-  uint8_t *restrict blocked = b->out.blocked + at;
-  const uint8_t *restrict requested = moves->requested + lane;
+  for (int k = 0; k < NX; k++) {
+    real *restrict x = b->x + k * b->stride + first;
+    const real *restrict state = moves->state + k * DL2C_BLOCK;
+    for (int64_t i = 0; i < count; i++) x[i] = dl2c_select(moved[i], state[i], x[i]);
+  }
+  dl2c_decided_lanes(moves->path, count, b->out.choices + first * NCHOICE,
+                     b->out.executed_choices + first * NCHOICE);
+  uint8_t *restrict blocked = b->out.blocked + first;
+  const uint8_t *restrict requested = moves->requested;
   for (int64_t i = 0; i < count; i++) blocked[i] = !requested[i];
-  uint8_t *restrict reset = b->out.reset + at;
+  uint8_t *restrict reset = b->out.reset + first;
   for (int64_t i = 0; i < count; i++) reset[i] = 0;
-  for (int64_t i = 0; i < count; i++) attempt[i] = DL2C_RAN;
-  dl2c_count(b, at, count, moves->duration + lane);
+  dl2c_count(b, first, count, moved, moves->duration);
 }
 
 /* Shows what a run of environment i decided. */
@@ -145,7 +150,7 @@ static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch, int32
   (void)violated;
 #endif
   dl2c_show_run(b, i, moved ? &run : &start);
-  dl2c_count(b, i, 1, &duration);
+  dl2c_count(b, i, 1, &(uint8_t){1}, &duration);
   b->out.blocked[i] = run.left || !moved;
   if (!moved) return DL2C_NO_RUN;
   switch (run.failure) {
@@ -188,27 +193,23 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl
   uint8_t *restrict waited = s->waited;
   for (int64_t i = 0; i < count; i++) waited[i] = waits & ended[i];
   memset(s->watch, DL2C_WATCHING, sizeof s->watch);
+  uint8_t *restrict attempt = s->attempt;
+  for (int64_t i = 0; i < count; i++) attempt[i] = DL2C_RAN;
+  uint8_t moved[DL2C_BLOCK] = {0};
   if (DL2C_STEPS_IN_LANES) {
     dl2c_choose_lanes(b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE,
                       s->moves.path, s->moves.requested);
     dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, s->moves.path, s->moves.state,
                     s->moves.duration, s->moves.settled);
-    uint8_t odd = 0;
-    for (int64_t i = 0; i < count; i++) s->moves.settled[i] &= s->moves.requested[i] | falls_back;
-    for (int64_t i = 0; i < count; i++) odd |= (uint8_t)((s->moves.settled[i] == 0) | waited[i]);
-    if (!odd) {
-      dl2c_commit(b, first, count, &s->moves, 0, s->attempt);
-      return;
-    }
+    const uint8_t *restrict settled = s->moves.settled;
+    const uint8_t *restrict requested = s->moves.requested;
+    for (int64_t i = 0; i < count; i++)
+      moved[i] = settled[i] & !waited[i] & (requested[i] | falls_back);
+    dl2c_commit(b, first, count, &s->moves, moved);
   }
-  for (int64_t i = 0; i < count; i++) {
-    s->attempt[i] = DL2C_RAN;
-    if (s->waited[i]) continue;
-    if (DL2C_STEPS_IN_LANES && s->moves.settled[i])
-      dl2c_commit(b, first + i, 1, &s->moves, i, s->attempt + i);
-    else
-      s->attempt[i] = (uint8_t)dl2c_advance(b, first + i, s->watch + i, DL2C_VIOLATED(s, i));
-  }
+  for (int64_t i = 0; i < count; i++)
+    if (!moved[i] && !waited[i])
+      attempt[i] = (uint8_t)dl2c_advance(b, first + i, s->watch + i, DL2C_VIOLATED(s, i));
 }
 
 #endif

@@ -9,11 +9,13 @@ EXAMPLES = {
     "Waypoint": "waypoint",
     "StaticSafetyLine": "static_safety_line",
     "StaticSafety": "static_safety",
+    "PassiveSafety": "passive_safety",
     "ForcedAcceleration": "forced_acceleration",
     "BouncingBall": "bouncing_ball",
     "Pendulum": "pendulum",
     "Dubins": "dubins",
     "Acc": "acc",
+    "Etcs": "etcs",
     "WaterTank": "watertank",
     "Thermostat": "thermostat",
 }
