@@ -89,7 +89,8 @@ def test_an_unmasked_random_policy_tries_everything() -> None:
 def test_a_rollout_tells_every_step(toy: Any, counts: Any, inputs: int, tmp_path: Path) -> None:
     toy(counts, inputs)
     rows = list(rollout("random", MODEL, 3, seed=5))
-    assert all(tuple(row) == (*COLUMNS, "x", "k") for row in rows)
+    chosen = tuple(spec.key for spec in toy_manifest(counts, inputs).inputs)
+    assert all(tuple(row) == (*COLUMNS, "x", "k", *chosen) for row in rows) and len(chosen) == inputs
     assert [row["step"] for row in rows if row["episode"] == 1] == list(
         range(sum(row["episode"] == 1 for row in rows))
     )

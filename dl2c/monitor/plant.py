@@ -1,6 +1,6 @@
 """The model monitor: whether one run of a whole step explains two states.
 
-Comes in: a model whose flows are solved in closed form and show how long they took by a clock. Goes
+Comes in: a model whose flows are solved by polynomials of time and show how long they took by a clock. Goes
 out: one case per control path: the tests hold in the state before, and the state after lies on the
 solution, within the tolerance, at a time up to which the domain holds. A run's control may not choose
 a value for a variable that then moves: the state after does not show it.
@@ -77,7 +77,8 @@ def model_check(model: Model, tolerance: Tolerance) -> Check:
 def _solution(flow: Flow) -> Solution | Diagnostic:
     solution = solve(flow)
     if isinstance(solution, NotPolynomial):
-        return _none(flow.span, solution.reason, "the controller monitor needs no solution of the flow")
+        label = f"{solution.reason}, so that there is no solution polynomial in time"
+        return _none(flow.span, label, "the controller monitor needs no solution of the flow")
     if _clock(flow) is None:
         return _none(flow.span, "none of its variables shows how much time passed", "add a clock `t' = 1`")
     if problem := next((p for p in conjuncts(flow.watched) if not _is_watched(p, solution)), None):
