@@ -36,7 +36,7 @@ test-target: $(READY)
 
 lint: $(READY)
 	@status=0; \
-	$(BIN)/ruff check dl2c tests examples || status=1; \
+	$(BIN)/ruff check dl2c tests examples docs || status=1; \
 	$(BIN)/pyright --pythonpath $(BIN)/python || status=1; \
 	exit $$status
 
