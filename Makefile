@@ -57,14 +57,12 @@ test-ray: .venv.ray/.ready
 
 lint: $(READY)
 	@status=0; \
-	$(BIN)/ruff check dl2c tests examples || status=1; \
+	$(BIN)/ruff check dl2c tests examples docs || status=1; \
 	$(BIN)/pyright --pythonpath $(BIN)/python || status=1; \
 	exit $$status
 
 # The pages to read are in build/docs.
 docs: $(READY)
-	@$(BIN)/python -c 'import furo, myst_parser, sphinx' 2>/dev/null || \
-	  $(BIN)/python -m pip install -q -c constraints.txt -e '.[docs]'
 	$(BIN)/python -m sphinx -W -q -b html -d build/docs/.doctrees docs build/docs
 
 bench: $(READY)
@@ -97,5 +95,5 @@ $(READY): pyproject.toml constraints.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv || \
 	  { rm -rf .venv; echo "cannot make .venv: install python3-venv" >&2; exit 1; }
 	$(BIN)/python -m pip install -q -c constraints.txt torch
-	$(BIN)/python -m pip install -q -c constraints.txt -e '.[train,dev]'
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[train,dev,docs]'
 	@touch $@

@@ -129,6 +129,8 @@ def emit(source: Source, stage: str, options: Options, pure_python: bool = False
     """
     if stage not in STAGES:
         raise UnknownOption(f"no stage `{stage}`; the stages are {', '.join(STAGES)}")
+    if pure_python and stage != "gym":
+        raise UnknownOption("`--pure-python` goes with `--stage gym`")
     if stage == "tree":
         archive, _ = parse_archive(source)
         return print_archive(archive)

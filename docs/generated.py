@@ -28,8 +28,8 @@ def options() -> str:
             continue
         values = getattr(field.type, "__args__", ())
         listed = ", ".join(f"`{v}`" for v in values if isinstance(v, str))
-        help_text = HELP.get(field.name, "Fixes constants by name: `--set NAME=VALUE`.")
-        rows.append(f"| `{field.name}` | {listed} | {_default(field.name)} | {help_text} |")
+        help_text = HELP.get(field.name, "Fixes constants by name (`--set NAME=VALUE`).")
+        rows.append(f"| `{field.name}` | {listed} | {_default(field.name)} | {_plain(help_text)} |")
     return "\n".join(["| option | values | default | meaning |", "| --- | --- | --- | --- |", *rows])
 
 
@@ -56,9 +56,14 @@ def _commands(group: Any, prefix: str) -> Iterator[str]:
             yield from _commands(command, f"{prefix} {name}")
             continue
         about = inspect.cleandoc(command.help or "").replace("\n", " ")
-        rows = [f"| {_written(p)} | {p.help or ''} |" for p in command.params if _own(p)]
+        rows = [f"| {_written(p)} | {_plain(p.help or '')} |" for p in command.params if _own(p)]
         table = ["| argument | meaning |", "| --- | --- |", *rows] if rows else []
         yield "\n".join([f"## {prefix} {name}", "", about, "", *table])
+
+
+def _plain(text: str) -> str:
+    """Text in which nothing is taken for markup."""
+    return text.replace("<", "&lt;").replace("|", "&#124;")
 
 
 def _own(parameter: Any) -> bool:

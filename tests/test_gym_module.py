@@ -23,6 +23,7 @@ EXAMPLES = HERE.parent / "examples"
 WAYPOINT = EXAMPLES / "waypoint.kyx"
 SUPPORTED = sorted(path for path in EXAMPLES.glob("*.kyx") if path.stem != "static_safety")
 SMALL = EXAMPLES / "rewards" / "deadline.kyx"
+QUICK = ("acc", "dubins", "waypoint")
 NUMERIC = ("dubins", "pendulum", "thermostat")
 
 
@@ -129,7 +130,10 @@ def executed(info: dict[str, Any]) -> list[Any]:
     return [action[key] for key in sorted(action)] if isinstance(action, dict) else [action]
 
 
-@pytest.mark.parametrize("path", SUPPORTED, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=[] if p.stem in QUICK else [pytest.mark.slow], id=p.stem) for p in SUPPORTED],
+)
 def test_plain_python_agrees_with_compiled_code(path: Path, tmp_path: Path) -> None:
     """From the same state the same action has the same outcome."""
     module = imported(text_of(path, True), tmp_path)
@@ -161,3 +165,59 @@ def test_what_plain_python_cannot_do_is_refused_with_its_place() -> None:
     assert all(d.span.source.name.endswith("static_safety.kyx") for d in refused.value.diagnostics)
     labels = {d.label for d in refused.value.diagnostics}
     assert {"chance decides some of this step", "an equality that decides an input"} <= labels
+
+
+TRAPS = {
+    "strict": ("x' = 1 & x < 1 & t <= 1", "x >= -1 & x < 1"),
+    "graze": ("x' = v, v' = 2 & x >= 0 & t <= 3", "x >= 0 & x <= 2 & v >= -3 & v <= 0"),
+    "cases": ("x' = v & (abs(x) <= 1 | x >= 2) & t <= 3", "abs(x) <= 1 & v >= -1 & v <= 1"),
+    "cubic": ("x' = y, y' = v, v' = 1 & x <= 1 & t <= 4", "x <= 1 & x >= -1 & abs(y) <= 2 & abs(v) <= 2"),
+    "square": ("x' = -x^2 & x >= 0.5 & t <= 3", "x >= 0.5 & x <= 2"),
+    "sine": ("x' = cos(y), y' = 1 & x <= 1 & t <= 4", "x <= 1 & x >= 0 & abs(y) <= 2"),
+}
+"""Motions with their domains, and where they begin: bounds that are touched, met at once, or open."""
+
+TRAP = """ArchiveEntry "Trap"
+Definitions
+  /* @safety: penalty=-1, on_failure=continue:failure */
+  Bool low(Real x) <-> x^2 <= 0.64 | x <= 0;
+End.
+ProgramVariables
+  /* @var: bound=[-9:9] */
+  Real x;
+  /* @var: bound=[-9:9] */
+  Real y;
+  /* @var: bound=[-9:9] */
+  Real v;
+  Real t;
+End.
+Problem
+  PRECONDITION -> [{ t := 0; {t' = 1, FLOW} }*] low(x)
+End.
+End.
+"""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in ("strict", "sine") else []) for n in TRAPS]
+)
+def test_boundaries_are_met_as_in_compiled_code(name: str, tmp_path: Path) -> None:
+    """Every third state has halves only, so that boundaries are touched and left from exactly."""
+    flow, precondition = TRAPS[name]
+    text = TRAP.replace("FLOW", flow).replace("PRECONDITION", precondition)
+    module = imported(emit(Source("trap.kyx", text), "gym", resolve_options({}), True), tmp_path)
+    pure, compiled = environment_of(module)(), dl2c.make(text)
+    left_early = 0
+    for seed in range(60):
+        pure.reset(seed=seed)
+        state = {k: round(2 * v) / 2 if seed % 3 == 0 else float(v) for k, v in vars(pure.state).items()}
+        if not module.precondition(module.State(**state)):
+            continue
+        pure.reset(options={"state": state})
+        compiled.reset(seed=seed, options={"state": state})
+        *_, info = pure.step(0)
+        *_, other = compiled.step(0)
+        assert (info["cost"], info["reason"]) == (other["cost"], other["reason"])
+        assert vars(pure.state) == pytest.approx(compiled.state, abs=1e-7)
+        left_early += info["duration"] < 0.9
+    assert left_early

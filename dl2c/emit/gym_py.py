@@ -25,9 +25,6 @@ def gym_module(environment: Environment, source: Source) -> str:
     """The module of a model with this text."""
     model = environment.model
     name = class_name(model)
-    docstring = "\n".join(f"    {line}" if line else "" for line in sections(environment, ARGUMENTS))
-    options = [f'    "{option}": {_quoted(value)},\n' for option, value in _chosen(environment.options)]
-    given = "{\n" + "".join(options) + "}" if options else "{}"
     return f'''"""{headline(model)}
 
 Written by dl2c {environment.version} from {file_name(source)}. Importing this module compiles nothing;
@@ -45,7 +42,7 @@ ID = "{name.removesuffix("Env")}-v0"
 class {name}(Dl2cEnv):
     """{headline(model)}
 
-{docstring}
+{_sections(environment)}
     """
 
     def __init__(
@@ -60,10 +57,19 @@ def register(identifier: str = ID, **arguments: Any) -> None:
     gym.register(identifier, entry_point={name}, kwargs=arguments)
 
 
-OPTIONS: dict[str, Any] = {given}
+OPTIONS: dict[str, Any] = {_options(environment.options)}
 
 MODEL = {_literal(source.text)}
 '''
+
+
+def _sections(environment: Environment) -> str:
+    return "\n".join(f"    {line}" if line else "" for line in sections(environment, ARGUMENTS))
+
+
+def _options(options: Options) -> str:
+    entries = [f'    "{option}": {_quoted(value)},\n' for option, value in _chosen(options)]
+    return "{\n" + "".join(entries) + "}" if entries else "{}"
 
 
 def _chosen(options: Options) -> list[tuple[str, object]]:
