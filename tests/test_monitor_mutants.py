@@ -55,7 +55,15 @@ from dl2c.monitor.plant import model_check
 from dl2c.smt.query import Impossible, Oracle
 
 EXAMPLES = sorted(p.stem for p in (REPOSITORY / "examples").glob("*.kyx"))
-CLOSED_FORM = ("acc", "bouncing_ball", "forced_acceleration", "static_safety_line", "watertank", "waypoint")
+CLOSED_FORM = (
+    "acc",
+    "bouncing_ball",
+    "etcs",
+    "forced_acceleration",
+    "static_safety_line",
+    "watertank",
+    "waypoint",
+)
 EXACT = Tolerance(Fraction(0))
 OFF = Fraction(101, 100)
 
