@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, assert_never
 
+from dl2c.ir.logic import conjunction, disjunction
 from dl2c.ir.model import (
     Add,
     And,
@@ -29,6 +30,8 @@ from dl2c.ir.model import (
 from dl2c.monitor.check import Check, after
 
 Row = Sequence[float]
+Pairs = Sequence[tuple[int, int]]
+NOTHING: Mapping[Symbol, Term] = {}
 
 OPERATORS = {"=": "==", "<": "<", "<=": "<=", ">": ">", ">=": ">=", "!=": "!="}
 
@@ -102,8 +105,21 @@ def exact_check(model: Model, check: Check) -> Callable[[Row], bool]:
     given = [Symbol(v.name, "variable") for v in model.variables]
     given += [after(v.name) for v in model.variables] if check.transition else []
     given += [Symbol(c.name, "constant") for c in model.constants if c.value is None]
-    numbers = {symbol: k for k, symbol in enumerate(given)}
     fixed = {Symbol(c.name, "constant"): Number(c.value) for c in model.constants if c.value is not None}
+    cases = (conjunction(c.formula for c in case.conditions) for case in check.cases)
+    whole = exact_formula(disjunction(cases), given, fixed)
+
+    def holds(row: Row) -> bool:
+        return whole([value.as_integer_ratio() for value in row])
+
+    return holds
+
+
+def exact_formula(
+    formula: Formula, given: Sequence[Symbol], fixed: Mapping[Symbol, Term] = NOTHING
+) -> Callable[[Pairs], bool]:
+    """Whether a formula holds of values of the symbols `given`, numerator and denominator each."""
+    numbers = {symbol: k for k, symbol in enumerate(given)}
     atoms: dict[Formula, str] = {}
     texts: list[str] = []
 
@@ -127,12 +143,17 @@ def exact_check(model: Model, check: Check) -> Callable[[Row], bool]:
             case _:
                 assert_never(formula)
 
-    cases = [" and ".join([called(c.formula) for c in case.conditions] or ["True"]) for case in check.cases]
-    whole = " or ".join(f"({case})" for case in cases) or "False"
+    whole = called(formula)
     made: dict[str, Any] = {}
     exec("\n".join([*texts, f"def whole(row): return {whole}"]), made)
+    return made["whole"]
 
-    def holds(row: Row) -> bool:
-        return bool(made["whole"]([value.as_integer_ratio() for value in row]))
 
-    return holds
+def exact_term(term: Term, given: Sequence[Symbol]) -> Callable[[Pairs], tuple[int, int] | bool]:
+    """Numerator and denominator of a term; False where it has no value."""
+    lines = _Lines({symbol: k for k, symbol in enumerate(given)}, NOTHING)
+    name = lines.term(term)
+    body = "\n    ".join([*lines.lines, f"return n{name}, d{name}"])
+    made: dict[str, Any] = {}
+    exec(f"def value(row):\n    {body}\n", made)
+    return made["value"]

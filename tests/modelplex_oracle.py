@@ -12,8 +12,9 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+from exact_truth import exact_formula, exact_term
+
 from dl2c.diagnostics import CompileError
-from dl2c.ir.evaluate import evaluate, truth
 from dl2c.ir.logic import conjunction, conjuncts, delta, disjunction, mapped, substituted, symbols
 from dl2c.ir.model import ZERO, Add, Compare, Formula, Model, Or, Symbol
 from dl2c.monitor.check import Tolerance, after
@@ -25,8 +26,6 @@ from dl2c.smt.query import Impossible, Oracle
 from dl2c.source import Source
 
 ROOTS = ("LS-Lab__KeYmaeraX-release", "LS-Lab__KeYmaeraX-release@history", "LS-Lab__KeYmaeraX-projects")
-
-SAMPLES = 3000
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +81,10 @@ def _files(corpus: Path, source: str) -> list[Path]:
     return hits[:1]
 
 
-def verdict(expected: Expectation, seconds: float = 5.0) -> str:
-    """`equivalent` as proved, `agree` on many states, `different`, `undecided`; or why there is none."""
+def verdict(expected: Expectation, seconds: float = 5.0, samples: int = 3000) -> str:
+    """`equivalent` as proved, `agree` on so many states where Z3 gives up, `different`, `undecided`; or why
+    there is none.
+    """
     try:
         model = lowered_model(Source.read(expected.path), Options(entry=expected.entry))
     except CompileError as refused:
@@ -101,30 +102,43 @@ def verdict(expected: Expectation, seconds: float = 5.0) -> str:
         oracle.exists([ours], [Impossible((), theirs)]).verdict,
     }
     if "unknown" in answers and "yes" not in answers:
-        return _sampled(theirs, ours, random.Random(1))
+        return _sampled(theirs, ours, samples, random.Random(1))
     return "different" if "yes" in answers else "equivalent"
 
 
-def _sampled(theirs: Formula, ours: Formula, rng: random.Random) -> str:
-    """`agree` or `different` on many exact states around those that a case of ours explains; `undecided`
+def _sampled(theirs: Formula, ours: Formula, samples: int, rng: random.Random) -> str:
+    """`agree` or `different` on exact states around those that a case of ours explains; `undecided`
     where too few satisfy either.
     """
     used = sorted(symbols(theirs, ours), key=lambda s: (s.kind, s.name))
+    said, meant = exact_formula(theirs, used), exact_formula(ours, used)
+    cases = [_solved(case, used) for case in (ours.children if isinstance(ours, Or) else (ours,))]
     satisfied = 0
-    for _ in range(SAMPLES):
-        env: dict[Symbol, Any] = {s: Fraction(rng.randint(-6, 6), 2) for s in used}
-        env |= {s: abs(env[s]) or Fraction(1) for s in env if s.kind == "constant"}
-        case = rng.choice(ours.children) if isinstance(ours, Or) else ours
-        for part in sorted(conjuncts(case), key=lambda c: any(s.kind == "input" for s in symbols(c))):
-            if isinstance(part, Compare) and part.op == "=" and isinstance(part.left, Symbol):
-                env[part.left] = evaluate(part.right, env, exact=True)
+    for _ in range(samples):
+        row = [(rng.randint(-6, 6), 2) for _ in used]
+        row = [
+            (abs(n) or d, d) if s.kind == "constant" else (n, d) for s, (n, d) in zip(used, row, strict=True)
+        ]
+        for k, right in rng.choice(cases):
+            if isinstance(value := right(row), tuple):
+                row[k] = Fraction(*value).as_integer_ratio()
         if rng.random() < 0.5:
-            env[rng.choice(used)] = rng.choice(list(env.values()))
-        found = truth(theirs, env, exact=True)
-        if found != truth(ours, env, exact=True):
+            row[rng.randrange(len(row))] = rng.choice(row)
+        found = said(row)
+        if found != meant(row):
             return "different"
         satisfied += found
-    return "agree" if satisfied >= SAMPLES / 100 else "undecided"
+    return "agree" if satisfied >= samples / 100 else "undecided"
+
+
+def _solved(case: Formula, used: list[Symbol]) -> list[tuple[int, Any]]:
+    """What a case says that a value is equal to, those that depend on no state after first."""
+    parts = sorted(conjuncts(case), key=lambda c: any(s.kind == "input" for s in symbols(c)))
+    return [
+        (used.index(part.left), exact_term(part.right, used))
+        for part in parts
+        if isinstance(part, Compare) and part.op == "=" and isinstance(part.left, Symbol)
+    ]
 
 
 def equal_metric(formula: str, metric: str, seconds: float = 5.0) -> bool:

@@ -28,7 +28,15 @@ from dl2c.source import Source
 from dl2c.training.rollout import rollout
 
 EXAMPLES = sorted(p.stem for p in (REPOSITORY / "examples").glob("*.kyx"))
-CLOSED_FORM = {"acc", "bouncing_ball", "forced_acceleration", "static_safety_line", "watertank", "waypoint"}
+CLOSED_FORM = {
+    "acc",
+    "bouncing_ball",
+    "etcs",
+    "forced_acceleration",
+    "static_safety_line",
+    "watertank",
+    "waypoint",
+}
 STEPS = 2000
 
 Rows = list[dict[str, Any]]

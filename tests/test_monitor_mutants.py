@@ -55,13 +55,24 @@ from dl2c.monitor.plant import model_check
 from dl2c.smt.query import Impossible, Oracle
 
 EXAMPLES = sorted(p.stem for p in (REPOSITORY / "examples").glob("*.kyx"))
-CLOSED_FORM = ("acc", "bouncing_ball", "forced_acceleration", "static_safety_line", "watertank", "waypoint")
+CLOSED_FORM = (
+    "acc",
+    "bouncing_ball",
+    "etcs",
+    "forced_acceleration",
+    "static_safety_line",
+    "watertank",
+    "waypoint",
+)
 EXACT = Tolerance(Fraction(0))
 OFF = Fraction(101, 100)
 
 BRAKING = "(2 * b) + (A / b + 1.01) * (A / 2 * ep^2 + ep * v)"
+PASSIVE = "v^2 / (2 * b) + V * v / b + (A / b + 1.01) * (A / 2 * ep^2 + ep * (v + V))"
 EQUIVALENT = {
     "acc": {f"0: ?d + vl^2 / (2 * b) > v^2 / {BRAKING}"},
+    "etcs": {"0: ?m - z >= (v^2 - d^2) / (2 * b) + (A / b + 1.01) * (A / 2 * ep^2 + ep * v)"},
+    "passive_safety": {f"2: ?abs(x - xo) > {PASSIVE} | abs(y - yo) > {PASSIVE}"},
     "static_safety": {f"2: ?abs(x - xo) > v^2 / {BRAKING} | abs(y - yo) > v^2 / {BRAKING}"},
     "static_safety_line": {f"2: ?x + v^2 / {BRAKING} < xo"},
     "thermostat": {

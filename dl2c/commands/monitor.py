@@ -159,7 +159,7 @@ def _replayed(unit: "Unit", trace: Path) -> "tuple[list[Violation], int]":
     from dl2c.commands.trace import replayed, rows_of, unseen
 
     rows = rows_of(trace, unit)
-    if any(check.kind == "controller" for check in unit.monitor.checks):
+    if any(check.transition for check in unit.monitor.checks):
         show(unseen(unit.monitor.model, rows[0]))
     return replayed(unit, rows)
 
