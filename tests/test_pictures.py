@@ -146,6 +146,8 @@ def test_rendering_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
         env.step([0.2])
     saved = shown.save()
     assert plain.state == shown.state
+    assert plain.transition(plain.save(), [0.3])[1:3] == shown.transition(saved, [0.3])[1:3]
+    assert plain.state == shown.state
     shown.restore(saved)
     assert shown.render() is None
     shown.close()

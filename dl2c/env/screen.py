@@ -1,6 +1,7 @@
 """What an environment shows of its episode: an array of pixels, or a window. Needs matplotlib."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,6 +38,16 @@ class Screen:
 
         self._track = Track((0.0,), (dict(state),), ())
         self._show()
+
+    @contextmanager
+    def aside(self) -> Generator[None]:
+        """What the environment does meanwhile is not shown, and not part of the episode."""
+        kept = self._track, self._mode
+        self._mode = ""
+        try:
+            yield
+        finally:
+            self._track, self._mode = kept
 
     def watching(self, transition: Transition, state: Callable[[], Mapping[str, float]]) -> Transition:
         """A step that is seen here; `state` reads what it led to."""
