@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,11 +23,8 @@ class Screen:
     def __init__(self, source: Source, options: Mapping[str, Any], mode: str, fps: int) -> None:
         from dl2c.pipeline import lowered_model, resolve_options
 
-        try:
-            import matplotlib  # noqa: F401 # whether it is there
-        except ImportError:
-            advice = "rendering needs matplotlib; install it with `pip install matplotlib`"
-            raise DependencyNotInstalled(advice) from None
+        if find_spec("matplotlib") is None:
+            raise DependencyNotInstalled("rendering needs matplotlib: `pip install matplotlib`")
         self._model = lowered_model(source, resolve_options(options))
         self._mode, self._fps = mode, fps
         self._track: Track | None = None
