@@ -154,6 +154,13 @@ def test_the_search_learns_where_violations_are(monkeypatch: pytest.MonkeyPatch)
     assert search(NEEDLE, episodes=4000, seed=1).episode is None
 
 
+def test_names_without_bounds_are_searched_too() -> None:
+    """Only the assumptions limit `off`: the search moves it as far as the best attempts differ in it."""
+    text = NEEDLE.replace("off = 0 & n = 0", "off <= 1 & off >= 0 & n = 0")
+    text = text.replace('/* @var: bound=[0:100], def="how far the inputs have been off" */', "")
+    assert search(text, episodes=500, seed=1).episodes == 500
+
+
 @given(st.floats(-1e6, 1e6))
 def test_simpler_numbers_are_shorter(number: float) -> None:
     def length(x: float) -> int:

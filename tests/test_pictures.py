@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dl2c
@@ -44,6 +44,7 @@ def track(model: Model, times: list[float], values: Mapping[str, list[float]], e
 
 
 @pytest.mark.parametrize("name", ["waypoint", "static_safety", "pendulum", "bouncing_ball"])
+@settings(max_examples=20)
 @given(data=st.data())
 def test_arrays_agree_with_the_reference(name: str, data: st.DataObject) -> None:
     """Terms to rounding, the truth of atoms away from their boundary."""
