@@ -31,7 +31,7 @@ from dl2c.report.episode import (
 )
 from dl2c.report.falsify import Falsified, NothingToFalsify, falsify
 from dl2c.report.recording import Recorder, failures_to
-from dl2c.report.search import propose
+from dl2c.report.search import propose, search
 from dl2c.report.shrink import simpler
 
 HERE = Path(__file__).parent
@@ -124,6 +124,41 @@ Problem
 End.
 End.
 """
+
+
+NEEDLE = """Theorem "Needle"
+ProgramVariables
+  /* @var: bound=[0:100], def="how far the inputs have been off" */
+  Real off;
+  /* @var: bound=[0:8], def="steps" */
+  Real n;
+  /* @var: bound=[-1:1], def="input" */
+  Real u;
+End.
+Definitions
+  /* @safety: penalty=-1, on_failure=terminate:failure */
+  Bool missed(Real n, Real off) <-> (n <= 7 | off > 0.03);
+End.
+/* @episode: max_steps=8 */
+Problem
+  off = 0 & n = 0 -> [{ u := *; ?-1 <= u & u <= 1; off := off + (u - 0.37)^2; n := n + 1; }*] n >= 0
+End.
+End.
+"""
+
+
+def test_the_search_learns_where_violations_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Eight inputs within some 0.06 of one number: chance alone finds that once in 10^8 episodes."""
+    assert search(NEEDLE, episodes=4000, seed=1).episode is not None
+    monkeypatch.setattr("dl2c.report.search.FRESH", 1.0)
+    assert search(NEEDLE, episodes=4000, seed=1).episode is None
+
+
+def test_names_without_bounds_are_searched_too() -> None:
+    """Only the assumptions limit `off`: the search moves it as far as the best attempts differ in it."""
+    text = NEEDLE.replace("off = 0 & n = 0", "off <= 1 & off >= 0 & n = 0")
+    text = text.replace('/* @var: bound=[0:100], def="how far the inputs have been off" */', "")
+    assert search(text, episodes=500, seed=1).episodes == 500
 
 
 @given(st.floats(-1e6, 1e6))

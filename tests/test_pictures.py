@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dl2c
@@ -44,6 +44,7 @@ def track(model: Model, times: list[float], values: Mapping[str, list[float]], e
 
 
 @pytest.mark.parametrize("name", ["waypoint", "static_safety", "pendulum", "bouncing_ball"])
+@settings(max_examples=20)
 @given(data=st.data())
 def test_arrays_agree_with_the_reference(name: str, data: st.DataObject) -> None:
     """Terms to rounding, the truth of atoms away from their boundary."""
@@ -145,6 +146,8 @@ def test_rendering_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
         env.reset(seed=4)
         env.step([0.2])
     saved = shown.save()
+    assert plain.state == shown.state
+    assert plain.transition(plain.save(), [0.3])[1:3] == shown.transition(saved, [0.3])[1:3]
     assert plain.state == shown.state
     shown.restore(saved)
     assert shown.render() is None

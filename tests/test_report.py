@@ -172,6 +172,20 @@ def test_annotations_stand_out() -> None:
     assert html.count('class="annotation"') == 2 and html.count('class="comment"') == 1
 
 
+def test_pictures_while_learning(tmp_path: Path) -> None:
+    algorithm = pytest.importorskip("stable_baselines3").PPO
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    from dl2c.report.callback import PictureCallback
+
+    env = VecNormalize(dl2c.make_sb3("example:watertank", 2))
+    learner = algorithm("MlpPolicy", env, n_steps=8, batch_size=16, n_epochs=1, device="cpu")
+    learner.learn(48, callback=PictureCallback(tmp_path, every=16, episodes=2))
+    steps = sorted(int(file.stem) for file in tmp_path.glob("*.png"))
+    assert steps == [16, 32, 48]
+    assert all(file.read_bytes().startswith(b"\x89PNG") for file in tmp_path.iterdir())
+
+
 @pytest.mark.slow
 def test_a_browser_shows_the_page(written: str, tmp_path: Path) -> None:
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")

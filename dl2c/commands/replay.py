@@ -42,7 +42,7 @@ def replay(
         recorded = episodes.read_episode(file)
         with working(f"replaying {file}"):
             found = episodes.replay(recorded, None if model is None else source_of(model))
-    except (episodes.EpisodeError, ValueError, ResetFailed) as problem:
+    except (episodes.EpisodeError, ValueError, TypeError, ResetFailed) as problem:
         raise CommandError(f"{problem}" if str(file) in str(problem) else f"{file}: {problem}") from None
     different = episodes.difference(recorded, found)
     conditions = blamed(found, model_of(found))

@@ -1,6 +1,7 @@
 """What an environment shows of its episode: an array of pixels, or a window. Needs matplotlib."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -23,9 +24,7 @@ class Screen:
         from dl2c.pipeline import lowered_model, resolve_options
 
         if find_spec("matplotlib") is None:
-            raise DependencyNotInstalled(
-                "rendering needs matplotlib; install it with `pip install matplotlib`"
-            )
+            raise DependencyNotInstalled("rendering needs matplotlib: `pip install matplotlib`")
         self._model = lowered_model(source, resolve_options(options))
         self._mode, self._fps = mode, fps
         self._track: Track | None = None
@@ -37,6 +36,16 @@ class Screen:
 
         self._track = Track((0.0,), (dict(state),), ())
         self._show()
+
+    @contextmanager
+    def aside(self) -> Generator[None]:
+        """What the environment does meanwhile is not shown, and not part of the episode."""
+        kept = self._track, self._mode
+        self._mode = ""
+        try:
+            yield
+        finally:
+            self._track, self._mode = kept
 
     def watching(self, transition: Transition, state: Callable[[], Mapping[str, float]]) -> Transition:
         """A step that is seen here; `state` reads what it led to."""

@@ -5,6 +5,7 @@ objects. Numbers that depend on the model are worked out once, in the constructo
 """
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeAlias
 
 import gymnasium as gym
@@ -190,15 +191,16 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         A function of its arguments, for planners: the episode of this environment goes on where it is.
         """
         own = self.save() if self._seeded else None
-        self.restore(snapshot)
-        try:
-            _, reward, terminated, truncated, info = self.step(action)
-            return self.save(), reward, terminated, truncated, info
-        finally:
-            if own is not None:
-                self.restore(own)
-            else:
-                self._seeded, self._act = False, _not_running
+        with nullcontext() if self._screen is None else self._screen.aside():
+            self.restore(snapshot)
+            try:
+                _, reward, terminated, truncated, info = self.step(action)
+                return self.save(), reward, terminated, truncated, info
+            finally:
+                if own is not None:
+                    self.restore(own)
+                else:
+                    self._seeded, self._act = False, _not_running
 
     def _fresh_mask(self) -> NDArray[np.int8]:
         return masks(self._encoding, self._batch.mask)[0]

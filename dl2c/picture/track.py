@@ -31,7 +31,7 @@ class Track:
     @property
     def end(self) -> str:
         """How it ended, in words; "" while it runs."""
-        return f"{self.status}: {self.reason}" if self.reason else ""
+        return self.reason if self.status == "none" else f"{self.status}: {self.reason}"
 
     def then(
         self, time: float, state: Mapping[str, float], blocked: bool, status: str, reason: str

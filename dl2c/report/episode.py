@@ -23,6 +23,9 @@ FORMAT, VERSION = "dl2c episode", 1
 MOST_BYTES = 256 * 1024**2
 """What is longer is no episode."""
 
+MOST_RESETS = 10**7
+"""Episodes that may come before one, and so resets that replaying it takes."""
+
 
 class EpisodeError(Exception):
     """A file is no episode; the message says why."""
@@ -238,7 +241,11 @@ def _episode(content: Any) -> Episode:
     return Episode(
         source=Source(_text(model["name"]), text),
         options=_object(data["options"]),
-        start=Start(_count(start["seed"]), _count(start["number"]), None if given is None else _state(given)),
+        start=Start(
+            _count(start["seed"]),
+            _count(start["number"], MOST_RESETS),
+            None if given is None else _state(given),
+        ),
         initial=_state(data["initial"]),
         moments=tuple(_moment(step) for step in data["steps"]),
         status=_text(data["status"]),
@@ -288,7 +295,7 @@ def _text(data: Any) -> str:
     return data
 
 
-def _count(data: Any) -> int:
-    if not isinstance(data, int) or isinstance(data, bool) or not 0 <= data < 2**64:
-        raise TypeError(f"expected a number from 0 on, not {data!r:.40}")
+def _count(data: Any, most: int = 2**64 - 1) -> int:
+    if not isinstance(data, int) or isinstance(data, bool) or not 0 <= data <= most:
+        raise TypeError(f"expected a number from 0 to {most}, not {data!r:.40}")
     return data

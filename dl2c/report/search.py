@@ -235,9 +235,11 @@ def _drawn(odds: Floats, n: int, rng: np.random.Generator) -> Ints:
 
 def _moved(space: Space, starts: Floats, belief: Belief, rng: np.random.Generator) -> Floats:
     """States near given ones: some names moved by about as much as the best ones differ, or to a limit."""
-    spread = belief.best.starts.std(axis=0) + 0.02 * (space.most - space.least)
+    width = np.nan_to_num(space.most - space.least, posinf=0.0)
+    spread = belief.best.starts.std(axis=0) + 0.02 * width
     moved = starts + spread * rng.standard_normal(starts.shape)
-    moved = np.where(rng.random(starts.shape) < 0.1, _ends(space.least, space.most, starts.shape, rng), moved)
+    ends = _ends(space.least, space.most, starts.shape, rng)
+    moved = np.where((rng.random(starts.shape) < 0.1) & np.isfinite(ends), ends, moved)
     which = rng.random(starts.shape) < rng.choice([0.0, 0.2, 0.5], size=(len(starts), 1))
     return np.clip(np.where(which, moved, starts), space.least, space.most)
 
