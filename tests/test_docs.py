@@ -17,7 +17,7 @@ from dl2c.parse import annotations
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"^(?:<!-- (\w+): ([^>]*?) -->\n)?```([^\n]*)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
-QUICK = ("tutorial-rl", "tutorial-keymaera", "masks", "python-source")
+QUICK = ("tutorial-rl", "tutorial-keymaera")
 
 
 class Block(NamedTuple):

@@ -4,6 +4,7 @@ import importlib.util
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -27,8 +28,13 @@ QUICK = ("acc", "dubins", "waypoint")
 NUMERIC = ("dubins", "pendulum", "thermostat")
 
 
-def text_of(path: Path, pure: bool, **options: Any) -> str:
-    return emit(Source.read(path), "gym", resolve_options(options), pure)
+@cache
+def text_of(path: Path, pure: bool) -> str:
+    return emit(Source.read(path), "gym", resolve_options({}), pure)
+
+
+def some_quick(paths: list[Path]) -> list[Any]:
+    return [pytest.param(p, marks=[] if p.stem in QUICK else [pytest.mark.slow], id=p.stem) for p in paths]
 
 
 def imported(text: str, folder: Path) -> ModuleType:
@@ -86,7 +92,7 @@ def test_module_over_the_library_is_the_environment(path: Path, tmp_path: Path) 
         assert f"## {section}" in environment_of(module).__doc__
 
 
-@pytest.mark.parametrize("path", SUPPORTED, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", some_quick(SUPPORTED))
 @pytest.mark.filterwarnings("ignore:.*:UserWarning")
 def test_plain_python_passes_the_checker(path: Path, tmp_path: Path) -> None:
     check_env(environment_of(imported(text_of(path, True), tmp_path))())
@@ -130,10 +136,7 @@ def executed(info: dict[str, Any]) -> list[Any]:
     return [action[key] for key in sorted(action)] if isinstance(action, dict) else [action]
 
 
-@pytest.mark.parametrize(
-    "path",
-    [pytest.param(p, marks=[] if p.stem in QUICK else [pytest.mark.slow], id=p.stem) for p in SUPPORTED],
-)
+@pytest.mark.parametrize("path", some_quick(SUPPORTED))
 def test_plain_python_agrees_with_compiled_code(path: Path, tmp_path: Path) -> None:
     """From the same state the same action has the same outcome."""
     module = imported(text_of(path, True), tmp_path)

@@ -31,7 +31,10 @@ def function(head: str, about: str, body: Iterable[str]) -> str:
 def docstring(about: str, indent: int = 4) -> list[str]:
     """A docstring, wrapped."""
     margin = " " * indent
-    lines = textwrap.wrap(clean(about), WIDTH - indent - 3, break_long_words=False, break_on_hyphens=False)
+    text = clean(about)
+    lines = textwrap.wrap(
+        text + "." * text.endswith('"'), WIDTH - indent - 3, break_long_words=False, break_on_hyphens=False
+    )
     if len(lines) == 1:
         return [f'{margin}"""{lines[0]}"""']
     return [f'{margin}"""{lines[0]}', *(f"{margin}{line}" for line in lines[1:]), f'{margin}"""']

@@ -51,7 +51,7 @@ IMPORTS = {
     "math": "import math",
     "Callable": "from collections.abc import Callable, Sequence",
     "asdict": "from dataclasses import asdict, dataclass, fields, replace",
-    "cache": "from functools import cache",
+    "@cache": "from functools import cache",
     "pairwise": "from itertools import pairwise, zip_longest",
     "NamedTuple": "from typing import Any, ClassVar, NamedTuple",
     "gym": "\nimport gymnasium as gym",
@@ -80,7 +80,7 @@ def pure_module(environment: Environment, source: Source) -> str:
     used = _used(own, support)
     kept = [text for name, text in support.items() if name in used and name not in (*FIRST[1:], "SupportEnv")]
     body = _spaced([*own, *_rule("What every such environment needs"), *kept])
-    head = [text for name, text in IMPORTS.items() if re.search(rf"\b{name}\b", body)]
+    head = [text for name, text in IMPORTS.items() if re.search(rf"(?<!\w){name}\b", body)]
     for name in ("Sequence", "zip_longest"):
         if not re.search(rf"\b{name}\b", body):
             head = [line.replace(f", {name}", "") for line in head]
@@ -90,7 +90,7 @@ def pure_module(environment: Environment, source: Source) -> str:
 def _docstring(environment: Environment, source: Source) -> str:
     return f'''"""{headline(environment.model)}
 
-Written by dl2c {environment.version} from {file_name(source)}, without needing it: change what you like.
+Written by dl2c {environment.version} from {file_name(source)}. It does not need dl2c: change what you like.
 """'''
 
 
@@ -152,7 +152,7 @@ def _state(environment: Environment) -> str:
     for item in items:
         fixed = item.value if isinstance(item, Constant) and item.value is not None else 0
         about = ", ".join(part for part in (item.description, item.unit) if part)
-        note = f"  # {clean(about)}".replace("\n", " ") if about else ""
+        note = f"  # {clean(about)}" if about else ""
         lines.append(f"    {python_attribute(item.name)}: float = {number(fixed)}{note}")
     return "\n".join(lines) + "\n"
 
@@ -217,7 +217,8 @@ def _observation_space(environment: Environment) -> Iterator[str]:
     options = environment.options
     limits = [observation_limits(b, options) for _, _, b in observed(environment.model, options)]
     kind = f"np.{options.obs_dtype}"
-    for name, row in zip(("low", "high"), zip(*limits, strict=True), strict=True):
+    for k, name in enumerate(("low", "high")):
+        row = [pair[k] for pair in limits]
         entries = Bracketed("", tuple(_limit(x, options.obs_dtype) for x in row), "[]")
         call = Bracketed("np.array", (entries, f"dtype={kind}"))
         yield from statement(f"{name} = ", call, "", 8)

@@ -99,7 +99,7 @@ def _quoted(value: object) -> str:
 
 def _literal(text: str) -> str:
     """The text as Python reads it back, over several lines where an editor would show it all."""
-    shown = all(c.isprintable() or c == "\n" for c in text)
+    shown = all(c.isprintable() or c in "\n\t" for c in text)
     if not shown or '"""' in text or "\\\n" in text or text.endswith(('"', "\\")):
         return json.dumps(text)
     raw = "r" if "\\" in text else ""

@@ -119,6 +119,8 @@ class SupportEnv(gym.Env):
                 s, duration, failed, met = follow(flow, s)
         except Failed:
             return 0.0, set(), set(), "solver"
+        except (ArithmeticError, ValueError):
+            return 0.0, set(), set(), "numerical"
         if not all(abs(x) <= LARGEST for x in asdict(s).values()):
             return 0.0, set(), set(), "numerical"
         self.state = s

@@ -38,13 +38,14 @@ def sections(environment: Environment, arguments: Sequence[tuple[str, str]]) -> 
 
 
 def clean(line: str) -> str:
-    """Nothing in a line can end a docstring, or be read as an escape."""
-    return line.replace("\\", "/").replace('"""', "'''").rstrip()
+    """A line in which nothing can end a docstring or a comment, or be read as an escape."""
+    shown = "".join(c if c.isprintable() else " " for c in line)
+    return shown.replace("\\", "/").replace('"""', "'''").rstrip()
 
 
 def headline(model: Model) -> str:
     """The model's name as a sentence."""
-    return clean(f"{model.name.strip().rstrip('.') or 'A model'}.").replace("\n", " ")
+    return clean(f"{model.name.strip().rstrip('.') or 'A model'}.")
 
 
 def class_name(model: Model) -> str:
@@ -173,7 +174,7 @@ def _reward(predicate: Predicate) -> Iterator[str]:
         f"{print_term(term)} {when}"
         for term, when in (
             (predicate.reward, "where it holds"),
-            (predicate.penalty, "where it does not"),
+            (predicate.penalty, "where it fails"),
             (predicate.shape, "always"),
         )
         if term is not None
