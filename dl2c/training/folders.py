@@ -163,6 +163,10 @@ def opened(folder: Path, given: Given, env: Dl2cVecEnv) -> tuple[Any, Run]:
         own, wanted = getattr(earlier.given, name), getattr(given, name)
         if own != json.loads(json.dumps(wanted)):
             raise TrainingError(f"{folder} was trained with {name} {own}, not {wanted}")
+    for name in ("n_envs", "normalize", "hyper"):
+        own, wanted = getattr(earlier.given.settings, name), getattr(given.settings, name)
+        if own != wanted:
+            raise TrainingError(f"{folder} was trained with {name} {own}, not {wanted}")
     scaled = VecNormalize.load(str(earlier.folder / STATISTICS), VecMonitor(env))
     learner = constructor(given.algo).load(earlier.folder / POLICY, env=scaled, device="cpu")
     learner.set_random_seed((given.seed + learner.num_timesteps) % 2**31)
