@@ -39,13 +39,8 @@ class Training:
     def __init__(
         self, source: Source, directory: Path, given: Given, env: Dl2cVecEnv, learner: Any, earlier: Run
     ) -> None:
-        self.source, self.directory, self.given, self.env, self.learner = (
-            source,
-            directory,
-            given,
-            env,
-            learner,
-        )
+        self.source, self.directory, self.given = source, directory, given
+        self.env, self.learner = env, learner
         self.curve, self.evaluations = list(earlier.curve), list(earlier.evaluations)
         self._before, self._began = earlier.seconds, time.perf_counter()
 
