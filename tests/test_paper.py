@@ -69,7 +69,9 @@ def test_the_whole_evaluation_runs(capsys: Any, monkeypatch: pytest.MonkeyPatch,
     """Whatever was learned: it is safe, ends when predicted, and with masks takes the optimum's time."""
     pytest.importorskip("sb3_contrib")
     monkeypatch.setattr("sys.argv", ["dl2c", "paper", "--quick", "-o", str(tmp_path)])
-    cli.main()
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert not end.value.code
     text = capsys.readouterr().out
     for name in ("table.md", "table.json", "fig1.png", "fig2.png", "fig3.png"):
         assert (tmp_path / name).stat().st_size > 1000

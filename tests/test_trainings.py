@@ -114,6 +114,9 @@ def test_only_the_same_task_is_gone_on_with(tmp_path: Path) -> None:
     train(MODEL, directory=tmp_path, settings=small())
     with pytest.raises(TrainingError, match="was trained with algo ppo, not maskable-ppo"):
         train(MODEL, "maskable-ppo", directory=tmp_path, settings=small(steps=256), resume=tmp_path)
+    other = small(steps=256, normalize=True)
+    with pytest.raises(TrainingError, match="was trained with normalize False, not True"):
+        train(MODEL, directory=tmp_path, settings=other, resume=tmp_path)
 
 
 def test_ctrl_c_keeps_what_there_is(tmp_path: Path) -> None:

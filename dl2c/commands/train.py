@@ -194,7 +194,8 @@ def _present(wanted: Wanted, run: Run, json: bool) -> None:
 
     plot_curves({wanted.algo: [run.curve]}, wanted.output / "curve.png")
     masked = wanted.algo == "maskable-ppo"
-    found = evaluate(wanted.output, wanted.model, masked=masked, **wanted.options)
+    options = {**wanted.options, **wanted.settings.eval_options}
+    found = evaluate(wanted.output, wanted.model, masked=masked, **options)
     if run.interrupted and not quiet():
         steps = run.curve[-1].steps if run.curve else 0
         print(f"stopped after {steps} steps; --resume {wanted.output} goes on", file=sys.stderr)

@@ -39,8 +39,9 @@ def _test_1_safety(results: Results) -> list[Criterion]:
 
 
 def _settled(results: Results) -> Criterion:
-    speed = max(float(run.speed.max()) for run in results.line)
-    return Criterion("Test 1 settles", "v = 0 at the end of every episode", f"v <= {speed:g} m/s", speed == 0)
+    still = float(np.mean([run.standing.mean() for run in results.line]))
+    wanted = "v = 0 in at least 99 % of the second half of the steps"
+    return Criterion("Test 1 settles", wanted, f"{still:.2%}", still >= 0.99)
 
 
 def _test_2(results: Results) -> list[Criterion]:

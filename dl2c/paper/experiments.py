@@ -146,7 +146,10 @@ def _all(
         return {name: work(*arguments) for name, (work, arguments) in jobs.items()}
     with ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn")) as pool:
         running = {pool.submit(work, *arguments): name for name, (work, arguments) in jobs.items()}
-        for done in as_completed(running):
-            found[running[done]] = done.result()
-            note(len(found), len(jobs))
+        try:
+            for done in as_completed(running):
+                found[running[done]] = done.result()
+                note(len(found), len(jobs))
+        finally:  # after Ctrl-C, or a failure: what has not begun does not begin
+            pool.shutdown(cancel_futures=True)
     return found

@@ -97,8 +97,8 @@ def _by_seed(results: Results) -> list[Sequence[str]]:
     rows += [("2", "none", str(r.seed), f"{1 - r.violated.mean():.1%}", "", "", "") for r in results.forced]
     for run in (*results.masked, *results.unmasked):
         rates = (1 - run.violated.mean(), run.success.mean(), run.blocked.mean())
-        ratio = run.of_optimum().mean() if run.success.any() else math.nan
-        rows.append(("3", _named(run), str(run.seed), *(f"{r:.1%}" for r in rates), f"{ratio:.4f}"))
+        ratio = f"{run.of_optimum().mean():.4f}" if run.success.any() else ""
+        rows.append(("3", _named(run), str(run.seed), *(f"{r:.1%}" for r in rates), ratio))
     return rows
 
 

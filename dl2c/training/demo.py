@@ -107,7 +107,10 @@ def _train_all() -> list[Trained]:
         running = [pool.submit(_train, "ppo", seed) for seed in SEEDS]
         running += [pool.submit(_train, "maskable-ppo", seed) for seed in SEEDS]
         done = bar.track(as_completed(running), total=len(running), description="training")
-        return sorted((run.result() for run in done), key=lambda run: (run.algo, run.seed))
+        try:
+            return sorted((run.result() for run in done), key=lambda run: (run.algo, run.seed))
+        finally:  # after Ctrl-C, or a failure: what has not begun does not begin
+            pool.shutdown(cancel_futures=True)
 
 
 def _train(algo: Algorithm, seed: int) -> Trained:

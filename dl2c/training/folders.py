@@ -38,13 +38,8 @@ class Training:
     def __init__(
         self, source: Source, directory: Path, given: Given, env: Dl2cVecEnv, learner: Any, earlier: Run
     ) -> None:
-        self.source, self.directory, self.given, self.env, self.learner = (
-            source,
-            directory,
-            given,
-            env,
-            learner,
-        )
+        self.source, self.directory, self.given = source, directory, given
+        self.env, self.learner = env, learner
         self.curve, self.evaluations = list(earlier.curve), list(earlier.evaluations)
         self._before, self._began = earlier.seconds, time.perf_counter()
 
@@ -162,6 +157,10 @@ def opened(folder: Path, given: Given, env: Dl2cVecEnv) -> tuple[Any, Run]:
     for name in ("model", "algo", "options"):
         own, wanted = getattr(earlier.given, name), getattr(given, name)
         if own != json.loads(json.dumps(wanted)):
+            raise TrainingError(f"{folder} was trained with {name} {own}, not {wanted}")
+    for name in ("n_envs", "normalize", "hyper"):
+        own, wanted = getattr(earlier.given.settings, name), getattr(given.settings, name)
+        if own != wanted:
             raise TrainingError(f"{folder} was trained with {name} {own}, not {wanted}")
     scaled = VecNormalize.load(str(earlier.folder / STATISTICS), VecMonitor(env))
     learner = constructor(given.algo).load(earlier.folder / POLICY, env=scaled, device="cpu")
