@@ -144,7 +144,7 @@ def test_a_task_that_always_kills_its_worker_ends_the_sweep(address: str) -> Non
         os.kill(os.getpid(), signal.SIGKILL)
         return masks.argmax(axis=1)
 
-    with pytest.raises(SweepFailed, match=f"episodes 0 to 0 were lost {ATTEMPTS} times"):
+    with pytest.raises(SweepFailed, match=f"episodes 0 to 0 could not be run in {ATTEMPTS} attempts"):
         list(dl2c.ray.rollout(act, WAYPOINT, 1, SEED, address=address))
 
 
