@@ -17,9 +17,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_policy_files import made
 
 import dl2c.ray
 from dl2c.native.errors import ResetFailed
+from dl2c.policy.files import write_policy
 from dl2c.ray import ATTEMPTS, SweepFailed
 from dl2c.training.rollout import rollout
 
@@ -168,6 +170,10 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize("options", [(), ("--action-format", "box", "--action-map", "squash")])
 def test_the_command_writes_the_same_files(address: str, tmp_path: Path, options: tuple[str, ...]) -> None:
+    """Of a policy in files, and of a random one with actions of several numbers."""
+    if not options:
+        write_policy(made(), tmp_path)
+        options = ("--policy", str(tmp_path))
     names = [tmp_path / name for name in ("here.csv", "there.csv", "there.parquet", "here.parquet")]
     common = ("--episodes", "40", *options)
     here = command(*common, "--csv", str(names[0]))
