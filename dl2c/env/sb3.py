@@ -72,7 +72,7 @@ class Dl2cVecEnv(VecEnv):
         write(self.encoding, self.batch, self._actions)
         self.batch.step()
         dones = self.batch.terminated | self.batch.truncated
-        infos: list[dict[str, Any]] = [{} for _ in repeat(None, self.num_envs)]  # half of the time of a step
+        infos: list[dict[str, Any]] = [{} for _ in repeat(None, self.num_envs)]  # `range` would make integers
         ended = np.flatnonzero(dones)
         for i, info in zip(ended.tolist(), self._last_infos(ended), strict=True):
             infos[i] = info
