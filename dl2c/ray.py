@@ -34,12 +34,12 @@ ATTEMPTS = 6
 """How often a task is tried before the sweep gives up: its worker may be what it kills."""
 
 
-class SweepFailed(Exception):
-    """The cluster cannot be reached, its nodes compute differently, or it lost some episodes for good."""
-
-
 REACH_SECONDS = 10.0
 """How long connecting to an address may take."""
+
+
+class SweepFailed(Exception):
+    """The cluster cannot be reached, its nodes compute differently, or it lost some episodes for good."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +88,11 @@ def rollout(
     flat = manifest.options | {"action_format": flat_format(manifest)}
     sweep = Sweep(_portable(policy), source, flat, seed, masked)
     with _connected(address) as ray:
-        first: Table | None = None
+        first: dict[str, str] = {}
         for done, table in _run(ray, sweep, episodes):
-            first = table if first is None else first
+            first = first or _identity(table)
             if not allow_mixed:
-                _compare(_identity(first), _identity(table))
+                _compare(first, _identity(table))
             note(done)
             yield table
 
@@ -141,8 +141,8 @@ def _result(ray: Any, share: range, reference: Any) -> Table:
     except ray.exceptions.RayTaskError as failure:
         raise failure.cause from None
     except ray.exceptions.RayError as failure:
-        lost = f"episodes {share.start} to {share.stop - 1} were lost {ATTEMPTS} times"
-        raise SweepFailed(f"{lost}: {str(failure).strip().splitlines()[0]}") from None
+        which = f"episodes {share.start} to {share.stop - 1} could not be run in {ATTEMPTS} attempts"
+        raise SweepFailed(f"{which}: {str(failure).strip().splitlines()[0]}") from None
 
 
 def _cpus(ray: Any) -> int:
@@ -165,7 +165,7 @@ def _connected(address: str | None) -> Generator[Any]:
         if address is not None and ":" in address:
             _reach(address)
         ray.init(address=address, log_to_driver=False, logging_level="ERROR")
-    except (OSError, ValueError) as failure:
+    except (OSError, RuntimeError, ValueError) as failure:
         at = "" if address is None else f" at {address}"
         raise SweepFailed(f"cannot reach a Ray cluster{at}: {failure}") from None
     try:

@@ -188,9 +188,12 @@ def test_rollout_writes_every_step(capsys: Any, model: str, tmp_path: Path, poli
     assert run(capsys, *arguments)[1] == out
 
 
-def test_rollout_refuses_what_is_no_policy(capsys: Any, model: str) -> None:
-    code, _, err = run(capsys, "rollout", model, "--policy", model)
+def test_rollout_refuses_what_is_no_policy(capsys: Any, model: str, tmp_path: Path) -> None:
+    table = tmp_path / "steps.csv"
+    table.write_text("kept")
+    code, _, err = run(capsys, "rollout", model, "--policy", model, "--csv", str(table))
     assert code == 1 and "not a policy" in err
+    assert table.read_text() == "kept"
 
 
 def test_train_writes_its_results(capsys: Any, model: str, tmp_path: Path) -> None:

@@ -17,9 +17,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_policy_files import made
 
 import dl2c.ray
 from dl2c.native.errors import ResetFailed
+from dl2c.policy.files import write_policy
 from dl2c.ray import ATTEMPTS, SweepFailed
 from dl2c.training.rollout import rollout
 
@@ -144,7 +146,7 @@ def test_a_task_that_always_kills_its_worker_ends_the_sweep(address: str) -> Non
         os.kill(os.getpid(), signal.SIGKILL)
         return masks.argmax(axis=1)
 
-    with pytest.raises(SweepFailed, match=f"episodes 0 to 0 were lost {ATTEMPTS} times"):
+    with pytest.raises(SweepFailed, match=f"episodes 0 to 0 could not be run in {ATTEMPTS} attempts"):
         list(dl2c.ray.rollout(act, WAYPOINT, 1, SEED, address=address))
 
 
@@ -168,6 +170,10 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize("options", [(), ("--action-format", "box", "--action-map", "squash")])
 def test_the_command_writes_the_same_files(address: str, tmp_path: Path, options: tuple[str, ...]) -> None:
+    """Of a policy in files, and of a random one with actions of several numbers."""
+    if not options:
+        write_policy(made(), tmp_path)
+        options = ("--policy", str(tmp_path))
     names = [tmp_path / name for name in ("here.csv", "there.csv", "there.parquet", "here.parquet")]
     common = ("--episodes", "40", *options)
     here = command(*common, "--csv", str(names[0]))

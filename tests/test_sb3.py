@@ -70,6 +70,17 @@ def test_the_vec_env_contract() -> None:
     env.close()
 
 
+def test_no_two_infos_are_the_same_object() -> None:
+    env = Dl2cVecEnv(MODEL, 64, max_episode_steps=3)
+    env.seed(1)
+    env.reset()
+    infos = [info for _ in range(7) for info in env.step(np.full(64, 1))[3]]
+    last = [info["terminal_observation"] for info in infos if info]
+    assert len({id(info) for info in infos}) == 7 * 64 and len(last) == 2 * 64
+    last[0][:] = -1
+    assert not any(np.shares_memory(last[0], other) for other in last[1:])
+
+
 def test_the_end_of_an_episode_is_told_once() -> None:
     env = VecMonitor(Dl2cVecEnv(MODEL, 2, max_episode_steps=4))
     env.reset()

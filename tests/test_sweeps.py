@@ -2,6 +2,7 @@
 seeds, policies that travel. Needs neither Ray nor a compiler; tests/test_ray.py has a real cluster.
 """
 
+import pickle
 import sys
 from functools import partial
 from itertools import chain, pairwise
@@ -14,9 +15,11 @@ from hypothesis import strategies as st
 from toy_library import use_toy
 
 import dl2c.cli
+from dl2c.native.errors import MonitorViolated, ResetFailed
 from dl2c.native.host import host
 from dl2c.policy.files import JSON, NPZ
 from dl2c.ray import LARGEST, SweepFailed, _compare, _portable, _unpacked, shares
+from dl2c.training.policies import PolicyError
 from dl2c.training.rollout import rollout
 
 MODEL = "a model\nof two lines"
@@ -73,12 +76,20 @@ def test_saved_policies_travel_with_their_files(tmp_path: Path) -> None:
 
 def test_nodes_that_differ_are_named() -> None:
     here = host()
-    assert set(here) == {"machine", "system", "libc", "cpu", "casadi"} and all(here.values())
+    assert set(here) == {"machine", "system", "libc", "cpu", "casadi"}
     _compare(here, host())
     with pytest.raises(SweepFailed, match=r"libc is '.*' and 'musl 1'.*--allow-mixed"):
         _compare(here, here | {"libc": "musl 1"})
     with pytest.raises(SweepFailed, match="solver is None and 'casadi 1'"):
         _compare(here, here | {"solver": "casadi 1"})
+
+
+def test_failures_travel() -> None:
+    failures = (MonitorViolated("said", 3, 7), ResetFailed("none"), PolicyError("not one"))
+    for failure in failures:
+        arrived = pickle.loads(pickle.dumps(failure))
+        assert type(arrived) is type(failure) and str(arrived) == str(failure)
+        assert vars(arrived) == vars(failure)
 
 
 @pytest.mark.parametrize(("module", "flag"), [("ray", "--ray"), ("pyarrow", "--parquet=rows.parquet")])

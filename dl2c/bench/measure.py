@@ -19,7 +19,10 @@ CHUNK = 0.005
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Environment steps per CPU second of a row, their ratio to the baseline, and the ratios' range."""
+    """Environment steps per CPU second of a row, their ratio to the baseline, and the ratios' range.
+
+    `rates` are the steps per second of every round.
+    """
 
     key: str
     title: str
@@ -28,6 +31,7 @@ class Result:
     ratio: float
     low: float
     high: float
+    rates: tuple[float, ...]
 
 
 def measure(
@@ -82,5 +86,11 @@ def _rate(row: Row, chunk: int, seconds: float) -> float:
 
 
 def _result(row: Row, rates: Sequence[float], baseline: Sequence[float]) -> Result:
-    ratios = [rate / reference for rate, reference in zip(rates, baseline, strict=True)]
-    return Result(row.key, row.title, row.n, median(rates), median(ratios), min(ratios), max(ratios))
+    found = ratios(rates, baseline)
+    least, most = min(found), max(found)
+    return Result(row.key, row.title, row.n, median(rates), median(found), least, most, tuple(rates))
+
+
+def ratios(rates: Sequence[float], reference: Sequence[float]) -> list[float]:
+    """The ratio in every round."""
+    return [rate / other for rate, other in zip(rates, reference, strict=True)]

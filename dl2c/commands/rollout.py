@@ -51,7 +51,7 @@ def rollout(
 ) -> None:
     """Run a policy and say how its episodes ended; with --csv or --parquet, every step."""
     run = (policy, model, episodes, seed, masked)
-    with working(f"running {episodes} episodes of {model}") as note, ExitStack() as files:
+    with working(f"running {episodes} episodes of {model}") as note:
         if ray or address is not None:
             if save_failures is not None:
                 raise CommandError("--save-failures is for episodes run here, without --ray and --address")
@@ -62,8 +62,7 @@ def rollout(
         else:
             blocks = _blocks(_here(run, save_failures, options))
         if csv_file is not None:
-            opened = csv_file.open("w", newline="", encoding="utf-8")
-            blocks = _written(blocks, files.enter_context(opened))
+            blocks = _written(blocks, csv_file)
         summary = _summary(blocks, episodes)
     if json:
         print(to_json(summary))
@@ -115,7 +114,10 @@ def _blocks(rows: Iterator[dict[str, Any]]) -> Iterator[Block]:
 
 
 def _stored(tables: Iterable[Any], path: Path | None, briefly: bool) -> Iterator[Block]:
-    """Pass tables on, `briefly` only what the summary needs, and write them to a Parquet file."""
+    """Pass tables on, `briefly` only what the summary needs, and write them to a Parquet file.
+
+    As with CSV, a file is opened when there is something to write: a mistake in the model leaves it alone.
+    """
     from dl2c.training.tables import arrow, lists
 
     with ExitStack() as files:
@@ -128,14 +130,16 @@ def _stored(tables: Iterable[Any], path: Path | None, briefly: bool) -> Iterator
             yield dict(zip(names, lists(table, names), strict=True))
 
 
-def _written(blocks: Iterable[Block], file: Any) -> Iterator[Block]:
-    """Pass blocks on and write them as CSV."""
-    writer = csv.writer(file)
-    for k, block in enumerate(blocks):
-        if k == 0:
-            writer.writerow(block)
-        writer.writerows(zip(*block.values(), strict=True))
-        yield block
+def _written(blocks: Iterable[Block], path: Path) -> Iterator[Block]:
+    """Pass blocks on and write them to a CSV file."""
+    with ExitStack() as files:
+        writer: Any = None
+        for block in blocks:
+            if writer is None:
+                writer = csv.writer(files.enter_context(path.open("w", newline="", encoding="utf-8")))
+                writer.writerow(block)
+            writer.writerows(zip(*block.values(), strict=True))
+            yield block
 
 
 def _summary(blocks: Iterable[Block], episodes: int) -> dict[str, Any]:

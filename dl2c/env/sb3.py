@@ -5,6 +5,7 @@ Imports stable_baselines3, so it is itself imported on first use only (`dl2c.mak
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import repeat
 from typing import Any
 
 import gymnasium as gym
@@ -71,7 +72,7 @@ class Dl2cVecEnv(VecEnv):
         write(self.encoding, self.batch, self._actions)
         self.batch.step()
         dones = self.batch.terminated | self.batch.truncated
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        infos: list[dict[str, Any]] = [{} for _ in repeat(None, self.num_envs)]  # `range` would make integers
         ended = np.flatnonzero(dones)
         for i, info in zip(ended.tolist(), self._last_infos(ended), strict=True):
             infos[i] = info

@@ -26,6 +26,9 @@ class MonitorViolated(NativeError):
         super().__init__(message)
         self.environment, self.condition = environment, condition
 
+    def __reduce__(self) -> tuple[type["MonitorViolated"], tuple[str, int, int]]:
+        return MonitorViolated, (str(self), self.environment, self.condition)
+
 
 class ResetFailed(NativeError):
     """No admissible initial state: none was drawn in the allowed number of tries, or the given one is not."""

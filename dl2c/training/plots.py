@@ -82,6 +82,9 @@ def speeds(rows: Sequence[Bar], title: str, growths: Sequence[tuple[str, str, Ma
     axes[0].set_title(title, fontsize="medium")
     for axis, (x, y, points) in zip(axes[1:], growths, strict=True):
         axis.loglog(list(points), list(points.values()), marker="o")
+        for point in points.items():
+            axis.annotate(f"{point[1]:.3g}", point, (0, 6), textcoords="offset points", ha="center")
+        axis.set_ymargin(0.2)
         axis.set_xticks(list(points), [f"{value:,}" for value in points])
         axis.minorticks_off()
         axis.set_xlabel(x)
