@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.native.manifest import Manifest, Quantity
+from dl2c.native.manifest import InputSpec, Manifest, Quantity
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Batch
@@ -57,21 +57,21 @@ def read_drawn(manifest: Manifest, batch: "Batch") -> dict[str, NDArray[Any]]:
 
 
 def chosen_keys(manifest: Manifest) -> tuple[str, ...]:
-    """The keys of `x := *` whose values are known: under `action_map="squash"` those of the agent are not,
-    since actions are shares of what passed.
-    """
-    own = () if manifest.options["action_map"] == "squash" else manifest.inputs
-    return tuple(spec.key for spec in (*own, *manifest.drawn_inputs))
+    """The keys of `x := *` whose values are known, those of the agent first."""
+    return tuple(spec.key for spec in (*_known_inputs(manifest), *manifest.drawn_inputs))
+
+
+def _known_inputs(manifest: Manifest) -> tuple[InputSpec, ...]:
+    """Under `action_map="squash"` the agent's are not known: actions are shares of what passed."""
+    return () if manifest.options["action_map"] == "squash" else tuple(manifest.inputs)
 
 
 def read_chosen(manifest: Manifest, batch: "Batch", i: int = 0) -> dict[str, float]:
     """The values that `x := *` took in the last step of environment i by key (`chosen_keys`), exact. Of one
     that it did not meet: NaN if the environment's, what was asked for if the agent's.
     """
-    drawn: list[float] = batch.drawn_inputs[i].tolist()
-    keys = chosen_keys(manifest)
-    own: list[float] = batch.executed_inputs[i, : len(keys) - len(drawn)].tolist()
-    return dict(zip(keys, (*own, *drawn), strict=True))
+    own = {spec.key: float(batch.executed_inputs[i, k]) for k, spec in enumerate(_known_inputs(manifest))}
+    return own | {s.key: float(batch.drawn_inputs[i, k]) for k, s in enumerate(manifest.drawn_inputs)}
 
 
 def state_line(manifest: Manifest, batch: "Batch", i: int = 0) -> str:
