@@ -23,6 +23,7 @@ from dl2c.report.listing import listing
 from dl2c.report.markup import image, page, table, tag
 from dl2c.report.page import report
 from dl2c.report.trained import RunError, Trained, read_trained
+from dl2c.training.evaluation import Estimate, Evaluation
 from dl2c.training.run import Point, Settings
 
 pytest.importorskip("matplotlib")
@@ -36,6 +37,11 @@ HOSTILE = (
 )
 
 VOID = {"meta", "img", "link", "input", "br"}
+
+
+ONE = Estimate(1.0, 0.9, 1 - 1e-16)
+ROUNDED = Evaluation(9, ONE, Estimate(0.0, 0.0, 0.3), ONE, ONE, Estimate(5.0, float("nan"), float("nan")))
+"""Rounding leaves the end of an interval below the value; a single value has none."""
 
 
 class Reader(HTMLParser):
@@ -85,6 +91,7 @@ def run_folder(folder: Path, text: str) -> Path:
         "settings": asdict(Settings()),
         "seconds": 8.5,
         "curve": [asdict(p) for p in curve],
+        "evaluations": [{"steps": 4000, "found": asdict(ROUNDED)}],
         "versions": {"dl2c": "0.0-test", "torch": "<b>2</b>"},
     }
     (folder / "run.json").write_text(json.dumps(content), encoding="utf-8")
@@ -128,6 +135,7 @@ def test_the_page_says_what_was_done(trained: Trained, written: str) -> None:
         "max_episode_steps",
     ):
         assert part in words
+    assert "observation_bounds" not in words, "only options that are not the defaults"
     assert "0.0-test" in words and "1000011" in words
     assert all(line.strip() in words for line in trained.source.text.splitlines())
 

@@ -150,7 +150,7 @@ def _provenance(trained: Trained) -> Iterator[Markup]:
 
 
 def _is_default(name: str, value: Any) -> bool:
-    return with_options(Options(), {name: value}) == with_options(Options(), {})
+    return getattr(with_options(Options(), {name: value}), name) == getattr(Options(), name)
 
 
 def _flat(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dl2c.env.opening import Model as ModelName
 from dl2c.picture.figure import episode_figure, save
 from dl2c.picture.panels import BLUE, GREEN, ORANGE, VERMILION, legend
@@ -90,6 +92,7 @@ def _intervals(axes: Any, evaluations: Sequence[Mapping[str, Any]], name: str, c
         return
     found = [(e["steps"], e["found"][name]) for e in evaluations]
     steps, values = [s for s, _ in found], [e["value"] for _, e in found]
-    spread = [[e["value"] - e["low"] for _, e in found], [e["high"] - e["value"] for _, e in found]]
+    ends = [(e["value"] - e["low"], e["high"] - e["value"]) for _, e in found]
+    spread = np.maximum(0, np.array(ends).T)  # the ends are rounded: that of a rate of 1 may lie below it
     label = "evaluated" if name == "episode_return" else f"{name}, evaluated"
     axes.errorbar(steps, values, spread, fmt="o", ms=4, capsize=2, color=colour, label=label)
