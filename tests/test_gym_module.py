@@ -78,7 +78,7 @@ def test_plain_python_needs_no_dl2c_and_scipy_only_for_solvers() -> None:
         assert any("scipy" in line for line in imports) == (path.stem in NUMERIC)
 
 
-@pytest.mark.parametrize("path", [WAYPOINT, EXAMPLES / "acc.kyx"], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [EXAMPLES / "watertank.kyx"], ids=lambda path: path.stem)
 @pytest.mark.filterwarnings("ignore:.*:UserWarning")
 def test_module_over_the_library_is_the_environment(path: Path, tmp_path: Path) -> None:
     module = imported(text_of(path, False), tmp_path)
