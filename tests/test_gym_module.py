@@ -151,6 +151,12 @@ def test_options_mean_the_same_in_plain_python(tmp_path: Path) -> None:
     assert agree(pure, dl2c.make(path, **options), module, 12, 5) == {"blocked", "time_limit"}
 
 
+def test_without_a_loop_an_episode_has_one_step(tmp_path: Path) -> None:
+    text = TRAP.replace("FLOW", "x' = 1 & t <= 1").replace("PRECONDITION", "x <= 0").replace("}*", "}")
+    module = imported(emit(Source("trap.kyx", text), "gym", resolve_options({}), True), tmp_path)
+    assert agree(environment_of(module)(), dl2c.make(text), module, 3, 2) == {"end"}
+
+
 def test_constants_can_be_fixed_in_plain_python(tmp_path: Path) -> None:
     module = imported(text_of(EXAMPLES / "watertank.kyx", True), tmp_path)
     env = environment_of(module)(constants={"q": 0.2})
