@@ -78,7 +78,7 @@ def test_plain_python_needs_no_dl2c_and_scipy_only_for_solvers() -> None:
         assert any("scipy" in line for line in imports) == (path.stem in NUMERIC)
 
 
-@pytest.mark.parametrize("path", [WAYPOINT, EXAMPLES / "acc.kyx"], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [EXAMPLES / "watertank.kyx"], ids=lambda path: path.stem)
 @pytest.mark.filterwarnings("ignore:.*:UserWarning")
 def test_module_over_the_library_is_the_environment(path: Path, tmp_path: Path) -> None:
     module = imported(text_of(path, False), tmp_path)
@@ -149,6 +149,12 @@ def test_options_mean_the_same_in_plain_python(tmp_path: Path) -> None:
     module = imported(text_of(path, True), tmp_path)
     pure = environment_of(module)(**options)
     assert agree(pure, dl2c.make(path, **options), module, 12, 5) == {"blocked", "time_limit"}
+
+
+def test_without_a_loop_an_episode_has_one_step(tmp_path: Path) -> None:
+    text = TRAP.replace("FLOW", "x' = 1 & t <= 1").replace("PRECONDITION", "x <= 0").replace("}*", "}")
+    module = imported(emit(Source("trap.kyx", text), "gym", resolve_options({}), True), tmp_path)
+    assert agree(environment_of(module)(), dl2c.make(text), module, 3, 2) == {"end"}
 
 
 def test_constants_can_be_fixed_in_plain_python(tmp_path: Path) -> None:

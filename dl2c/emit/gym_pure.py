@@ -169,6 +169,7 @@ def _tables(environment: Environment) -> str:
         ("NO_INPUTS", Bracketed("", tuple(f'"{i.key}": 0.0' for i in inputs), "{}")),
         ("TOLERANCE", number(environment.options.tolerance)),
         ("LARGEST", "1e100"),
+        ("LOOPS", str(environment.model.loops)),
     ]
     if any(f.solution is None for f in environment.flows):
         tables += [("METHOD", '"DOP853"'), ("RTOL", "1e-10"), ("ATOL", "1e-12")]

@@ -31,8 +31,6 @@ def _runs(environment: Environment) -> Iterator[Diagnostic]:
     """A step is one choice of a path, and one flow at its end."""
     paths = environment.paths
     start = paths.paths[0].span
-    if not environment.model.loops:
-        yield _refused(start, "there is no loop, so an episode has one step")
     if paths.prefix is not None:
         yield _refused(_span_at(paths.of(paths.prefix), start), "a program before the loop")
     if paths.lead is not None:

@@ -17,6 +17,7 @@ State = Any
 Judgement = Any
 CHOICES: Any = None
 LARGEST = 1e100
+LOOPS = True
 NO_INPUTS: Any = None
 OBSERVED: Any = None
 PATHS: Any = None
@@ -151,6 +152,8 @@ class SupportEnv(gym.Env):
             return terminated, not terminated, verdict.status, verdict.reason
         if verdict.undefined:
             return False, True, "none", "numerical"
+        if not LOOPS:
+            return True, False, "none", "end"
         if not any(path.run(self.state, dict(NO_INPUTS)) for path in PATHS):
             return False, True, "none", "deadlock"
         if self.stall_limit and self._stalled >= self.stall_limit:
