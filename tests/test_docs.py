@@ -70,7 +70,7 @@ def test_page_works_as_written(page: Path, tmp_path: Path) -> None:
 
 def test_every_kind_of_block_is_known() -> None:
     kinds = {block.kind.split()[0] for page in DOCS.rglob("*.md") for block in blocks(page)}
-    assert kinds <= {"sh", "python", "text", "toml", "{toctree}", "{eval-rst}", "{dl2c}"}
+    assert kinds <= {"sh", "python", "text", "toml", "yaml", "{toctree}", "{eval-rst}", "{dl2c}"}
 
 
 def test_pages_build_without_a_warning(tmp_path: Path) -> None:
