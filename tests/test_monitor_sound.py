@@ -135,7 +135,7 @@ def test_no_verdict_near_a_boundary_is_wrong(example: str, real: str, count: int
                 decided += not unknown
                 satisfied += number == 0
                 assert unknown or exactly(check, row) == (number == 0), (check.kind, row)
-    assert total > 4 * count and decided > total / 5 and satisfied, (decided, satisfied, total)
+    assert total > 4 * count and decided > total / 10 and satisfied, (decided, satisfied, total)
 
 
 @pytest.mark.parametrize("single", [False, True])
