@@ -16,19 +16,8 @@ LAYERS = (
     *("version", "source", "diagnostics", "options", "configuration", "progress"),
     *("parse", "resolve", "ir", "interval", "paths", "smt", "sampling", "symbolic"),
     *("monitor", "policy", "emit"),
-    *(
-        "native",
-        "pipeline",
-        "env",
-        "training",
-        "lint",
-        "bench",
-        "paper",
-        "report",
-        "commands",
-        "cli",
-        "__main__",
-    ),
+    *("native", "pipeline", "env", "training", "lint", "bench", "paper", "report"),
+    *("commands", "cli", "__main__"),
 )
 """Everything in dl2c, in the order of the way through. A layer imports only what stands before it."""
 
