@@ -26,9 +26,7 @@ REWARD = 0.01  # rewards times this are of the order of 1
 def network(inputs: int, outputs: int, gain: float) -> nn.Sequential:
     """Two hidden layers; the last one starts near zero where `gain` is small."""
     layers = [nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, outputs)]
-    for layer in layers[::2]:
-        nn.init.orthogonal_(layer.weight, gain if layer is layers[-1] else 2**0.5)
-        nn.init.zeros_(layer.bias)
+    nn.init.orthogonal_(layers[-1].weight, gain)
     return nn.Sequential(*layers)
 
 
