@@ -14,7 +14,12 @@ from gymnasium.vector import AutoresetMode
 import dl2c
 
 FOLDER = Path(__file__).resolve().parent.parent / "examples"
-NAMES = sorted(path.stem for path in FOLDER.glob("*.kyx"))
+QUICK = ("acc", "bouncing_ball", "waypoint")
+"""With a Dict, with stretches without a decision, with a choice; the others take longer in all than they tell."""
+NAMES = [
+    pytest.param(path.stem, marks=[] if path.stem in QUICK else [pytest.mark.slow])
+    for path in sorted(FOLDER.glob("*.kyx"))
+]
 
 
 @pytest.mark.parametrize("name", NAMES)
