@@ -15,7 +15,7 @@ import dl2c
 
 FOLDER = Path(__file__).resolve().parent.parent / "examples"
 QUICK = ("acc", "bouncing_ball", "waypoint")
-"""With a Dict, with stretches without a decision, with a choice; the others take longer in all than they tell."""
+"""With a Dict, with stretches without a decision, with a choice; the others are slow tests."""
 NAMES = [
     pytest.param(path.stem, marks=[] if path.stem in QUICK else [pytest.mark.slow])
     for path in sorted(FOLDER.glob("*.kyx"))
