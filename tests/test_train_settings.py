@@ -82,7 +82,7 @@ def test_a_configuration_is_read(tmp_path: Path) -> None:
     assert read_configuration(path) == {}
 
 
-def test_the_configuration_of_the_readme_is_one(tmp_path: Path) -> None:
+def test_the_configuration_of_the_guide_is_one(tmp_path: Path) -> None:
     pytest.importorskip("yaml")
     from dl2c.training.configured import read_configuration
 
