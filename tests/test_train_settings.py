@@ -86,7 +86,8 @@ def test_the_configuration_of_the_guide_is_one(tmp_path: Path) -> None:
     pytest.importorskip("yaml")
     from dl2c.training.configured import read_configuration
 
-    (block,) = re.findall(r"^```yaml\n(.*?)^```", (REPOSITORY / "README.md").read_text("utf-8"), re.M | re.S)
+    guide = (REPOSITORY / "docs" / "howto" / "train.md").read_text("utf-8")
+    (block,) = re.findall(r"^```yaml\n(.*?)^```", guide, re.M | re.S)
     (tmp_path / "c.yaml").write_text(block, encoding="utf-8")
     found = read_configuration(tmp_path / "c.yaml")
     assert complete(found["algo"], Settings(hyper=found["hyper"])).hyper["learning_rate"] == 4e-3
