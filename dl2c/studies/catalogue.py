@@ -6,10 +6,12 @@ from typing import Any
 from dl2c.training.run import Settings
 
 GUARDED: dict[str, Any] = {"on_blocked": "fallback"}
-"""Values are moved to admissible ones, and an alternative that is not enabled is replaced by one that is."""
+"""An alternative that is not enabled is replaced by one that is."""
 
 UNGUARDED: dict[str, Any] = {"on_blocked": "terminate", "blocked_penalty": -100.0}
-"""A request that fails a test ends the episode, and costs what a collision would."""
+"""Asking for an alternative that is not enabled ends the episode, and costs what a collision would. Values of
+continuous decisions are moved to admissible ones all the same.
+"""
 
 
 @dataclass(frozen=True, slots=True)

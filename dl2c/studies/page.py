@@ -42,10 +42,10 @@ def _page(result: Result) -> Iterator[str]:
 
 
 READING = """\
-Every row is of the same initial states, with 95 % intervals. With guards, values are moved to admissible
-ones and alternatives that are not enabled are replaced; without, a request that fails a test ends the episode
-(blocked). Trained for {steps} steps each. In {endured} steps of the policy learned with guards a safety
-predicate failed {n} times.
+Every row is of the same initial states, with 95 % intervals. With guards, alternatives that are not enabled
+are replaced by ones that are; without, asking for one ends the episode (blocked). Values of continuous
+decisions are moved to admissible ones in both. Trained for {steps} steps each. In {endured} steps of the
+policy learned with guards a safety predicate failed {n} times.
 """
 
 
