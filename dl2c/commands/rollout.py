@@ -76,11 +76,12 @@ def rollout(
 def _here(
     run: tuple[Any, ...], failures: Path | None, options: Mapping[str, Any]
 ) -> Iterator[dict[str, Any]]:
-    from dl2c.report.recording import Recorder, failures_to
     from dl2c.training.rollout import rollout as rows
 
     if failures is None:
         return rows(*run, **options)
+    from dl2c.report.recording import Recorder, failures_to
+
     return rows(*run, around=lambda env: Recorder(env, failures_to(failures)), **options)
 
 

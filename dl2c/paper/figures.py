@@ -11,12 +11,15 @@ from dl2c.paper.closed_forms import fastest_time, guarded_drive
 from dl2c.paper.experiments import Results
 from dl2c.paper.forced import Approach
 from dl2c.paper.waypoint import Driven, course_of
+from dl2c.picture.figure import blank
+from dl2c.picture.panels import BLUE, GREEN, ORANGE
+from dl2c.picture.panels import VERMILION as RED
 from dl2c.training.evaluation import FIRST_SEED
 from dl2c.training.plots import save
 from dl2c.training.rollout import rollout
 
-BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#777777"
-"""Of the palette of Okabe and Ito, which the colour-blind can tell apart; lines differ in style too."""
+GREY = "#777777"
+"""Beside the colours of `picture.panels`, which the colour-blind can tell apart; lines differ too."""
 
 PAPER_SUCCESS = 0.68
 
@@ -31,11 +34,7 @@ def figures(results: Results, folder: Path) -> list[Path]:
 
 
 def _axes(rows: int, height: float) -> tuple[Any, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure: Any = Figure(figsize=(7, height), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank(figsize=(7, height), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
     for axis in axes:
         axis.grid(alpha=0.3)

@@ -47,13 +47,19 @@ def panels_of(model: Model) -> Panels:
     return Panels(tuple(lines[:MOST_LINES]), tuple(histograms), pairs)
 
 
-def episode_figure(model: Model, tracks: Sequence[Track], title: str = "") -> Any:
-    """A figure (matplotlib's own) of some episodes: the first is explained, the others are faint."""
+def blank(**layout: Any) -> Any:
+    """An empty figure (matplotlib's own, and its arguments) that needs no display."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure: Any = Figure()
+    figure: Any = Figure(**layout)
     FigureCanvasAgg(figure)
+    return figure
+
+
+def episode_figure(model: Model, tracks: Sequence[Track], title: str = "") -> Any:
+    """A figure (matplotlib's own) of some episodes: the first is explained, the others are faint."""
+    figure = blank()
     draw(figure, model, tracks, title)
     return figure
 

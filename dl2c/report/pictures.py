@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dl2c.env.opening import Model as ModelName
-from dl2c.picture.figure import episode_figure, save
+from dl2c.picture.figure import blank, episode_figure, save
 from dl2c.picture.panels import BLUE, GREEN, ORANGE, VERMILION, legend
 from dl2c.picture.track import Track
 from dl2c.report.blame import model_of
@@ -49,12 +49,9 @@ def episodes_of(
 
 def curves_figure(curve: Sequence[Mapping[str, Any]], evaluations: Sequence[Mapping[str, Any]]) -> Any:
     """The learning curve of a run: entries as in `run.json`. Rounds without an episode are left out."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.ticker import StrMethodFormatter
 
-    figure: Any = Figure(figsize=(8.4, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank(figsize=(8.4, 4.6), layout="constrained")
     rates, returns = figure.subplots(2, 1, sharex=True)
     for name, colour, style, label in RATES:
         rates.plot(*_column(curve, name), color=colour, ls=style, lw=1.4, label=label)

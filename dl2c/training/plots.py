@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from dl2c.picture.figure import blank
+
 if TYPE_CHECKING:
     from dl2c.training.run import Point
 
@@ -53,11 +55,7 @@ def plot_trajectory(
 
 def _axes(rows: int) -> tuple[Any, Any]:
     """A figure that needs no display, with `rows` axes above each other. Untyped: matplotlib's own."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure: Any = Figure(figsize=(7, 1.2 + 2.2 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank(figsize=(7, 1.2 + 2.2 * rows), layout="constrained")
     return figure, figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
 
 
@@ -71,12 +69,8 @@ def speeds(rows: Sequence[Bar], title: str, growths: Sequence[tuple[str, str, Ma
     """Bars, and below them how something grows: the labels of both axes, and the points. All axes but that
     of titles are logarithmic.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     heights = [0.5 + 0.3 * len(rows), *(GROWTH_INCHES for _ in growths)]
-    figure: Any = Figure(figsize=(8, 0.5 + sum(heights)), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank(figsize=(8, 0.5 + sum(heights)), layout="constrained")
     axes = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
     _bars(axes[0], rows)
     axes[0].set_title(title, fontsize="medium")
