@@ -17,7 +17,7 @@ LAYERS = (
     *("parse", "resolve", "ir", "interval", "paths", "smt", "sampling", "symbolic"),
     *("monitor", "policy", "emit"),
     *("native", "pipeline", "picture", "env", "training", "ray"),
-    *("lint", "bench", "paper", "studies", "report", "commands", "cli", "__main__"),
+    *("lint", "bench", "report", "paper", "studies", "commands", "cli", "__main__"),
 )
 """Everything in dl2c, in the order of the way through. A layer imports only what stands before it."""
 

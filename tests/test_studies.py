@@ -25,6 +25,13 @@ def test_a_page_shows_every_predicate_that_is_annotated(study: Study) -> None:
     assert study.has_goal == ("on_success=terminate" in source.text)
 
 
+@pytest.mark.parametrize("study", STUDIES, ids=lambda s: s.example)
+def test_without_its_guards_a_model_says_the_same_but_for_them(study: Study) -> None:
+    (guarded, _), (free, _) = (step_model(s, resolve_options({})) for s in (study.guarded, study.unguarded))
+    assert guarded.body != free.body
+    assert (guarded.predicates, guarded.precondition) == (free.predicates, free.precondition)
+
+
 def test_a_study_is_a_page_with_curves_and_data(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
     ran = CliRunner().invoke(app, ["study", "watertank", "--quick", "-o", str(tmp_path)])
@@ -34,11 +41,17 @@ def test_a_study_is_a_page_with_curves_and_data(tmp_path: Path) -> None:
     results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     assert results["endured"] == {"steps": 800, "violations": 0}
     assert [row["guarded"] for row in results["rows"]] == [True, True, False, False, False]
-    assert "curves.png" in page and (folder / "curves.png").stat().st_size > 10_000
-    for heading in ("# Water tank", "## What is proved", "## What is left to learn", "## What was found"):
+    for picture in ("curves.png", "episodes.png"):
+        assert f"]({picture})" in page and (folder / picture).stat().st_size > 10_000
+    for heading in (
+        "# Water tank",
+        "## What is proved",
+        "## What is left to learn",
+        "## What guards cost and buy",
+    ):
         assert heading in page
     for row in results["rows"]:
-        assert f"| {row['policy']} | {'yes' if row['guarded'] else 'no'} |" in page
+        assert f"| {row['policy']} | {'with guards' if row['guarded'] else 'without'} |" in page
 
 
 def test_a_study_that_does_not_exist_is_said() -> None:

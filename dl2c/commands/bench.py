@@ -146,7 +146,8 @@ def _agreement(deviation: float) -> str:
 
 def draw_comparison(comparison: Comparison, path: Path) -> None:
     """Every row's ratio to the baseline as a bar, with its range, and how speed and time grow."""
-    from dl2c.training.plots import save, speeds
+    from dl2c.picture.figure import save
+    from dl2c.training.plots import speeds
 
     rows = [(r.title, r.ratio, r.low, r.high) for r in comparison.results]
     title = f"{comparison.model}: environment steps per second, times solve_ivp"

@@ -11,11 +11,10 @@ from dl2c.paper.closed_forms import fastest_time, guarded_drive
 from dl2c.paper.experiments import Results
 from dl2c.paper.forced import Approach
 from dl2c.paper.waypoint import Driven, course_of
-from dl2c.picture.figure import blank
+from dl2c.picture.figure import blank, save
 from dl2c.picture.panels import BLUE, GREEN, ORANGE
 from dl2c.picture.panels import VERMILION as RED
 from dl2c.training.evaluation import FIRST_SEED
-from dl2c.training.plots import save
 from dl2c.training.rollout import rollout
 
 GREY = "#777777"

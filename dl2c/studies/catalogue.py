@@ -3,31 +3,41 @@
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from dl2c.env.opening import source_of
+from dl2c.source import Source
 from dl2c.training.run import Settings
-
-GUARDED: dict[str, Any] = {"on_blocked": "fallback"}
-"""An alternative that is not enabled is replaced by one that is."""
-
-UNGUARDED: dict[str, Any] = {"on_blocked": "terminate", "blocked_penalty": -100.0}
-"""Asking for an alternative that is not enabled ends the episode, and costs what a collision would. Values of
-continuous decisions are moved to admissible ones all the same.
-"""
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """An example, what is proved of it and what is left to learn, in words. `options` are those of the
-    environment in which its guarded policy acts. `has_goal`: episodes can succeed; else only the return says
-    how well a policy does.
+    """An example, what is proved of it and what is left to learn, in words. `guards` are the texts in it that
+    keep its agent safe, each with what stands in their place once they are taken away. `options` are those of
+    its environments. `has_goal`: episodes can succeed; else only the return says how well a policy does.
     """
 
     example: str
     title: str
     proved: str
     learned: str
+    found: str
+    guards: tuple[tuple[str, str], ...]
     settings: Settings
     options: dict[str, Any] = field(default_factory=dict[str, Any])
     has_goal: bool = True
+
+    @property
+    def guarded(self) -> Source:
+        """The model."""
+        return source_of(f"example:{self.example}")
+
+    @property
+    def unguarded(self) -> Source:
+        """The model without the tests that keep its agent safe."""
+        text = self.guarded.text
+        for guard, instead in self.guards:
+            assert text.count(guard) == 1, f"{self.example} has one place that says {guard}"
+            text = text.replace(guard, instead)
+        return Source(f"examples/{self.example}.kyx without its guards", text)
 
     def quick(self) -> "Study":
         """The same with hardly any training."""
@@ -44,6 +54,8 @@ STUDIES: tuple[Study, ...] = (
         "The robot never hits an obstacle while it moves, wherever the environment places the nearest one.",
         "Which arcs lead to the goal although obstacles forbid most of them. Standing still is always safe, "
         "so that a policy has to learn to leave it.",
+        "TODO",
+        (("?isSeparated(x, y, xo, yo, admissibleSeparation(v));", "?true;"),),
         Settings(steps=2_000_000, n_envs=128),
         SQUASH,
     ),
@@ -53,6 +65,8 @@ STUDIES: tuple[Study, ...] = (
         "The robot has stopped by the time the obstacle, which moves as it likes up to its highest velocity, "
         "touches it.",
         "To get past something that moves: the guard allows driving only far from it, and that takes time.",
+        "TODO",
+        (("?isSeparated(x, y, xo, yo, admissibleSeparation(v));", "?true;"),),
         Settings(steps=2_000_000, n_envs=128),
         SQUASH,
     ),
@@ -61,6 +75,8 @@ STUDIES: tuple[Study, ...] = (
         "Adaptive cruise control",
         "The cars never touch, whatever the one in front does that its brakes allow.",
         "Comfort: to keep the wanted distance in stop-and-go traffic instead of the least that is safe.",
+        "TODO",
+        (("?d + vl^2 / (2 * b) > v^2 / (2 * b) + (A / b + 1) * (A / 2 * ep^2 + ep * v);", "?true;"),),
         Settings(steps=500_000),
         has_goal=False,
     ),
@@ -69,6 +85,8 @@ STUDIES: tuple[Study, ...] = (
         "Water tank",
         "The level stays between empty and full.",
         "To keep the level near the wanted one with a valve that is set only now and then.",
+        "TODO",
+        (("?(0 <= l + (u - q) * ep & l + (u - q) * ep <= m);", "?true;"),),
         Settings(steps=300_000),
         has_goal=False,
     ),
@@ -77,6 +95,8 @@ STUDIES: tuple[Study, ...] = (
         "Inverted pendulum with limited energy",
         "The energy of the pendulum stays below its limit, whatever the motor does within the guard.",
         "To swing up with a motor too weak to lift the pendulum at once, and to hold it there.",
+        "TODO",
+        (("if (energy(theta, w) + ep * U^2 / (4 * d) <= Emax)", "if (true)"),),
         Settings(steps=1_000_000),
     ),
     Study(
@@ -86,6 +106,8 @@ STUDIES: tuple[Study, ...] = (
         "the radio block centre grants later.",
         "To be quick within authorities that come from nowhere, and to stop at a station that no authority "
         "names.",
+        "TODO",
+        (("?m - z >= separation(v, d);", "?true;"),),
         Settings(steps=1_000_000),
     ),
 )

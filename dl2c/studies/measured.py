@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dl2c.env.actions import encoding
-from dl2c.env.opening import open_library, source_of
-from dl2c.studies.catalogue import GUARDED, UNGUARDED, Study
+from dl2c.env.opening import open_library
+from dl2c.studies.catalogue import Study
 from dl2c.training.evaluation import FIRST_SEED, Evaluation, evaluate, flat_environments
 from dl2c.training.policies import policy_of
 from dl2c.training.run import Algorithm, Run
@@ -47,7 +46,7 @@ class Result:
 
 def algorithm(study: Study) -> Algorithm:
     """Masks are learned with where all decisions are discrete."""
-    manifest = open_library(source_of(_model(study)), study.options).manifest
+    manifest = open_library(study.guarded, study.options).manifest
     return "ppo" if manifest.inputs else "maskable-ppo"
 
 
@@ -55,35 +54,37 @@ def measure(study: Study, folder: Path, seed: int = 0, episodes: int = 400, step
     """Train with guards and without them, and measure what was learned and what chance achieves."""
     from dl2c.training.learning import train
 
-    guarded: dict[str, Any] = GUARDED | study.options
-    unguarded: dict[str, Any] = UNGUARDED | study.options
-    model, algo = _model(study), algorithm(study)
+    algo = algorithm(study)
+    models = {"with guards": study.guarded, "without guards": study.unguarded}
     runs: dict[str, Run] = {
-        "with guards": train(
-            model, algo, seed=seed, directory=folder / "guarded", settings=study.settings, **guarded
-        ),
-        "without": train(
-            model, "ppo", seed=seed, directory=folder / "unguarded", settings=study.settings, **unguarded
-        ),
+        name: train(
+            model,
+            algo,
+            seed=seed,
+            directory=folder / name.replace(" ", "_"),
+            settings=study.settings,
+            **study.options,
+        )
+        for name, model in models.items()
     }
     safe, free = (run.policy for run in runs.values())
     rows = (
         ("uniformly random", True, "random"),
-        ("learned", True, safe),
+        ("learned with guards", True, safe),
         ("uniformly random", False, "random"),
-        ("learned with guards, now without", False, safe),
-        ("learned without", False, free),
+        ("learned with guards", False, safe),
+        ("learned without guards", False, free),
     )
     measured: list[Measured] = []
-    for name, held, actor in rows:
-        options: dict[str, Any] = guarded if held else unguarded
-        measured.append(Measured(name, held, evaluate(actor, model, episodes, masked=held, **options)))
+    for name, guarded, actor in rows:
+        model = study.guarded if guarded else study.unguarded
+        measured.append(Measured(name, guarded, evaluate(actor, model, episodes, **study.options)))
     return Result(study, tuple(measured), endure(safe, study, steps), runs)
 
 
 def endure(policy: Path, study: Study, steps: int, n: int = 100) -> Endured:
     """Run a guarded policy in n environments at once, and count what must not happen."""
-    env = flat_environments(_model(study), n, **GUARDED | study.options)
+    env = flat_environments(study.guarded, n, **study.options)
     act = policy_of(policy, encoding(env.manifest), True, FIRST_SEED)
     observations, _ = env.reset(seed=FIRST_SEED)
     violations = 0
@@ -92,7 +93,3 @@ def endure(policy: Path, study: Study, steps: int, n: int = 100) -> Endured:
         violations += int(np.count_nonzero(env.batch.cost))
     env.close()
     return Endured(-(-steps // n) * n, violations)
-
-
-def _model(study: Study) -> str:
-    return f"example:{study.example}"

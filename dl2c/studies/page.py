@@ -7,18 +7,30 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from dl2c.env.opening import source_of
+from dl2c.picture.figure import episode_figure, save
+from dl2c.report.blame import model_of
+from dl2c.report.pictures import episodes_of, track_of
+from dl2c.studies.catalogue import Study
 from dl2c.studies.measured import Measured, Result
-from dl2c.training.evaluation import Estimate
+from dl2c.training.evaluation import FIRST_SEED, Estimate
 from dl2c.training.plots import plot_curves
 
 ANNOTATED = re.compile(r"/\* @.*?\*/[^\S\n]*\n?[^\n]*", re.DOTALL)
 """An annotation and the line that it belongs to."""
 
 
+SHOWN = 4
+"""Episodes in the picture of what the policy does."""
+
+
 def write_page(result: Result, folder: Path) -> Path:
-    """Write page.md and curves.png to the folder."""
+    """Write page.md, curves.png and episodes.png to the folder."""
+    study = result.study
     plot_curves({name: [run.curve] for name, run in result.runs.items()}, folder / "curves.png")
+    policy = result.runs["with guards"].policy
+    seen = episodes_of(policy, study.guarded, SHOWN, FIRST_SEED, **study.options)
+    figure = episode_figure(model_of(seen[0]), list(map(track_of, seen)))
+    save(figure, folder / "episodes.png")
     path = folder / "page.md"
     path.write_text("\n".join(_page(result)), encoding="utf-8")
     return path
@@ -26,27 +38,39 @@ def write_page(result: Result, folder: Path) -> Path:
 
 def _page(result: Result) -> Iterator[str]:
     study = result.study
-    text = source_of(f"example:{study.example}").text
-    steps = study.settings.steps
+    text = study.guarded.text
     yield f"# {study.title}\n"
     yield f"{_first_comment(text)}\n"
     yield f"## What is proved\n\n{study.proved}\n"
     yield f"```text\n{_problem(text)}\n```\n"
     yield f"## What is left to learn\n\n{study.learned}\n"
     yield f"```text\n{_annotations(text)}\n```\n"
-    yield "## What was found\n"
+    yield "## What guards cost and buy\n"
+    yield f"Without its guards the same model says, instead of the tests on the left:\n\n{_taken(study)}"
+    yield f"{study.found}\n"
     yield _table(result)
-    yield READING.format(steps=f"{steps:,}", endured=f"{result.endured.steps:,}", n=result.endured.violations)
-    yield "![learning curves](curves.png)\n"
+    yield READING.format(
+        steps=f"{study.settings.steps:,}", endured=f"{result.endured.steps:,}", n=result.endured.violations
+    )
+    yield "![Learning curves of both trainings](curves.png)\n"
+    yield "## What the policy does\n"
+    yield "The policy learned with guards, in four episodes, of which the first is explained.\n"
+    yield "![Episodes of the policy learned with guards](episodes.png)\n"
     yield f"Again: `dl2c study {study.example}`\n"
 
 
 READING = """\
-Every row is of the same initial states, with 95 % intervals. With guards, alternatives that are not enabled
-are replaced by ones that are; without, asking for one ends the episode (blocked). Values of continuous
-decisions are moved to admissible ones in both. Trained for {steps} steps each. In {endured} steps of the
-policy learned with guards a safety predicate failed {n} times.
+All rows are of the same initial states, with 95 % intervals; a violation is an episode in which a safety
+predicate failed. Both policies were trained for {steps} steps with the same settings. In {endured} steps of
+the policy learned with guards, in the model with its guards, a safety predicate failed {n} times.
 """
+
+
+def _taken(study: Study) -> str:
+    rows = [(guard, "nothing" if instead == "?true;" else f"`{instead}`") for guard, instead in study.guards]
+    return "| guard | instead |\n| --- | --- |\n" + "".join(
+        f"| `{guard.replace('|', chr(92) + '|')}` | {instead} |\n" for guard, instead in rows
+    )
 
 
 def _first_comment(text: str) -> str:
@@ -65,7 +89,7 @@ def _annotations(text: str) -> str:
 
 def _table(result: Result) -> str:
     goal = result.study.has_goal
-    head = ["policy", "guards", *(["success"] if goal else []), "violations", "blocked", "mean return"]
+    head = ["policy", "model", *(["success"] if goal else []), "violations", "mean return"]
     lines: list[Sequence[str]] = [head, ["---"] * len(head)]
     lines += [_row(row, goal) for row in result.rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
@@ -73,9 +97,9 @@ def _table(result: Result) -> str:
 
 def _row(row: Measured, goal: bool) -> Sequence[str]:
     found = row.found
-    rates = [*([found.success] if goal else []), found.violations, found.blocked]
-    held = "yes" if row.guarded else "no"
-    return [row.policy, held, *map(_percent, rates), _number(found.episode_return)]
+    rates = [*([found.success] if goal else []), found.violations]
+    model = "with guards" if row.guarded else "without"
+    return [row.policy, model, *map(_percent, rates), _number(found.episode_return)]
 
 
 def _percent(e: Estimate) -> str:

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from dl2c.picture.figure import blank
+from dl2c.picture.figure import blank, save
+from dl2c.picture.panels import BLUE, CYCLE, DASHES, SKY, VERMILION
 
 if TYPE_CHECKING:
     from dl2c.training.run import Point
@@ -18,22 +19,31 @@ CURVES = {
 }
 """What of a learning curve is shown, by field of `Point`."""
 
+ALWAYS = ("violations", "episode_return")
+"""What is shown even if it is 0 throughout."""
+
 
 def plot_curves(curves: Mapping[str, Sequence[Sequence["Point"]]], path: Path) -> None:
     """Rates and returns over environment steps; several runs of one name share a colour."""
-    figure, axes = _axes(len(CURVES))
+    from matplotlib.ticker import StrMethodFormatter
+
+    points = [point for runs in curves.values() for run in runs for point in run]
+    shown = [field for field in CURVES if field in ALWAYS or any(getattr(p, field) for p in points)]
+    figure, axes = _axes(len(shown))
     for k, (name, runs) in enumerate(curves.items()):
         for j, run in enumerate(runs):
             steps = [point.steps for point in run]
-            for axis, field in zip(axes, CURVES, strict=True):
+            for axis, field in zip(axes, shown, strict=True):
                 values = [getattr(point, field) for point in run]
-                axis.plot(steps, values, color=f"C{k}", label=None if j else name, alpha=0.8)
-    for axis, label in zip(axes, CURVES.values(), strict=True):
-        axis.set_ylabel(label)
+                style = ("-", *DASHES)[k % (1 + len(DASHES))]
+                axis.plot(steps, values, color=CYCLE[k % len(CYCLE)], ls=style, label=None if j else name)
+    for axis, field in zip(axes, shown, strict=True):
+        axis.set_ylabel(CURVES[field])
         axis.grid(alpha=0.3)
-        if label != CURVES["episode_return"]:
+        if field != "episode_return":
             axis.set_ylim(-0.02, 1.02)
     axes[-1].set_xlabel("environment steps")
+    axes[-1].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     axes[0].legend(loc="best", fontsize="small")
     save(figure, path)
 
@@ -45,7 +55,7 @@ def plot_trajectory(
     figure, axes = _axes(len(names))
     times = [row["time"] for row in rows]
     for axis, (name, label) in zip(axes, names.items(), strict=True):
-        axis.plot(times, [row[name] for row in rows], marker=".", markersize=3)
+        axis.plot(times, [row[name] for row in rows], color=BLUE, marker=".", markersize=3)
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
     axes[0].set_title(title, fontsize="medium")
@@ -75,7 +85,7 @@ def speeds(rows: Sequence[Bar], title: str, growths: Sequence[tuple[str, str, Ma
     _bars(axes[0], rows)
     axes[0].set_title(title, fontsize="medium")
     for axis, (x, y, points) in zip(axes[1:], growths, strict=True):
-        axis.loglog(list(points), list(points.values()), marker="o")
+        axis.loglog(list(points), list(points.values()), color=BLUE, marker="o")
         for point in points.items():
             axis.annotate(f"{point[1]:.3g}", point, (0, 6), textcoords="offset points", ha="center")
         axis.set_ymargin(0.2)
@@ -94,7 +104,7 @@ def _bars(axis: Any, rows: Sequence[Bar]) -> None:
         [v - low for v, low in zip(values, lows, strict=True)],
         [high - v for v, high in zip(values, highs, strict=True)],
     ]
-    axis.barh(places, values, xerr=spread, color="C0", ecolor="C1", capsize=3)
+    axis.barh(places, values, xerr=spread, color=SKY, ecolor=VERMILION, capsize=3)
     for place, high, value in zip(places, highs, values, strict=True):
         axis.annotate(f"{value:,.0f}", (high, place), (6, 0), textcoords="offset points", va="center")
     axis.set_yticks(places, names)
@@ -102,9 +112,3 @@ def _bars(axis: Any, rows: Sequence[Bar]) -> None:
     axis.set_xscale("log")
     axis.set_xlim(right=6 * max(highs))
     axis.grid(axis="x", alpha=0.3)
-
-
-def save(figure: Any, path: Path) -> None:
-    """Write a figure as PNG; folders are made."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120, metadata={"Software": None})
