@@ -68,7 +68,7 @@ EXACT = Tolerance(Fraction(0))
 OFF = Fraction(101, 100)
 
 BRAKING = "(2 * b) + (A / b + 1.01) * (A / 2 * ep^2 + ep * v)"
-PASSIVE = "1 + v^2 / (2 * b) + V * v / b + (A / b + 1.01) * (A / 2 * ep^2 + ep * (v + V))"
+PASSIVE = "1.01 + (v^2 / (2 * b) + V * v / b + (A / b + 1.01) * (A / 2 * ep^2 + ep * (v + V)))"
 EQUIVALENT = {
     "acc": {f"0: ?d + vl^2 / (2 * b) > v^2 / {BRAKING}"},
     "etcs": {"0: ?m - z >= (v^2 - d^2) / (2 * b) + (A / b + 1.01) * (A / 2 * ep^2 + ep * v)"},
