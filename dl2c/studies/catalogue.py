@@ -47,6 +47,8 @@ class Study:
 
 SQUASH: dict[str, Any] = {"action_map": "squash"}
 
+DRIVING = Settings(steps=4_000_000, n_envs=128, hyper={"gamma": 0.99, "ent_coef": 0.01})
+
 STUDIES: tuple[Study, ...] = (
     Study(
         "static_safety",
@@ -56,7 +58,7 @@ STUDIES: tuple[Study, ...] = (
         "so that a policy has to learn to leave it.",
         "TODO",
         (("?isSeparated(x, y, xo, yo, admissibleSeparation(v));", "?true;"),),
-        Settings(steps=2_000_000, n_envs=128),
+        DRIVING,
         SQUASH,
     ),
     Study(
@@ -67,7 +69,7 @@ STUDIES: tuple[Study, ...] = (
         "To get past something that moves: the guard allows driving only far from it, and that takes time.",
         "TODO",
         (("?isSeparated(x, y, xo, yo, admissibleSeparation(v));", "?true;"),),
-        Settings(steps=2_000_000, n_envs=128),
+        DRIVING,
         SQUASH,
     ),
     Study(
@@ -97,7 +99,7 @@ STUDIES: tuple[Study, ...] = (
         "To swing up with a motor too weak to lift the pendulum at once, and to hold it there.",
         "TODO",
         (("if (energy(theta, w) + ep * U^2 / (4 * d) <= Emax)", "if (true)"),),
-        Settings(steps=1_000_000),
+        Settings(steps=300_000),
     ),
     Study(
         "etcs",
