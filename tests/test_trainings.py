@@ -181,6 +181,23 @@ def test_the_command_trains_and_goes_on(capsys: Any, monkeypatch: Any, tmp_path:
     assert code == 1 and "goes on with its own seed" in err
 
 
+def test_tensorboard_is_told_every_round(capsys: Any, monkeypatch: Any, tmp_path: Path) -> None:
+    pytest.importorskip("tensorboard")
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    folders = ("-o", str(tmp_path / "run"), "--tensorboard", str(tmp_path / "log"))
+    code, _, err = dl2c(capsys, monkeypatch, "train", MODEL, *folders, *FLAGS, "--steps", "192")
+    assert code == 0, err
+    (file,) = (tmp_path / "log").rglob("events*")
+    told = EventAccumulator(str(file))
+    told.Reload()
+    curve = read_run(tmp_path / "run").run.curve
+    for name in ("success", "violations"):
+        scalars = {e.step: e.value for e in told.Scalars(f"dl2c/{name}")}
+        known = {p.steps: getattr(p, name) for p in curve if p.episodes}
+        assert known and scalars == pytest.approx(known)
+
+
 def test_flags_win_over_the_configuration(capsys: Any, monkeypatch: Any, tmp_path: Path) -> None:
     pytest.importorskip("yaml")
     (tmp_path / "c.yaml").write_text(

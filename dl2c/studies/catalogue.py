@@ -96,7 +96,7 @@ STUDIES: tuple[Study, ...] = (
         "pendulum",
         "Inverted pendulum with limited energy",
         "The energy of the pendulum stays below its limit, whatever the motor does within the guard.",
-        "To swing up with a motor too weak to lift the pendulum at once, and to hold it there.",
+        "To swing up with a motor too weak to lift the pendulum at once.",
         "TODO",
         (("if (energy(theta, w) + ep * U^2 / (4 * d) <= Emax)", "if (true)"),),
         Settings(steps=300_000),

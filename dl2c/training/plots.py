@@ -20,7 +20,7 @@ CURVES = {
 """What of a learning curve is shown, by field of `Point`."""
 
 ALWAYS = ("violations", "episode_return")
-"""What is shown even if it is 0 throughout."""
+"""What is shown even where it is 0 throughout."""
 
 
 def plot_curves(curves: Mapping[str, Sequence[Sequence["Point"]]], path: Path) -> None:
@@ -28,7 +28,7 @@ def plot_curves(curves: Mapping[str, Sequence[Sequence["Point"]]], path: Path) -
     from matplotlib.ticker import StrMethodFormatter
 
     points = [point for runs in curves.values() for run in runs for point in run]
-    shown = [field for field in CURVES if field in ALWAYS or any(getattr(p, field) for p in points)]
+    shown = [field for field in CURVES if field in ALWAYS or any(getattr(p, field) > 0 for p in points)]
     figure, axes = _axes(len(shown))
     for k, (name, runs) in enumerate(curves.items()):
         for j, run in enumerate(runs):
