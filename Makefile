@@ -22,9 +22,12 @@ demo: $(READY)
 paper: $(READY)
 	$(BIN)/dl2c paper
 
-# Six examples, each trained with its guards and without: some ten minutes each.
+# Six examples, each trained with its guards and without: about an hour. The pages go into docs/.
 studies: $(READY)
 	$(BIN)/dl2c study
+	for page in build/studies/*/page.md; do \
+	  folder=$$(dirname $$page); kept=docs/studies/$$(basename $$folder); \
+	  mkdir -p $$kept && cp $$page $$folder/*.png $$kept/ || exit 1; done
 
 test: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q -m "not slow"

@@ -56,6 +56,15 @@ def legend(axes: Any) -> None:
         )
 
 
+def environment_steps(axes: Any) -> None:
+    """Label an axis of environment steps: few enough to stand apart, however many digits they have."""
+    from matplotlib.ticker import MaxNLocator, StrMethodFormatter
+
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+    axes.set_xlabel("environment steps")
+
+
 def line(axes: Any, model: Model, tracks: Sequence[Track], name: str, explained: bool = True) -> None:
     """A variable over time: the first track with what happened in it, the others faint. `explained`: the
     legend says what its marks are.

@@ -8,7 +8,7 @@ import numpy as np
 
 from dl2c.env.opening import Model as ModelName
 from dl2c.picture.figure import blank, episode_figure, save
-from dl2c.picture.panels import BLUE, GREEN, ORANGE, VERMILION, legend
+from dl2c.picture.panels import BLUE, GREEN, ORANGE, VERMILION, environment_steps, legend
 from dl2c.picture.track import Track
 from dl2c.report.blame import model_of
 from dl2c.report.episode import Episode
@@ -49,8 +49,6 @@ def episodes_of(
 
 def curves_figure(curve: Sequence[Mapping[str, Any]], evaluations: Sequence[Mapping[str, Any]]) -> Any:
     """The learning curve of a run: entries as in `run.json`. Rounds without an episode are left out."""
-    from matplotlib.ticker import StrMethodFormatter
-
     figure = blank(figsize=(8.4, 4.6), layout="constrained")
     rates, returns = figure.subplots(2, 1, sharex=True)
     for name, colour, style, label in RATES:
@@ -62,11 +60,11 @@ def curves_figure(curve: Sequence[Mapping[str, Any]], evaluations: Sequence[Mapp
     returns.plot(*_column(curve, "episode_return"), color=BLUE, lw=1.3, label="while learning")
     _intervals(returns, evaluations, "episode_return", BLUE)
     returns.set_ylabel("mean return", fontsize=8)
-    returns.set_xlabel("environment steps", fontsize=8)
+    environment_steps(returns)
+    returns.xaxis.label.set_fontsize(8)
     for axes in (rates, returns):
         axes.grid(alpha=0.25, lw=0.6)
         axes.tick_params(labelsize=7)
-        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         legend(axes)
     return figure
 

@@ -10,9 +10,10 @@ from dl2c.training.run import Settings
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """An example, what is proved of it and what is left to learn, in words. `guards` are the texts in it that
-    keep its agent safe, each with what stands in their place once they are taken away. `options` are those of
-    its environments. `has_goal`: episodes can succeed; else only the return says how well a policy does.
+    """An example, what is proved of it and what is left to learn, in words. `guard` is the text in it that
+    keeps its agent safe, `instead` what stands in its place once it is taken away. `found` says how to read
+    what is measured. `options` are those of its environments. `has_goal`: episodes can succeed; else only the
+    return says how well a policy does.
     """
 
     example: str
@@ -20,8 +21,9 @@ class Study:
     proved: str
     learned: str
     found: str
-    guards: tuple[tuple[str, str], ...]
+    guard: str
     settings: Settings
+    instead: str = "?true;"
     options: dict[str, Any] = field(default_factory=dict[str, Any])
     has_goal: bool = True
 
@@ -32,12 +34,10 @@ class Study:
 
     @property
     def unguarded(self) -> Source:
-        """The model without the tests that keep its agent safe."""
+        """The model without what keeps its agent safe."""
         text = self.guarded.text
-        for guard, instead in self.guards:
-            assert text.count(guard) == 1, f"{self.example} has one place that says {guard}"
-            text = text.replace(guard, instead)
-        return Source(f"examples/{self.example}.kyx without its guards", text)
+        assert text.count(self.guard) == 1, f"{self.example} says in one place {self.guard}"
+        return Source(f"examples/{self.example}.kyx without guards", text.replace(self.guard, self.instead))
 
     def quick(self) -> "Study":
         """The same with hardly any training."""
@@ -57,9 +57,9 @@ STUDIES: tuple[Study, ...] = (
         "Which arcs lead to the goal although obstacles forbid most of them. Standing still is always safe, "
         "so that a policy has to learn to leave it.",
         "TODO",
-        (("?isSeparated(x, y, xo, yo, admissibleSeparation(v));", "?true;"),),
+        "?isSeparated(x, y, xo, yo, admissibleSeparation(v));",
         DRIVING,
-        SQUASH,
+        options=SQUASH,
     ),
     Study(
         "passive_safety",
@@ -68,9 +68,9 @@ STUDIES: tuple[Study, ...] = (
         "touches it.",
         "To get past something that moves: the guard allows driving only far from it, and that takes time.",
         "TODO",
-        (("?isSeparated(x, y, xo, yo, admissibleSeparation(v));", "?true;"),),
+        "?isSeparated(x, y, xo, yo, admissibleSeparation(v));",
         DRIVING,
-        SQUASH,
+        options=SQUASH,
     ),
     Study(
         "acc",
@@ -78,8 +78,8 @@ STUDIES: tuple[Study, ...] = (
         "The cars never touch, whatever the one in front does that its brakes allow.",
         "Comfort: to keep the wanted distance in stop-and-go traffic instead of the least that is safe.",
         "TODO",
-        (("?d + vl^2 / (2 * b) > v^2 / (2 * b) + (A / b + 1) * (A / 2 * ep^2 + ep * v);", "?true;"),),
-        Settings(steps=500_000),
+        "?d + vl^2 / (2 * b) > v^2 / (2 * b) + (A / b + 1) * (A / 2 * ep^2 + ep * v);",
+        Settings(steps=1_000_000),
         has_goal=False,
     ),
     Study(
@@ -88,7 +88,7 @@ STUDIES: tuple[Study, ...] = (
         "The level stays between empty and full.",
         "To keep the level near the wanted one with a valve that is set only now and then.",
         "TODO",
-        (("?(0 <= l + (u - q) * ep & l + (u - q) * ep <= m);", "?true;"),),
+        "?(0 <= l + (u - q) * ep & l + (u - q) * ep <= m);",
         Settings(steps=300_000),
         has_goal=False,
     ),
@@ -98,8 +98,9 @@ STUDIES: tuple[Study, ...] = (
         "The energy of the pendulum stays below its limit, whatever the motor does within the guard.",
         "To swing up with a motor too weak to lift the pendulum at once.",
         "TODO",
-        (("if (energy(theta, w) + ep * U^2 / (4 * d) <= Emax)", "if (true)"),),
+        "if (energy(theta, w) + ep * U^2 / (4 * d) <= Emax)",
         Settings(steps=300_000),
+        "if (true)",
     ),
     Study(
         "etcs",
@@ -109,8 +110,12 @@ STUDIES: tuple[Study, ...] = (
         "To be quick within authorities that come from nowhere, and to stop at a station that no authority "
         "names.",
         "TODO",
-        (("?m - z >= separation(v, d);", "?true;"),),
-        Settings(steps=1_000_000),
+        "?m - z >= separation(v, d);",
+        Settings(
+            steps=6_000_000,
+            n_envs=128,
+            hyper={"gamma": 0.998, "gae_lambda": 0.98, "net_arch": [128, 128]},
+        ),
     ),
 )
 

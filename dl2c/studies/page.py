@@ -10,7 +10,6 @@ from typing import Any
 from dl2c.picture.figure import episode_figure, save
 from dl2c.report.blame import model_of
 from dl2c.report.pictures import episodes_of, track_of
-from dl2c.studies.catalogue import Study
 from dl2c.studies.measured import Measured, Result
 from dl2c.training.evaluation import FIRST_SEED, Estimate
 from dl2c.training.plots import plot_curves
@@ -42,13 +41,14 @@ def _page(result: Result) -> Iterator[str]:
     yield f"# {study.title}\n"
     yield f"{_first_comment(text)}\n"
     yield f"## What is proved\n\n{study.proved}\n"
-    yield f"```text\n{_problem(text)}\n```\n"
+    yield f"```text\n{problem(text)}\n```\n"
     yield f"## What is left to learn\n\n{study.learned}\n"
-    yield f"```text\n{_annotations(text)}\n```\n"
+    yield f"```text\n{annotations(text)}\n```\n"
     yield "## What guards cost and buy\n"
-    yield f"Without its guards the same model says, instead of the tests on the left:\n\n{_taken(study)}"
-    yield f"{study.found}\n"
+    yield f"The guard is\n\n```text\n{study.guard}\n```\n"
+    yield f"and the model without guards is the same with `{study.instead}` in its place.\n"
     yield _table(result)
+    yield f"{study.found}\n"
     yield READING.format(
         steps=f"{study.settings.steps:,}", endured=f"{result.endured.steps:,}", n=result.endured.violations
     )
@@ -66,24 +66,19 @@ the policy learned with guards, in the model with its guards, a safety predicate
 """
 
 
-def _taken(study: Study) -> str:
-    rows = [(guard, "nothing" if instead == "?true;" else f"`{instead}`") for guard, instead in study.guards]
-    return "| guard | instead |\n| --- | --- |\n" + "".join(
-        f"| `{guard.replace('|', chr(92) + '|')}` | {instead} |\n" for guard, instead in rows
-    )
-
-
 def _first_comment(text: str) -> str:
     found = re.match(r"/\*(.*?)\*/", text, re.DOTALL)
     assert found is not None, "examples begin with a comment"
     return re.sub(r"^ \* ?", "", found[1], flags=re.MULTILINE).strip()
 
 
-def _problem(text: str) -> str:
+def problem(text: str) -> str:
+    """What is proved, as the model says it."""
     return text[text.index("\nProblem") :].split("\nEnd.", maxsplit=1)[0].strip()
 
 
-def _annotations(text: str) -> str:
+def annotations(text: str) -> str:
+    """Every annotation of a model, each with the line that it belongs to."""
     return "\n".join(found.strip() for found in ANNOTATED.findall(text))
 
 

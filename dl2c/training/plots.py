@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from dl2c.picture.figure import blank, save
-from dl2c.picture.panels import BLUE, CYCLE, DASHES, SKY, VERMILION
+from dl2c.picture.panels import BLUE, CYCLE, DASHES, SKY, VERMILION, environment_steps
 
 if TYPE_CHECKING:
     from dl2c.training.run import Point
@@ -25,8 +25,6 @@ ALWAYS = ("violations", "episode_return")
 
 def plot_curves(curves: Mapping[str, Sequence[Sequence["Point"]]], path: Path) -> None:
     """Rates and returns over environment steps; several runs of one name share a colour."""
-    from matplotlib.ticker import StrMethodFormatter
-
     points = [point for runs in curves.values() for run in runs for point in run]
     shown = [field for field in CURVES if field in ALWAYS or any(getattr(p, field) > 0 for p in points)]
     figure, axes = _axes(len(shown))
@@ -42,8 +40,7 @@ def plot_curves(curves: Mapping[str, Sequence[Sequence["Point"]]], path: Path) -
         axis.grid(alpha=0.3)
         if field != "episode_return":
             axis.set_ylim(-0.02, 1.02)
-    axes[-1].set_xlabel("environment steps")
-    axes[-1].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+    environment_steps(axes[-1])
     axes[0].legend(loc="best", fontsize="small")
     save(figure, path)
 
