@@ -5,6 +5,7 @@ alternative" and costs nothing: what is measured is the environments.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import cycle, islice
@@ -189,36 +190,43 @@ def memory_row(what: Subject, n: int) -> Row:
 
 
 def empty_row(what: Subject) -> Row:
-    """An environment that does nothing but make the same kinds of objects: the least Gymnasium costs."""
+    """An environment that does nothing but make the same objects: the least Gymnasium costs."""
     model: Any = gym.make("dl2c:dl2c/Model-v0", model=what.source, **_gym_options(what))  # pyright: ignore[reportUnknownMemberType] # gym.make has a bare type
-    spec = EnvSpec("Empty-v0", entry_point=lambda **_: EmptyEnv(model))
+    spec = EnvSpec(
+        "Empty-v0", entry_point=lambda **_: EmptyEnv(model), order_enforce=False, disable_env_checker=True
+    )
     env: Any = gym.make(spec)  # pyright: ignore[reportUnknownMemberType] # gym.make has a bare type
     env.reset(seed=0)
     return Row("empty", "empty Gymnasium environment", 1, _episodes(env, [zero(env.action_space)]))
 
 
 class EmptyEnv(gym.Env[NDArray[Any], Any]):
-    """Returns from every step the kinds of objects that one step of `model` returned."""
+    """Plays an episode of `model` over and over, in fresh objects; actions are not looked at."""
 
     def __init__(self, model: "gym.Env[NDArray[Any], Any]") -> None:
         self.observation_space, self.action_space = model.observation_space, model.action_space
-        self._obs, self._reset_info = model.reset(seed=0)
-        self._info = model.step(zero(model.action_space))[4]
-        self._arrays = [key for key, value in self._info.items() if isinstance(value, np.ndarray)]
+        self._first = model.reset(seed=0)
+        steps: list[tuple[NDArray[Any], Any, bool, bool, dict[str, Any]]] = []
+        while not steps or not (steps[-1][2] or steps[-1][3]):
+            steps.append(model.step(zero(model.action_space)))
+        self._steps = cycle(steps)
+        self._arrays = [key for key, value in steps[0][4].items() if isinstance(value, np.ndarray)]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
-        """A fresh observation."""
+        """A fresh observation and a fresh info."""
         super().reset(seed=seed)
-        return self._obs.copy(), dict(self._reset_info)
+        observation, info = self._first
+        return observation.copy(), {key: copy(value) for key, value in info.items()}
 
     def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
-        """Fresh objects; the action is not looked at."""
-        info = dict(self._info)
+        """The next step's results."""
+        observation, reward, terminated, truncated, info = next(self._steps)
+        info = info.copy()
         for key in self._arrays:
             info[key] = info[key].copy()
-        return self._obs.copy(), 0.0, False, False, info
+        return observation.copy(), reward, terminated, truncated, info
 
 
 def zero(space: gym.Space[Any]) -> Any:

@@ -329,8 +329,7 @@ def reader(encoding: Encoding, batch: "Batch") -> Callable[[], Any]:
         case NoDecision():
             return lambda: 0
         case OneChoice():
-            cell = cells_of(batch.executed_choices.reshape(-1))
-            return lambda: cell[0]
+            return batch.executed_choices[0].item
         case Choices():
             indices = batch.executed_choices[0]
             return lambda: indices.astype(np.int64)

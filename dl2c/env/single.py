@@ -6,27 +6,24 @@ objects. Numbers that depend on the model are worked out once, in the constructo
 
 from collections.abc import Callable
 from contextlib import nullcontext
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.env.actions import action_space, encoding, masks, reader, writer
+from dl2c.env.actions import action_space, encoding, masks
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.screen import Screen
 from dl2c.env.seeding import SEEDS, draw_seed
 from dl2c.env.snapshot import Snapshot, put, take
-from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
+from dl2c.env.spaces import observation_space
 from dl2c.env.state import check_reset_options, read_chosen, read_drawn, read_state, reset_state, state_line
+from dl2c.env.stepping import Origin, Parts, Step, step_function
 from dl2c.env.targeted import Targeted
-from dl2c.native.binding import OUTCOME
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Batch
-
-Step: TypeAlias = tuple[NDArray[Any], float, bool, bool, dict[str, Any]]
-"""Observation, reward, terminated, truncated, info."""
 
 
 class Dl2cEnv(gym.Env[NDArray[Any], Any]):
@@ -75,55 +72,19 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
             self._transition = self._screen.watching(self._transition, lambda: self.state)
 
     def _bind(self, batch: "Batch") -> None:
-        """Views that turn an entry of a buffer into a Python number without an array in between."""
+        """Views of a batch and functions over it, made once."""
         self._obs = batch.obs[0]
-        self._transition = self._stepper(batch)
-
-    def _stepper(self, batch: "Batch") -> Callable[[Any], Step]:
-        """One step as a closure: what it needs is looked up once, not at every step."""
-        write, executed = writer(self._encoding, batch), reader(self._encoding, batch)
-        native_step, check = batch.native_step(), batch.check
-        outcome, read = batch.outcome.data, OUTCOME.unpack_from
-        copy, reasons, fresh_mask = self._obs.copy, reason_names(self.manifest), self._mask_copier(batch)
-
-        manifest = self.manifest
-        drawn = bool(manifest.drawn_choices or manifest.drawn_inputs)
-
-        def transition(action: Any) -> Step:
-            write(action)
-            if failed := native_step():
-                check(failed)
-            (reward, duration, time, status, reason, cost, end, cut, blocked, post, saturated, _) = read(
-                outcome
-            )
-            info: dict[str, Any] = {
-                "status": STATUS[status],
-                "reason": reasons[reason],
-                "cost": cost,
-                "blocked": blocked,
-                "executed_action": executed(),
-                "duration": duration,
-                "time": time,
-                "postcondition": post,
-                "saturated": saturated,
-            }
-            if drawn:
-                info["environment"] = {k: v.item() for k, v in read_drawn(manifest, batch).items()}
-            if fresh_mask is not None:
-                info["action_mask"] = fresh_mask()
-            if end or cut:
-                self._act = _not_running
-                info["is_success"] = status == SUCCESS
-            return copy(), reward, end, cut, info
-
-        return transition
-
-    def _mask_copier(self, batch: "Batch") -> Callable[[], NDArray[np.int8]] | None:
-        """What makes a fresh mask; None where there is nothing to mask."""
-        if not self.manifest.choices:
-            return None
         plain = batch.mask.shape == masks(self._encoding, batch.mask).shape
-        return batch.mask[0].copy if plain else self._fresh_mask
+        self._fresh_mask = batch.mask[0].copy if plain else lambda: masks(self._encoding, batch.mask)[0]
+        extras: dict[str, Origin] = {}
+        if self.manifest.drawn_choices or self.manifest.drawn_inputs:
+            extras["environment"] = lambda: {k: v.item() for k, v in read_drawn(self.manifest, batch).items()}
+        if self.manifest.choices:
+            extras["action_mask"] = batch.mask[0] if plain else self._fresh_mask
+        self._transition = step_function(Parts(self.manifest, batch, self._encoding, extras, self._stop))
+
+    def _stop(self) -> None:
+        self._act = _not_running
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -201,9 +162,6 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
                     self.restore(own)
                 else:
                     self._seeded, self._act = False, _not_running
-
-    def _fresh_mask(self) -> NDArray[np.int8]:
-        return masks(self._encoding, self._batch.mask)[0]
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which alternatives have a run, one entry per alternative, as MaskablePPO asks."""

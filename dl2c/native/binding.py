@@ -5,26 +5,20 @@ when it is made; a step is then one C call and one comparison. Nothing here can 
 who wants an environment elsewhere sends the model's text and options.
 """
 
-import hashlib
-import importlib.util
 import struct
-import sys
-import sysconfig
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
-from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NoReturn, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.native.compile import declarations
 from dl2c.native.errors import MonitorViolated, NativeError, ResetFailed
+from dl2c.native.loading import find, load
 from dl2c.native.manifest import Manifest
+from dl2c.native.single import single_step
 from dl2c.native.sundials import load_solver
 
 AUTORESET = {"disabled": 0, "next_step": 1, "same_step": 2}
@@ -234,6 +228,18 @@ class Batch:
         """The C call behind `step` alone; what it returns, unless 0, is for `check`."""
         return partial(self._native_step, self._handle)
 
+    def step_in_c(self, count: int, *parts: Any) -> Callable[[Any], Any] | None:
+        """The step of a batch of one as a function of the action; None where that cannot be built.
+
+        The arguments are those parts of cgen/python/single.c that are no addresses.
+        """
+        if (made := single_step()) is None:
+            return None
+        ffi = self.library.ffi
+        pointers = (ffi.addressof(self._lib, "dl2c_batch_step"), self._handle)
+        memory = (ffi.from_buffer(self.outcome), ffi.from_buffer(self.choices))
+        return made((*(int(ffi.cast("uintptr_t", p)) for p in (*pointers, *memory)), count, *parts))
+
     def step(self) -> None:
         """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""
         if status := self._native_step(self._handle):
@@ -329,7 +335,8 @@ def load_library(directory: Path) -> Library:
     Raises `NativeError` if the two files do not fit each other or this version of dl2c.
     """
     manifest = Manifest.read(directory / "manifest.json")
-    ffi, lib = _foreign(_find(directory))
+    module = load(find(directory))
+    ffi, lib = module.ffi, module.lib
     found = (lib.dl2c_abi_version(), lib.dl2c_stream_version())
     if found != (manifest.abi_version, manifest.stream_version):
         raise NativeError(
@@ -349,49 +356,6 @@ def load_library(directory: Path) -> Library:
     if described != wanted:
         raise NativeError(f"the manifest of {manifest.name} describes another library; build the model again")
     return Library(manifest, sizes, ffi, lib)
-
-
-def _find(directory: Path) -> Path:
-    """The library in a folder: an extension for this interpreter, or else a plain library."""
-    suffix = sysconfig.get_config_var("EXT_SUFFIX")
-    for pattern in (f"_*{suffix}", "lib*.so"):
-        if found := sorted(directory.glob(pattern)):
-            return found[0]
-    raise NativeError(f"{directory.name} holds no library for this Python; build the model again")
-
-
-def _foreign(path: Path) -> tuple[Any, Any]:
-    """cffi's `ffi` and `lib` of a library, by content: the same bytes are loaded once.
-
-    The dynamic linker tells libraries apart by path before it looks at the file; a link that
-    nobody has seen before makes it look.
-    """
-    try:
-        name = f"dl2c_{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}.{path.name.partition('.')[0]}"
-        if (loaded := sys.modules.get(name)) is None:
-            with tempfile.TemporaryDirectory(prefix="dl2c-") as fresh:
-                link = Path(fresh, path.name)
-                link.symlink_to(path.resolve())
-                loaded = sys.modules[name] = _load(link, name)
-    except OSError as problem:
-        raise NativeError(f"cannot load {path.name}: {problem.strerror}") from None
-    return loaded.ffi, loaded.lib
-
-
-def _load(path: Path, name: str) -> ModuleType:
-    try:
-        if path.name.startswith("lib"):
-            module: Any = ModuleType(name)
-            module.ffi = declarations()
-            module.lib = module.ffi.dlopen(str(path))
-            return module
-        spec = importlib.util.spec_from_file_location(name, path, loader=ExtensionFileLoader(name, str(path)))
-        assert spec is not None and spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        return module
-    except (ImportError, OSError) as problem:
-        raise NativeError(f"cannot load {path.name}: {problem}; build the model again") from None
 
 
 def _code(option: str, value: str, codes: dict[str, int]) -> int:

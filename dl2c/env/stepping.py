@@ -1,0 +1,111 @@
+"""A step of a single environment: from an action to what Gymnasium returns.
+
+In goes a batch of one; out comes a function of the action, in C where that can be built and else in
+Python. Both return the same objects, fresh at every step; both look up once what they need of the model.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import chain
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dl2c.env.actions import Encoding, OneChoice, reader, writer
+from dl2c.env.spaces import STATUS, SUCCESS, reason_names
+from dl2c.native.binding import OUTCOME
+
+if TYPE_CHECKING:
+    from dl2c.native.binding import Batch
+    from dl2c.native.manifest import Manifest
+
+Step: TypeAlias = tuple[NDArray[Any], float, bool, bool, dict[str, Any]]
+"""Observation, reward, terminated, truncated, info."""
+
+Origin: TypeAlias = NDArray[Any] | Callable[[], Any]
+"""Where an entry of `info` comes from: an array that is copied, or a function that makes it."""
+
+KEYS = ("status", "reason", "cost", "blocked", "duration", "time", "postcondition", "saturated", "is_success")
+"""Entries of `info` that are single numbers, as cgen/python/single.c numbers them."""
+
+CLOSED_FORMS = {"exact"}
+"""Kernels so quick that a step is over before another thread could have begun."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What a step is made of. `extras` are the entries of `info` that not all models have; `ended` is
+    told that the episode is over.
+    """
+
+    manifest: "Manifest"
+    batch: "Batch"
+    encoding: Encoding
+    extras: Mapping[str, Origin]
+    ended: Callable[[], None]
+
+
+def step_function(parts: Parts) -> Callable[[Any], Step]:
+    """One step, in the fastest form there is. Raises `ValueError` for an action outside the action space."""
+    return compiled_step(parts) or python_step(parts)
+
+
+def compiled_step(parts: Parts) -> Callable[[Any], Step] | None:
+    """The step in C; None where it cannot be built."""
+    batch, encoding = parts.batch, parts.encoding
+    origins = {"executed_action": reader(encoding, batch), **parts.extras}
+    return batch.step_in_c(
+        encoding.count if isinstance(encoding, OneChoice) else 0,
+        writer(encoding, batch),
+        any(flow.kernel not in CLOSED_FORMS for flow in parts.manifest.flows),
+        batch.check,
+        parts.ended,
+        batch.obs[0],
+        KEYS,
+        _uneventful(parts.extras),
+        STATUS,
+        reason_names(parts.manifest),
+        tuple(chain.from_iterable(origins.items())),
+    )
+
+
+def _uneventful(extras: Mapping[str, Origin]) -> dict[str, Any]:
+    """`info` of a step of which nothing is to be said, with all its keys in order."""
+    known = {"status": STATUS[0], "reason": "", "cost": 0, "blocked": False, "executed_action": None}
+    known |= {"duration": 0.0, "time": 0.0, "postcondition": True, "saturated": False}
+    return known | dict.fromkeys(extras)
+
+
+def python_step(parts: Parts) -> Callable[[Any], Step]:
+    """The step in Python."""
+    batch, ended, reasons = parts.batch, parts.ended, reason_names(parts.manifest)
+    write, executed = writer(parts.encoding, batch), reader(parts.encoding, batch)
+    native_step, check, observe = batch.native_step(), batch.check, batch.obs[0].copy
+    outcome, read = batch.outcome.data, OUTCOME.unpack_from
+    extras = {k: o.copy if isinstance(o, np.ndarray) else o for k, o in parts.extras.items()}
+
+    def step(action: Any) -> Step:
+        write(action)
+        if failed := native_step():
+            check(failed)
+        (reward, duration, time, status, reason, cost, end, cut, blocked, post, saturated, _) = read(outcome)
+        info: dict[str, Any] = {
+            "status": STATUS[status],
+            "reason": reasons[reason],
+            "cost": cost,
+            "blocked": blocked,
+            "executed_action": executed(),
+            "duration": duration,
+            "time": time,
+            "postcondition": post,
+            "saturated": saturated,
+        }
+        for key, fresh in extras.items():
+            info[key] = fresh()
+        if end or cut:
+            ended()
+            info["is_success"] = status == SUCCESS
+        return observe(), reward, end, cut, info
+
+    return step

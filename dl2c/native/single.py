@@ -1,0 +1,58 @@
+"""The step of a single environment as one function: cgen/python/single.c, an extension that knows no model.
+
+Built into the cache on first use, once for each Python and numpy. Nothing needs it: what is not there
+where headers are missing is done in Python by `dl2c.env.stepping`.
+"""
+
+import hashlib
+import json
+import sysconfig
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dl2c.native.cache import KEY_LENGTH, cached
+from dl2c.native.code import cgen_dir
+from dl2c.native.errors import NativeError
+from dl2c.native.loading import load
+from dl2c.native.toolchain import find_compiler, link_flags, python_include, run, user_flags
+from dl2c.progress import LOG
+
+FLAGS = ("-std=c11", "-O2", "-w", "-fPIC", "-fvisibility=hidden")
+
+
+def single_step() -> Callable[[tuple[Any, ...]], Callable[[Any], Any]] | None:
+    """What makes a step of its parts (see there); None where it cannot be built, which is logged."""
+    headers = Path(np.get_include())
+    if not (python := python_include()) or not (headers / "numpy" / "arrayobject.h").is_file():
+        return None
+    include = (*python, f"-I{headers}", f"-I{cgen_dir() / 'include'}")
+    try:
+        return load(cached(_key(), lambda directory: _build(directory, include)) / _file()).stepper
+    except NativeError as problem:
+        LOG.info("single environments are stepped in Python: %s", problem)
+        return None
+
+
+def _file() -> str:
+    return f"single{sysconfig.get_config_var('EXT_SUFFIX')}"
+
+
+def _key() -> str:
+    """Not the compiler: there is no arithmetic in it that could depend on one."""
+    texts = [path.read_text(encoding="utf-8") for path in (_source(), cgen_dir() / "include" / "dl2c.h")]
+    facts = (texts, user_flags(), sysconfig.get_config_var("SOABI"), np.__version__)
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:KEY_LENGTH]
+
+
+def _source() -> Path:
+    return cgen_dir() / "python" / "single.c"
+
+
+def _build(directory: Path, include: tuple[str, ...]) -> None:
+    """One command; the manifest is there for its name, which `dl2c cache list` shows."""
+    flags = (*FLAGS, *user_flags(), *include, *link_flags())
+    run((*find_compiler().command, str(_source()), *flags, "-o", _file()), directory)
+    (directory / "manifest.json").write_text(json.dumps({"name": "(steps in Python)"}), encoding="utf-8")
