@@ -200,7 +200,7 @@ def write(encoding: Encoding, batch: "Batch", actions: Any) -> None:
             batch.choices[:] = _indices(actions, (n, len(counts)), counts)
         case Runs(table):
             run = _indices(actions, (n,), np.array(len(table)))
-            batch.choices[:] = np.maximum(table[run], 0)
+            batch.choices[:] = np.maximum(table[run.astype(np.intp, copy=False)], 0)
         case Flat(low, _, counts, squash):
             values = _numbers(actions, (n, len(low) + len(counts)))
             batch.inputs[:] = values[:, : len(low)]
