@@ -70,7 +70,7 @@ docs: $(READY)
 
 bench: $(READY)
 	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000 \
-	  --require sb3_4096/infos4096=0.66
+	  --require gym/empty=0.67 --require gym/cartpole=4 --require sb3_4096/infos4096=0.66
 	$(BIN)/dl2c bench examples/dubins.kyx --integrator cvodes --rtol 1e-6 --atol 1e-6 --require batch1024=30
 
 # What becomes of every public model, where these are at hand (../shared/corpus).

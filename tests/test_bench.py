@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import data_equivalence
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,10 +21,14 @@ from dl2c.bench.measure import growth, measure
 from dl2c.bench.python_source import NAMESPACE, formula_source, term_source
 from dl2c.bench.rows import (
     BASELINE,
+    EmptyEnv,
     Row,
     Subject,
     baseline_row,
+    cartpole_row,
     deviation,
+    empty_row,
+    gym_row,
     infos_row,
     rows,
     sb3_row,
@@ -32,8 +37,10 @@ from dl2c.bench.rows import (
 )
 from dl2c.bench.sizes import vehicles
 from dl2c.env.opening import batch_options, source_of
+from dl2c.env.single import Dl2cEnv
 from dl2c.ir.evaluate import Undefined, evaluate, truth
 from dl2c.ir.model import Add, And, Call, Compare, Div, Formula, Mul, Neg, Number, Or, Sub, Symbol, Term
+from dl2c.native.single import single_step
 from dl2c.source import Source
 
 pytest.importorskip("scipy")
@@ -181,6 +188,34 @@ def test_rows_agree_on_their_keys_and_order(waypoint: Subject, monkeypatch: pyte
     assert by_key["memory"].ratio > by_key["batch1024"].ratio > by_key["gym"].ratio > 1
     assert list(growth(results)) == [1, 8, 64, 1024, 16384]
     assert growth(results)[1] == 1.0
+
+
+def test_the_empty_environment_returns_what_the_model_does(waypoint: Subject) -> None:
+    """The same objects, neither less nor more, and fresh: over two episodes and the resets between."""
+    model = Dl2cEnv(waypoint.source, **waypoint.options)
+    empty = EmptyEnv(model)
+    first = []
+    for _ in range(2):
+        pairs = [(model.reset(seed=0), empty.reset())]
+        while len(pairs) == 1 or not any(pairs[-1][0][2:4]):
+            pairs.append((model.step(0), empty.step(0)))
+        for left, right in pairs:
+            assert data_equivalence(left, right, exact=True)
+            assert list(left[-1]) == list(right[-1])
+            assert [type(v) for v in left[-1].values()] == [type(v) for v in right[-1].values()]
+        first.append(pairs)
+    for (_, once), (_, again) in zip(*first, strict=True):
+        assert not np.shares_memory(once[0], again[0])
+        assert not np.shares_memory(once[-1]["action_mask"], again[-1]["action_mask"])
+
+
+@pytest.mark.skipif(single_step() is None, reason="without Python's headers steps are made in Python")
+def test_a_single_step_costs_little_more_than_its_objects(waypoint: Subject) -> None:
+    """In the quietest of some rounds."""
+    rows = [empty_row(waypoint), gym_row(waypoint), cartpole_row()]
+    _, gym, cartpole = measure(rows, 2, rounds=9, baseline="empty")
+    assert gym.high > 1 / 1.5
+    assert max(a / b for a, b in zip(gym.rates, cartpole.rates, strict=True)) > 4
 
 
 def test_sb3_rows_run(waypoint: Subject) -> None:

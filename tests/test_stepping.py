@@ -237,7 +237,7 @@ def test_what_no_compiler_takes_is_done_in_python(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("DL2C_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(dl2c.native.single, "FLAGS", ("-std=none",))
+    monkeypatch.setenv("CFLAGS", "-fno-such-thing")
     with caplog.at_level("INFO", "dl2c"):
         assert single_step() is None
     assert "stepped in Python" in caplog.text and cache_entries() == ()

@@ -20,8 +20,6 @@ from dl2c.native.loading import load
 from dl2c.native.toolchain import find_compiler, link_flags, python_include, run, user_flags
 from dl2c.progress import LOG
 
-FLAGS = ("-std=c11", "-O2", "-w", "-fPIC", "-fvisibility=hidden")
-
 
 def single_step() -> Callable[[tuple[Any, ...]], Callable[[Any], Any]] | None:
     """What makes a step of its parts (see there); None where it cannot be built, which is logged."""
@@ -53,6 +51,9 @@ def _source() -> Path:
 
 def _build(directory: Path, include: tuple[str, ...]) -> None:
     """One command; the manifest is there for its name, which `dl2c cache list` shows."""
-    flags = (*FLAGS, *user_flags(), *include, *link_flags())
-    run((*find_compiler().command, str(_source()), *flags, "-o", _file()), directory)
-    (directory / "manifest.json").write_text(json.dumps({"name": "(steps in Python)"}), encoding="utf-8")
+    compiler = find_compiler()
+    flags = (*compiler.flags(native=False), "-w", *include, *link_flags())
+    run((*compiler.command, str(_source()), *flags, "-o", _file()), directory)
+    (directory / "manifest.json").write_text(
+        json.dumps({"name": "step of a single environment"}), encoding="utf-8"
+    )
