@@ -29,9 +29,6 @@ Origin: TypeAlias = NDArray[Any] | Callable[[], Any]
 KEYS = ("status", "reason", "cost", "blocked", "duration", "time", "postcondition", "saturated", "is_success")
 """Entries of `info` that are single numbers, as cgen/python/single.c numbers them."""
 
-CLOSED_FORMS = {"exact"}
-"""Kernels so quick that a step is over before another thread could have begun."""
-
 
 @dataclass(frozen=True, slots=True)
 class Parts:
@@ -58,7 +55,7 @@ def compiled_step(parts: Parts) -> Callable[[Any], Step] | None:
     return batch.step_in_c(
         encoding.count if isinstance(encoding, OneChoice) else 0,
         writer(encoding, batch),
-        any(flow.kernel not in CLOSED_FORMS for flow in parts.manifest.flows),
+        any(flow.kernel != "exact" for flow in parts.manifest.flows),
         batch.check,
         parts.ended,
         batch.obs[0],
