@@ -20,6 +20,7 @@ from dl2c.env.single import Dl2cEnv
 from dl2c.env.stepping import python_step
 from dl2c.native.cache import cache_entries
 from dl2c.native.code import cgen_dir
+from dl2c.native.errors import NativeError
 from dl2c.native.single import single_step
 from dl2c.native.toolchain import STRICT_FLAGS, find_compiler, python_include, run
 
@@ -48,7 +49,7 @@ ODD_ACTIONS: list[Any] = [
     *(np.array(1), np.array([1]), np.array([1, 2]), np.array(1.0), np.nan),
 ]
 
-PARTS = {"CHECK": 7, "ENDED": 8, "OBSERVE": 9, "INFO": 11, "STATUSES": 12, "REASONS": 13, "SOURCES": 14}
+PARTS = {"BATCH": 1, "ENDED": 8, "OBSERVE": 9, "INFO": 11, "STATUSES": 12, "REASONS": 13, "SOURCES": 14}
 """Places of cgen/python/single.c."""
 
 
@@ -179,6 +180,7 @@ def refuse(*_: Any) -> Any:
 
 
 BROKEN: dict[str, Any] = {
+    "BATCH": 0,
     "OBSERVE": refuse,
     "INFO": None,
     "STATUSES": (),
@@ -199,10 +201,11 @@ def test_an_error_in_any_part_passes_through(part: str) -> None:
     before, raised = counted(shared), 0
     for _ in range(20):
         env.reset(seed=1)
-        while not (env._batch.terminated[0] or env._batch.truncated[0]):
+        for _ in range(50):
             try:
-                step(0)
-            except (OSError, IndexError, KeyError, SystemError):
+                if step(0)[2]:
+                    break
+            except (NativeError, OSError, IndexError, KeyError, SystemError):
                 raised += 1
     assert raised >= 20 and counted(shared) == before
 
@@ -210,7 +213,7 @@ def test_an_error_in_any_part_passes_through(part: str) -> None:
 def test_a_step_is_made_of_all_its_parts() -> None:
     make = single_step()
     assert make is not None
-    for parts in ((), [], None):
+    for parts in ((), [], None, ((),) * 15):
         with pytest.raises(TypeError, match="parts"):
             make(parts)  # type: ignore[arg-type]
 

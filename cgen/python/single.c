@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * The step of a single environment as a Python function of its action. It does what `python_step` of
- * dl2c/env/stepping.py does and returns the same objects; it knows no model. Part of no build of one:
- * an extension module of its own, which dl2c/native/single.py builds where Python's headers are.
+ * The step of a single environment as a Python function of its action. It does what `python_step`
+ * of dl2c/env/stepping.py does and returns the same objects; it knows no model. Part of no build of
+ * one: an extension module of its own, which dl2c/native/single.py builds where Python's headers
+ * are.
  */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
@@ -23,8 +24,9 @@ typedef struct dl2c_results {
 typedef dl2c_status (*dl2c_stepping)(dl2c_batch *batch);
 
 /*
- * The parts of a step, a tuple. Addresses are integers; what they point to lives as long as the batch,
- * which `check` keeps. A source is an array, of which a copy is made, or a function that makes something.
+ * The parts of a step, a tuple. Addresses are integers; what they point to lives as long as the
+ * batch, which `check` keeps. A source is a contiguous array, to be copied, or a function that
+ * makes something.
  */
 enum {
   STEP,     /* address of dl2c_batch_step, */
@@ -158,14 +160,16 @@ static PyMethodDef dl2c_step_method = {"step", dl2c_step_one, METH_O, NULL};
 static PyObject *dl2c_stepper(PyObject *module, PyObject *parts)
 {
   (void)module;
-  if (!PyTuple_CheckExact(parts) || PyTuple_GET_SIZE(parts) != PARTS) {
+  if (!PyTuple_CheckExact(parts) || PyTuple_GET_SIZE(parts) != PARTS ||
+      PyObject_Size(dl2c_part(parts, KEYS)) != NKEYS) {
     PyErr_SetString(PyExc_TypeError, "a step is made of other parts");
     return NULL;
   }
   return PyCFunction_New(&dl2c_step_method, parts);
 }
 
-static PyMethodDef dl2c_methods[] = {{"stepper", dl2c_stepper, METH_O, NULL}, {NULL, NULL, 0, NULL}};
+static PyMethodDef dl2c_methods[] = {{"stepper", dl2c_stepper, METH_O, NULL},
+                                     {NULL, NULL, 0, NULL}};
 
 static struct PyModuleDef dl2c_module = {
     .m_base = PyModuleDef_HEAD_INIT, .m_name = "single", .m_methods = dl2c_methods};

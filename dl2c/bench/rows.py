@@ -37,6 +37,9 @@ MANY = 4096
 LOOP = 1024
 """Environments of the hand-written loop."""
 
+RECORDED = 1000
+"""Steps of the episode that the empty environment plays, at most."""
+
 STARTS = 256
 """Initial states of the baseline's episodes, drawn beforehand."""
 
@@ -207,10 +210,10 @@ class EmptyEnv(gym.Env[NDArray[Any], Any]):
         self.observation_space, self.action_space = model.observation_space, model.action_space
         self._first = model.reset(seed=0)
         steps: list[tuple[NDArray[Any], Any, bool, bool, dict[str, Any]]] = []
-        while not steps or not (steps[-1][2] or steps[-1][3]):
+        while len(steps) < RECORDED and not (steps and (steps[-1][2] or steps[-1][3])):
             steps.append(model.step(zero(model.action_space)))
         self._steps = cycle(steps)
-        self._arrays = [key for key, value in steps[0][4].items() if isinstance(value, np.ndarray)]
+        self._copied = [k for k, v in steps[0][4].items() if isinstance(v, np.ndarray | dict)]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -224,7 +227,7 @@ class EmptyEnv(gym.Env[NDArray[Any], Any]):
         """The next step's results."""
         observation, reward, terminated, truncated, info = next(self._steps)
         info = info.copy()
-        for key in self._arrays:
+        for key in self._copied:
             info[key] = info[key].copy()
         return observation.copy(), reward, terminated, truncated, info
 
