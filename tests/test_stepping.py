@@ -149,6 +149,11 @@ def counted(objects: list[Any]) -> list[int]:
     return [sys.getrefcount(x) for x in objects]
 
 
+def unchanged(before: list[int], after: list[int]) -> bool:
+    """But for what others do with the same strings meanwhile; a leak would be one in each step or episode."""
+    return all(abs(a - b) < 10 for a, b in zip(after, before, strict=True))
+
+
 def test_steps_keep_nothing() -> None:
     """Neither those that succeed nor those that are refused."""
     env = dl2c.make("example:waypoint")
@@ -172,7 +177,7 @@ def test_steps_keep_nothing() -> None:
         assert tracemalloc.get_traced_memory()[0] - memory < 20_000
     finally:
         tracemalloc.stop()
-    assert counted(shared) == before
+    assert unchanged(before, counted(shared))
 
 
 def refuse(*_: Any) -> Any:
@@ -207,7 +212,7 @@ def test_an_error_in_any_part_passes_through(part: str) -> None:
                     break
             except (NativeError, OSError, IndexError, KeyError, SystemError):
                 raised += 1
-    assert raised >= 20 and counted(shared) == before
+    assert raised >= 20 and unchanged(before, counted(shared))
 
 
 def test_a_step_is_made_of_all_its_parts() -> None:
