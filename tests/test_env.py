@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_library import ToyLibrary, toy_manifest, use_toy
 
-from dl2c.env.actions import action_space, encoding, executed, masks, write
+from dl2c.env.actions import action_space, encoding, executed, masks, write, writer
 from dl2c.env.spaces import observation_space
 from dl2c.native.errors import ResetFailed
 from dl2c.options import UnknownOption
@@ -91,6 +91,36 @@ def test_executed_inverts_write(data: st.DataObject) -> None:
     write(code, batch, again)
     assert data_equivalence(first[0], batch.choices, exact=True)
     np.testing.assert_allclose(first[1], batch.inputs, rtol=1e-6)
+
+
+NUMBERS: list[Any] = [
+    *(np.zeros(1), np.ones(1, np.float32), np.ones(1, np.float16), np.ones(1, np.longdouble)),
+    *(np.ones(1, int), np.ones(1, ">f8"), np.array([np.nan]), np.array([np.inf]), np.zeros((1, 1))),
+    *(np.zeros(2), np.array(1.0), [2.0], 3.0, None),
+]
+INDICES: list[Any] = [0, 2, -1, 10**30, True, np.True_, np.int8(1), np.array(1), np.array([1]), 1.0, None]
+
+
+def requested(batch: Any, call: Callable[[], None]) -> Any:
+    """What an action asks for, or how it is refused."""
+    batch.choices[:], batch.inputs[:] = -7, -7
+    try:
+        call()
+    except (ValueError, TypeError, OverflowError) as problem:
+        return type(problem), str(problem)
+    return batch.choices.tolist(), batch.inputs.tolist()
+
+
+def test_one_action_is_requested_as_a_batch_of_one() -> None:
+    """Also where its entries are not what the space samples."""
+    manifest = toy_manifest((3, 2), 1)
+    code, batch = encoding(manifest), ToyLibrary(manifest).batch(1)
+    quick = writer(code, batch)
+    actions = [{"assign_u0": u, "choice_0": i, "choice_1": 1} for u in NUMBERS for i in INDICES]
+    for action in ({}, *actions, actions[0] | {"more": 1}):
+        rows = {key: np.asarray(value)[None] for key, value in action.items()}
+        found = requested(batch, lambda action=action: quick(action))
+        assert found == requested(batch, lambda rows=rows: write(code, batch, rows)), action
 
 
 @pytest.mark.parametrize(

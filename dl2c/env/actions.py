@@ -7,7 +7,8 @@ a batch have one leading axis of length n, as `gymnasium.vector.utils.batch_spac
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias, assert_never
+from math import isnan
+from typing import TYPE_CHECKING, Any, TypeAlias, assert_never, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -253,11 +254,42 @@ def writer(encoding: Encoding, batch: "Batch") -> Callable[[Any], None]:
 
             return write_inputs
         case Named():
-            return lambda action: write(
-                encoding, batch, {k: np.asarray(v)[None] for k, v in dict(action).items()}
-            )
+            quick = _sampled_writer(encoding, batch)
+
+            def write_named(action: Any) -> None:
+                given = dict(action)
+                if not quick(given):
+                    write(encoding, batch, {k: np.asarray(v)[None] for k, v in given.items()})
+
+            return write_named
         case _:
             return lambda action: write(encoding, batch, np.asarray(action)[None])
+
+
+def _sampled_writer(encoding: Named, batch: "Batch") -> Callable[[dict[str, Any]], bool]:
+    """Writes an action whose entries are of the types that the space samples, and says if it was one."""
+    inputs, choices = list(enumerate(encoding.input_keys)), list(enumerate(encoding.choice_keys))
+    numbers, cells = cells_of(batch.inputs.reshape(-1)), cells_of(batch.choices.reshape(-1))
+    counts, keys = _listed(encoding.counts), {*encoding.input_keys, *encoding.choice_keys}
+
+    def write_sampled(action: dict[str, Any]) -> bool:
+        if action.keys() != keys:
+            return False
+        for i, key in inputs:
+            entry = cast("Floats", action[key])
+            if type(entry) is not np.ndarray or entry.shape != (1,) or entry.dtype.char not in "fd":
+                return False
+            numbers[i] = number = entry.item()
+            if isnan(number):
+                return False
+        for i, key in choices:
+            given = action[key]
+            if not isinstance(given, np.integer | int) or not 0 <= given < counts[i]:
+                return False
+            cells[i] = given
+        return True
+
+    return write_sampled
 
 
 def _listed(counts: Ints) -> list[int]:
@@ -336,9 +368,14 @@ def reader(encoding: Encoding, batch: "Batch") -> Callable[[], Any]:
         case Flat(low, _, counts) if not len(counts):
             row, dtype = batch.executed_inputs[0], low.dtype
             return lambda: row.astype(dtype)
-        case Named():
-            choices, inputs = batch.executed_choices, batch.executed_inputs
-            return lambda: {k: v[0] for k, v in executed(encoding, choices, inputs).items()}
+        case Named(input_keys, choice_keys, low):
+            dtype, cells = low.dtype, cells_of(batch.executed_choices.reshape(-1))
+            entries = [(k, batch.executed_inputs[0, i : i + 1]) for i, k in enumerate(input_keys)]
+            taken = list(enumerate(choice_keys))
+            return lambda: {
+                **{k: entry.astype(dtype) for k, entry in entries},
+                **{k: np.int64(cells[i]) for i, k in taken},
+            }
         case _:
             choices, inputs = batch.executed_choices, batch.executed_inputs
             return lambda: executed(encoding, choices, inputs)[0]

@@ -18,7 +18,7 @@ from dl2c.env.screen import Screen
 from dl2c.env.seeding import SEEDS, draw_seed
 from dl2c.env.snapshot import Snapshot, put, take
 from dl2c.env.spaces import observation_space
-from dl2c.env.state import check_reset_options, read_chosen, read_drawn, read_state, reset_state, state_line
+from dl2c.env.state import check_reset_options, drawn_reader, read_chosen, read_state, reset_state, state_line
 from dl2c.env.stepping import Origin, Parts, Step, step_function
 from dl2c.env.targeted import Targeted
 
@@ -78,7 +78,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         self._fresh_mask = batch.mask[0].copy if plain else lambda: masks(self._encoding, batch.mask)[0]
         extras: dict[str, Origin] = {}
         if self.manifest.drawn_choices or self.manifest.drawn_inputs:
-            extras["environment"] = lambda: {k: v.item() for k, v in read_drawn(self.manifest, batch).items()}
+            extras["environment"] = drawn_reader(self.manifest, batch)
         if self.manifest.choices:
             extras["action_mask"] = batch.mask[0] if plain else self._fresh_mask
         self._transition = step_function(Parts(self.manifest, batch, self._encoding, extras, self._stop))

@@ -1,6 +1,6 @@
 """States by name: between `{"x": 1.0, ...}` and the flat arrays of a batch."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +54,13 @@ def read_drawn(manifest: Manifest, batch: "Batch") -> dict[str, NDArray[Any]]:
         c.key: batch.drawn_choices[:, k].astype(np.int64) for k, c in enumerate(manifest.drawn_choices)
     }
     return choices | {i.key: batch.drawn_inputs[:, k].copy() for k, i in enumerate(manifest.drawn_inputs)}
+
+
+def drawn_reader(manifest: Manifest, batch: "Batch") -> Callable[[], dict[str, int | float]]:
+    """`read_drawn` for a batch of one, as Python numbers."""
+    keys = [spec.key for spec in (*manifest.drawn_choices, *manifest.drawn_inputs)]
+    choices, inputs = batch.drawn_choices[0], batch.drawn_inputs[0]
+    return lambda: dict(zip(keys, choices.tolist() + inputs.tolist(), strict=True))
 
 
 def chosen_keys(manifest: Manifest) -> tuple[str, ...]:
