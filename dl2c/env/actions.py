@@ -247,10 +247,12 @@ def writer(encoding: Encoding, batch: "Batch") -> Callable[[Any], None]:
             row, shape = batch.inputs[0], (len(low),)
 
             def write_inputs(action: Any) -> None:
-                if np.shape(action) != shape:
-                    raise ValueError(f"expected numbers of shape {shape}, not of shape {np.shape(action)}")
-                row[:] = action
-                _refuse_nan(row)
+                given = np.asarray(action)
+                if given.shape != shape:
+                    raise ValueError(f"expected numbers of shape {shape}, not of shape {given.shape}")
+                row[:] = given
+                if any(map(isnan, row.tolist())):
+                    raise ValueError(_with_nan(row))
 
             return write_inputs
         case Named():
@@ -314,10 +316,12 @@ def _numbers(actions: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 
 def _refuse_nan(row: NDArray[np.float64]) -> None:
-    if (
-        square := row.dot(row)
-    ) != square:  # NaN spoils the sum; on short rows much quicker than isnan().any()
-        raise ValueError(f"an action must not contain NaN: {row.tolist()}")
+    if isnan(row.dot(row)):  # quicker than isnan().any()
+        raise ValueError(_with_nan(row))
+
+
+def _with_nan(row: NDArray[np.float64]) -> str:
+    return f"an action must not contain NaN: {row.tolist()}"
 
 
 def _check_keys(actions: Any, keys: tuple[str, ...]) -> None:
