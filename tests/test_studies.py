@@ -5,13 +5,14 @@ import re
 from pathlib import Path
 
 import pytest
+from conftest import REPOSITORY
 from typer.testing import CliRunner
 
 from dl2c.cli import app
 from dl2c.env.opening import source_of
 from dl2c.pipeline import resolve_options, step_model
 from dl2c.studies.catalogue import STUDIES, Study
-from dl2c.studies.page import ANNOTATED
+from dl2c.studies.page import ANNOTATED, annotations, problem
 
 PREDICATE = re.compile(r"Bool (\w+)")
 
@@ -57,3 +58,13 @@ def test_a_study_is_a_page_with_curves_and_data(tmp_path: Path) -> None:
 def test_a_study_that_does_not_exist_is_said() -> None:
     ran = CliRunner().invoke(app, ["study", "bouncing_ball"])
     assert ran.exit_code == 1 and "static_safety" in str(ran.exception)
+
+
+@pytest.mark.parametrize("study", STUDIES, ids=lambda s: s.example)
+def test_the_page_in_docs_is_about_this_model(study: Study) -> None:
+    folder = REPOSITORY / "docs" / "studies" / study.example
+    page = (folder / "page.md").read_text(encoding="utf-8")
+    told = (study.proved, study.learned, study.guard, study.found)
+    assert all(text in page for text in (*told, problem(study.guarded.text), annotations(study.guarded.text)))
+    assert f"{study.settings.steps:,} steps" in page and "failed 0 times" in page
+    assert all((folder / picture).stat().st_size > 10_000 for picture in ("curves.png", "episodes.png"))

@@ -56,7 +56,10 @@ STUDIES: tuple[Study, ...] = (
         "The robot never hits an obstacle while it moves, wherever the environment places the nearest one.",
         "Which arcs lead to the goal although obstacles forbid most of them. Standing still is always safe, "
         "so that a policy has to learn to leave it.",
-        "TODO",
+        "With or without the guard the policies reach the goal, and nothing is hit. That is not skill but "
+        "the model: an obstacle is a point that the environment places anew at every decision, and one "
+        "placed at random is never where the robot is. The guard costs nothing here, and what it buys is no "
+        "rate but the theorem: the environment may place obstacles as maliciously as it likes.",
         "?isSeparated(x, y, xo, yo, admissibleSeparation(v));",
         DRIVING,
         options=SQUASH,
@@ -67,7 +70,12 @@ STUDIES: tuple[Study, ...] = (
         "The robot has stopped by the time the obstacle, which moves as it likes up to its highest velocity, "
         "touches it.",
         "To get past something that moves: the guard allows driving only far from it, and that takes time.",
-        "TODO",
+        "With guards the policy is as successful as without, and never touches the obstacle while it "
+        "drives. The policy without guards has learned to be careful, too, but still collides in one "
+        "episode in twenty, after four million steps in which every collision cost 100. What safety costs "
+        "is time: the guard reckons with the worst obstacle and not with one that wanders about at random, "
+        "and on average the way takes twice as long. A policy learned with guards relies on them: without, "
+        "it collides more often than the one that never had any.",
         "?isSeparated(x, y, xo, yo, admissibleSeparation(v));",
         DRIVING,
         options=SQUASH,
@@ -77,7 +85,11 @@ STUDIES: tuple[Study, ...] = (
         "Adaptive cruise control",
         "The cars never touch, whatever the one in front does that its brakes allow.",
         "Comfort: to keep the wanted distance in stop-and-go traffic instead of the least that is safe.",
-        "TODO",
+        "The guard makes the task easier: driving close is never fatal under it, while without it the first "
+        "thing that penalties of 1000 teach is to stay far behind, which pays little, and even so a few "
+        "episodes end in a crash. What the guard costs shows in the picture: the policy asks for more than "
+        "it may have and lets the fallback brake, which is safe and uncomfortable. With its guard taken "
+        "away the same policy crashes in most episodes.",
         "?d + vl^2 / (2 * b) > v^2 / (2 * b) + (A / b + 1) * (A / 2 * ep^2 + ep * v);",
         Settings(steps=1_000_000),
         has_goal=False,
@@ -87,7 +99,11 @@ STUDIES: tuple[Study, ...] = (
         "Water tank",
         "The level stays between empty and full.",
         "To keep the level near the wanted one with a valve that is set only now and then.",
-        "TODO",
+        "Who keeps near a wanted level stays away from both ends, so both policies learned are safe: their "
+        "task implies the theorem. What the guard buys is the way there, since a policy that knows nothing "
+        "yet makes the tank overflow in nearly every episode. With as many steps the policy with guards "
+        "keeps the level a little less well; it is as good without its guard, so what differs is what was "
+        "learned, not what is allowed.",
         "?(0 <= l + (u - q) * ep & l + (u - q) * ep <= m);",
         Settings(steps=300_000),
         has_goal=False,
@@ -97,7 +113,10 @@ STUDIES: tuple[Study, ...] = (
         "Inverted pendulum with limited energy",
         "The energy of the pendulum stays below its limit, whatever the motor does within the guard.",
         "To swing up with a motor too weak to lift the pendulum at once.",
-        "TODO",
+        "The guard costs nothing: the policy learned under it always swings up, while the one without it "
+        "exceeds the limit in one episode in ten although each costs 100. It relies on the guard, though: "
+        "with that taken away it exceeds the limit in more than half of its episodes. Random torques never "
+        "come near.",
         "if (energy(theta, w) + ep * U^2 / (4 * d) <= Emax)",
         Settings(steps=300_000),
         "if (true)",
@@ -109,7 +128,11 @@ STUDIES: tuple[Study, ...] = (
         "the radio block centre grants later.",
         "To be quick within authorities that come from nowhere, and to stop at a station that no authority "
         "names.",
-        "TODO",
+        "The guard costs nothing that these numbers show, and seldom acts: this radio grants a new "
+        "authority in every second step, uniformly up to 1500 m ahead, so that the train is nearly always "
+        "far from its end. What the guard buys is the theorem, for every other radio, and the few episodes "
+        "in which a policy without it passes the end of an authority too fast. What is hard is to stop at "
+        "the station: most episodes that fail drive past it.",
         "?m - z >= separation(v, d);",
         Settings(
             steps=6_000_000,
