@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from textwrap import dedent
 from typing import Any
 
 from dl2c.picture.figure import episode_figure, save
@@ -14,7 +15,7 @@ from dl2c.studies.measured import Measured, Result
 from dl2c.training.evaluation import FIRST_SEED, Estimate
 from dl2c.training.plots import plot_curves
 
-ANNOTATED = re.compile(r"/\* @.*?\*/[^\S\n]*\n?[^\n]*", re.DOTALL)
+ANNOTATED = re.compile(r"[^\S\n]*/\* @.*?\*/[^\S\n]*\n?[^\n]*", re.DOTALL)
 """An annotation and the line that it belongs to."""
 
 
@@ -79,7 +80,7 @@ def problem(text: str) -> str:
 
 def annotations(text: str) -> str:
     """Every annotation of a model, each with the line that it belongs to."""
-    return "\n".join(found.strip() for found in ANNOTATED.findall(text))
+    return "\n".join(dedent(found) for found in ANNOTATED.findall(text))
 
 
 def _table(result: Result) -> str:
