@@ -41,6 +41,28 @@ static void dl2c_part(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch 
   dl2c_judge_block(b, first, count, s);
 }
 
+/* Begins what is next after a step of a block: of all that ended, or had before. */
+static dl2c_status dl2c_follow_up(dl2c_batch *b, int64_t first, int64_t count, const dl2c_scratch *s)
+{
+  const bool at_once = b->options.autoreset == DL2C_AUTORESET_SAME_STEP;
+  const uint8_t *over = at_once ? b->ended + first : s->waited;
+  for (int64_t i = dl2c_next(over, 0, count); i < count; i = dl2c_next(over, i + 1, count)) {
+    if (!at_once) dl2c_clear_results(b, first + i);
+    const dl2c_status status =
+        at_once ? dl2c_next_episode(b, first + i) : dl2c_reset_one(b, first + i);
+    if (status != DL2C_OK) return status;
+  }
+  dl2c_status found = DL2C_OK;
+#if DL2C_MONITORED
+  for (int64_t i = 0; i < count; i++) {
+    if (s->waited[i] || s->violated[i] == 0) continue;
+    b->out.reason[first + i] = -s->violated[i];
+    found = DL2C_ERR_MONITOR;
+  }
+#endif
+  return found;
+}
+
 /* One step of environments `first` to `first + count`: move all, judge all, begin what is next. */
 static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count)
 {
@@ -51,24 +73,7 @@ static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count)
     dl2c_one(b, first, &s);
   else
     dl2c_part(b, first, count, &s);
-  dl2c_status found = DL2C_OK;
-  for (int64_t i = 0; i < count; i++) {
-    dl2c_status status = DL2C_OK;
-    if (s.waited[i]) {
-      dl2c_clear_results(b, first + i);
-      status = dl2c_reset_one(b, first + i);
-    } else if (b->options.autoreset == DL2C_AUTORESET_SAME_STEP && b->ended[first + i]) {
-      status = dl2c_next_episode(b, first + i);
-    }
-    if (status != DL2C_OK) return status;
-#if DL2C_MONITORED
-    if (!s.waited[i] && s.violated[i] != 0) {
-      b->out.reason[first + i] = -s.violated[i];
-      found = DL2C_ERR_MONITOR;
-    }
-#endif
-  }
-  return found;
+  return dl2c_follow_up(b, first, count, &s);
 }
 
 #endif

@@ -37,9 +37,9 @@ static inline void dl2c_curve_of(const real *c, int degree, real length, dl2c_cu
   curve->degree = degree;
   curve->noise = 0.0;
   for (int k = 0; k <= degree; k++) {
-    b[k] = c[k] * power / choose;
+    b[k] = choose == 1.0 ? c[k] * power : c[k] * power / choose;
     power *= length;
-    choose = choose * (real)(degree - k) / (real)(k + 1);
+    if (k < degree) choose = choose * (real)(degree - k) / (real)(k + 1);
   }
   for (int k = degree; k >= 1; k--)
     for (int i = k; i <= degree; i++) b[i] += b[i - 1];

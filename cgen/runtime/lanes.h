@@ -11,54 +11,88 @@
 
 #include "step.h"
 
-/* What the lanes of a block did. Rows of `state` are DL2C_BLOCK apart. */
+/* What the lanes of a block did. */
 typedef struct dl2c_moves {
   int64_t path[DL2C_BLOCK];      /* the path taken, -1 for none */
   uint8_t requested[DL2C_BLOCK]; /* it is the one requested */
-  uint8_t settled[DL2C_BLOCK];   /* state and duration are the result */
-  real duration[DL2C_BLOCK];
-  real state[NX * DL2C_BLOCK];
+  uint8_t moved[DL2C_BLOCK];     /* the lane has moved */
 } dl2c_moves;
 
-/* The path that each lane prefers (see dl2c_preferred).   enabled: (paths, stride)   choices: (count, NCHOICE) */
+/*
+ * The path that each lane prefers (see dl2c_preferred), where it may take it: another than the one
+ * requested only if `falls_back`.   enabled: (paths, stride)   choices: (count, NCHOICE)
+ */
 DL2C_INLINE void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stride, int64_t count,
-                                   const int32_t *restrict choices, int64_t *restrict path,
+                                   const int32_t *restrict choices, bool falls_back,
+                                   const uint8_t *restrict waited, int64_t *restrict path,
                                    uint8_t *restrict requested)
 {
+  int16_t taken[DL2C_BLOCK];
+  const int16_t lowest = falls_back ? 0 : 2 * NCHOICE + 2;
   for (int64_t i = 0; i < count; i++) {
-    int64_t best = -1;
-    int64_t best_rank = -1;
+    int16_t best = -1;
+    int16_t best_rank = -1;
     DL2C_UNROLL
     for (int k = 0; k < NPATH; k++) {
-      int64_t agreed = 0;
-      int64_t rank = 0;
-      bool whole = true;
+      int16_t agreed = 0;
+      int16_t rank = 0;
+      int16_t whole = 1;
       DL2C_UNROLL
       for (int j = 0; j < PATHS[k].nmet; j++) {
-        const bool same = DECISIONS[k][PATHS[k].met[j]] == choices[i * NCHOICE + PATHS[k].met[j]];
-        rank = (whole & !same) ? 2 * agreed + PATHS[k].marked[j] : rank;
+        const int16_t same =
+            DECISIONS[k][PATHS[k].met[j]] == choices[i * NCHOICE + PATHS[k].met[j]];
+        rank = (whole & !same) ? (int16_t)(2 * agreed + PATHS[k].marked[j]) : rank;
         whole &= same;
-        agreed += whole;
+        agreed = (int16_t)(agreed + whole);
       }
       rank = whole ? 2 * NCHOICE + 2 : rank;
       const bool better = (enabled[k * stride + i] != 0) & (rank > best_rank);
-      best = better ? k : best;
+      best = better ? (int16_t)k : best;
       best_rank = better ? rank : best_rank;
     }
-    path[i] = best;
     requested[i] = best_rank == 2 * NCHOICE + 2;
+    taken[i] = (best_rank >= lowest) & !waited[i] ? best : -1;
   }
+  for (int64_t i = 0; i < count; i++) path[i] = taken[i];
+}
+
+/* What a batch counts of its environments. */
+typedef struct dl2c_clocks {
+  real *duration;   /* of the last step */
+  real *time;       /* in this episode, shown */
+  real *elapsed;    /* and kept */
+  int64_t *steps;   /* in this episode */
+  int64_t *stalled; /* steps in a row that did not advance it */
+} dl2c_clocks;
+
+/*
+ * Counts a step of lane i that took so long, if it has moved. An episode stalls where its time stands
+ * still: at a Zeno point durations get lost in rounding before they are zero, if they ever are.
+ */
+DL2C_INLINE void dl2c_count(const dl2c_clocks *clocks, int64_t i, bool moved, real duration)
+{
+  const real before = clocks->elapsed[i];
+  const real after = before + duration;
+  const int64_t all = -(int64_t)moved;
+  const int64_t stalled = clocks->stalled[i];
+  const int64_t still = after > before ? 0 : stalled + 1;
+  clocks->duration[i] = dl2c_select(moved, duration, clocks->duration[i]);
+  clocks->time[i] = dl2c_select(moved, after, clocks->time[i]);
+  clocks->elapsed[i] = dl2c_select(moved, after, before);
+  clocks->stalled[i] = stalled ^ ((stalled ^ still) & all);
+  clocks->steps[i] -= all;
 }
 
 /*
- * Assignments and flow of every lane; whether it is settled first as wide as the numbers that decide
- * it (see model_guards).   x: (NX, stride)   p: (NP, stride)   state: (NX, DL2C_BLOCK)
+ * Assignments and flow of every lane, in place; lanes with something out of the ordinary do not move.
+ * Whether they do first as wide as the numbers that decide it (see model_guards).
+ *   x: (NX, stride)   p: (NP, stride)   path: (count) -1 for lanes that may not move
  */
-DL2C_INLINE void dl2c_move_lanes(const real *restrict x, const real *restrict p, int64_t stride,
-                                 int64_t count, const int64_t *restrict path, real *restrict state,
-                                 real *restrict duration, uint8_t *restrict settled)
+DL2C_INLINE void dl2c_move_lanes(real *x, const real *p, int64_t stride, int64_t count,
+                                 const int64_t *path, const dl2c_clocks *clocks, uint8_t *moved)
 {
   int64_t flags[DL2C_BLOCK];
+  DL2C_APART
   for (int64_t i = 0; i < count; i++) {
     real own[NX];
     real start[NX];
@@ -79,11 +113,11 @@ DL2C_INLINE void dl2c_move_lanes(const real *restrict x, const real *restrict p,
     well &= model_quiet(DL2C_LANE_FLOW, start, constants, time, end);
 #endif
     DL2C_UNROLL
-    for (int k = 0; k < NX; k++) state[k * DL2C_BLOCK + i] = end[k];
-    duration[i] = time;
+    for (int k = 0; k < NX; k++) x[k * stride + i] = dl2c_select(well, end[k], own[k]);
+    dl2c_count(clocks, i, well, time);
     flags[i] = well;
   }
-  for (int64_t i = 0; i < count; i++) settled[i] = (uint8_t)flags[i];
+  for (int64_t i = 0; i < count; i++) moved[i] = (uint8_t)flags[i];
 }
 
 /* The alternatives that the lanes took, the request where a decision was not met. */

@@ -38,7 +38,7 @@
  *   bool model_update(int path, x, p, u, real *y)                false: a value is undefined
  *   bool model_assign(int64_t path, x, p, real *y)               the same by selection, for lanes
  *   static const uint8_t FLOW_KERNEL[], WATCH_CUTS[]; static const int32_t FLOW_MARGINS[], FLOW_DURATION[];
- *   dl2c_motion model_motion(int flow, x, p, real *y, real *duration)   flows of kernel QUICK
+ *   int64_t model_motion(int flow, x, p, real *y, real *duration)   a dl2c_motion; flows of kernel QUICK
  *   void model_at(int flow, x, p, real tau, real *y)             moves x by the time tau into its copy y
  *   bool model_inside(int flow, y, p)                            whether a flow may end in y
  *   bool model_begin(int flow, x, p, real *horizon)              the other kernels; false: undefined

@@ -49,44 +49,17 @@ typedef struct dl2c_scratch {
 #endif
 } dl2c_scratch;
 
-/*
- * Counters after a move that took so long. An episode stalls where its time stands still: at a Zeno
- * point durations get lost in rounding before they are zero, if they ever are. Environments that
- * `moved` does not name keep theirs.
- */
-DL2C_INLINE void dl2c_count_lanes(int64_t count, const uint8_t *restrict moved,
-                                  const real *restrict duration, real *restrict shown,
-                                  real *restrict elapsed, real *restrict time,
-                                  int64_t *restrict steps, int64_t *restrict stalled)
+/* The clocks of environments from `first` on. */
+static inline dl2c_clocks dl2c_clocks_of(const dl2c_batch *b, int64_t first)
 {
-  for (int64_t i = 0; i < count; i++) {
-    const int64_t all = -(int64_t)moved[i];
-    const real so_far = elapsed[i] + duration[i];
-    const int64_t still = so_far > elapsed[i] ? 0 : stalled[i] + 1;
-    shown[i] = dl2c_select(moved[i], duration[i], shown[i]);
-    time[i] = dl2c_select(moved[i], so_far, time[i]);
-    elapsed[i] = dl2c_select(moved[i], so_far, elapsed[i]);
-    stalled[i] ^= (stalled[i] ^ still) & all;
-    steps[i] -= all;
-  }
+  return (dl2c_clocks){b->out.duration + first, b->out.time + first, b->elapsed + first,
+                       b->steps + first, b->stalled + first};
 }
 
-DL2C_INLINE void dl2c_count(dl2c_batch *b, int64_t first, int64_t count, const uint8_t *moved,
-                            const real *duration)
+/* Shows what the lanes of a block decided. */
+DL2C_INLINE void dl2c_show_moves(dl2c_batch *b, int64_t first, int64_t count,
+                                 const dl2c_moves *moves)
 {
-  dl2c_count_lanes(count, moved, duration, b->out.duration + first, b->elapsed + first,
-                   b->out.time + first, b->steps + first, b->stalled + first);
-}
-
-/* Takes over what the lanes of a block did that moved. */
-DL2C_INLINE void dl2c_commit(dl2c_batch *b, int64_t first, int64_t count, const dl2c_moves *moves,
-                             const uint8_t *restrict moved)
-{
-  for (int k = 0; k < NX; k++) {
-    real *restrict x = b->x + k * b->stride + first;
-    const real *restrict state = moves->state + k * DL2C_BLOCK;
-    for (int64_t i = 0; i < count; i++) x[i] = dl2c_select(moved[i], state[i], x[i]);
-  }
   dl2c_decided_lanes(moves->path, count, b->out.choices + first * NCHOICE,
                      b->out.executed_choices + first * NCHOICE);
   uint8_t *restrict blocked = b->out.blocked + first;
@@ -94,7 +67,6 @@ DL2C_INLINE void dl2c_commit(dl2c_batch *b, int64_t first, int64_t count, const 
   for (int64_t i = 0; i < count; i++) blocked[i] = !requested[i];
   uint8_t *restrict reset = b->out.reset + first;
   for (int64_t i = 0; i < count; i++) reset[i] = 0;
-  dl2c_count(b, first, count, moved, moves->duration);
 }
 
 /* Shows what a run of environment i decided. */
@@ -150,7 +122,8 @@ static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch, int32
   (void)violated;
 #endif
   dl2c_show_run(b, i, moved ? &run : &start);
-  dl2c_count(b, i, 1, &(uint8_t){1}, &duration);
+  const dl2c_clocks clocks = dl2c_clocks_of(b, i);
+  dl2c_count(&clocks, 0, true, duration);
   b->out.blocked[i] = run.left || !moved;
   if (!moved) return DL2C_NO_RUN;
   switch (run.failure) {
@@ -195,21 +168,20 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl
   memset(s->watch, DL2C_WATCHING, sizeof s->watch);
   uint8_t *restrict attempt = s->attempt;
   for (int64_t i = 0; i < count; i++) attempt[i] = DL2C_RAN;
-  uint8_t moved[DL2C_BLOCK] = {0};
+  uint8_t *restrict moved = s->moves.moved;
   if (DL2C_STEPS_IN_LANES) {
+    const dl2c_clocks clocks = dl2c_clocks_of(b, first);
     dl2c_choose_lanes(b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE,
-                      s->moves.path, s->moves.requested);
-    dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, s->moves.path, s->moves.state,
-                    s->moves.duration, s->moves.settled);
-    const uint8_t *restrict settled = s->moves.settled;
-    const uint8_t *restrict requested = s->moves.requested;
-    for (int64_t i = 0; i < count; i++)
-      moved[i] = settled[i] & !waited[i] & (requested[i] | falls_back);
-    dl2c_commit(b, first, count, &s->moves, moved);
+                      falls_back, waited, s->moves.path, s->moves.requested);
+    dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, s->moves.path, &clocks, moved);
+    dl2c_show_moves(b, first, count, &s->moves);
+  } else {
+    for (int64_t i = 0; i < count; i++) moved[i] = 0;
   }
-  for (int64_t i = 0; i < count; i++)
-    if (!moved[i] && !waited[i])
-      attempt[i] = (uint8_t)dl2c_advance(b, first + i, s->watch + i, DL2C_VIOLATED(s, i));
+  uint8_t left[DL2C_BLOCK];
+  for (int64_t i = 0; i < count; i++) left[i] = !moved[i] & !waited[i];
+  for (int64_t i = dl2c_next(left, 0, count); i < count; i = dl2c_next(left, i + 1, count))
+    attempt[i] = (uint8_t)dl2c_advance(b, first + i, s->watch + i, DL2C_VIOLATED(s, i));
 }
 
 #endif

@@ -27,6 +27,16 @@ typedef double real;
 #define DL2C_UNROLL
 #endif
 
+/* For loops over lanes each of which has its own places in memory. */
+#if defined(__clang__)
+#define DL2C_APART _Pragma("clang loop vectorize(assume_safety)")
+#pragma clang diagnostic ignored "-Wpass-failed"
+#elif defined(__GNUC__)
+#define DL2C_APART _Pragma("GCC ivdep")
+#else
+#define DL2C_APART
+#endif
+
 /*
  * Functions over full blocks exist several times, for AVX-512, AVX2 and every x86-64; all
  * compute the same bits. DL2C_NO_TARGET_CLONES leaves one, for linkers and C libraries
@@ -65,6 +75,16 @@ static inline real dl2c_select(bool condition, real a, real b)
 static inline int32_t dl2c_pick(int32_t condition, int32_t a, int32_t b)
 {
   return b ^ ((a ^ b) & -condition);
+}
+
+/* The first place from i on where a flag is set, `count` for none: eight at a time where few are. */
+static inline int64_t dl2c_next(const uint8_t *flags, int64_t i, int64_t count)
+{
+  uint64_t word = 0;
+  for (; i + 8 <= count && word == 0; i += 8) memcpy(&word, flags + i, sizeof word);
+  if (word != 0) i -= 8;
+  while (i < count && !flags[i]) i++;
+  return i;
 }
 
 /* dL's min and max: the second where neither is smaller (greater). */

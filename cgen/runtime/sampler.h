@@ -9,6 +9,7 @@
 #ifndef DL2C_SAMPLER_H
 #define DL2C_SAMPLER_H
 
+#include "numbers.h"
 #include "rng.h"
 
 /* Draws that may fail before a reset gives up, and states without a run that may be drawn. */
@@ -22,7 +23,8 @@ static inline bool dl2c_draw(dl2c_rng *rng, int block, real *drawn, int *of_char
   if (count > 1) {
     const real place = dl2c_rng_unit(rng) * (real)count;
     box += (int)place;
-    if (place - (real)(int)place >= SAMPLE_SHARE[box]) box = SAMPLE_ALIAS[box];
+    const bool other = place - (real)(int)place >= SAMPLE_SHARE[box];
+    box = dl2c_pick(other, SAMPLE_ALIAS[box], box); /* no branch: which one is hard to predict */
   }
   const int chart = *of_chart = SAMPLE_CHART[NCHART > 1 ? box : 0];
   for (int k = 0; k < SAMPLE_FREE[chart]; k++)

@@ -110,7 +110,7 @@ static inline dl2c_motion dl2c_longest(int flow, const real *x, const real *p, r
                                        real *duration)
 {
   if (FLOW_KERNEL[flow] == DL2C_POLYNOMIAL) return dl2c_roam(flow, x, p, y, duration);
-  const dl2c_motion motion = model_motion(flow, x, p, y, duration);
+  const int64_t motion = model_motion(flow, x, p, y, duration);
   if (motion == DL2C_OUTSIDE) dl2c_retreat(flow, x, p, *duration, y, duration);
   return motion == DL2C_UNDEFINED ? DL2C_UNDEFINED : DL2C_SETTLED;
 }

@@ -77,17 +77,27 @@ def each_lane(target: str, value: str) -> list[str]:
     return ["for (int64_t i = 0; i < count; i++)", *(f"  {line}" for line in wrapped(f"{target} = {value};"))]
 
 
-FLAGS = "int64_t flags[DL2C_BLOCK];"
-"""What a function with `each_flag` declares first."""
+BYTE = 8
+"""Conditions that one loop computes: those that one byte holds."""
 
 
-def each_flag(target: str, condition: str) -> list[str]:
-    """Loops that compute a condition for every lane of a block.
+def each_flag(conditions: Sequence[tuple[str, str]]) -> list[str]:
+    """Loops that compute conditions, each with its target, for every lane of a block.
 
-    First as wide as the numbers it depends on: a compiler that fits bytes to doubles would work on so
-    many lanes at once that registers run out.
+    Several in one loop share what they are made of. First as bits of a word as wide as the numbers that
+    they depend on: a compiler that fits bytes to doubles would work on so many lanes at once that
+    registers run out.
     """
-    return [*each_lane("flags[i]", condition), *each_lane(target, "(uint8_t)flags[i]")]
+    lines = ["int64_t words[DL2C_BLOCK];", "uint8_t bits[DL2C_BLOCK];"] if conditions else []
+    for first in range(0, len(conditions), BYTE):
+        group = conditions[first : first + BYTE]
+        lines += ["for (int64_t i = 0; i < count; i++) {", "  int64_t word = 0;"]
+        for k, (_, condition) in enumerate(group):
+            lines += [f"  {line}" for line in wrapped(f"word |= (int64_t)({condition}) << {k};")]
+        lines += ["  words[i] = word;", "}", *each_lane("bits[i]", "(uint8_t)words[i]")]
+        for k, (target, _) in enumerate(group):
+            lines += each_lane(target, f"bits[i] >> {k} & 1")
+    return lines
 
 
 def wrapped(statement: str) -> list[str]:

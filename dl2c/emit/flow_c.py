@@ -39,8 +39,7 @@ def _model_motion(environment: Environment) -> str:
     quick = [k for k, plan in enumerate(environment.flows) if plan.quick is not None]
     body = [f"if (flow == {k}) return flow{k}_motion(x, p, y, duration);" for k in quick]
     return function(
-        "static inline dl2c_motion model_motion(int flow, const real *x, const real *p, real *y, "
-        "real *duration)",
+        "static inline int64_t model_motion(int flow, const real *x, const real *p, real *y, real *duration)",
         [*body, "return DL2C_UNDEFINED;"],
         "Moves x along a simple flow into y as long as its domain allows.",
     )
@@ -165,7 +164,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
         "*duration = dl2c_select(moves, end, 0.0);",
         "return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;",
     ]
-    head = f"static inline dl2c_motion flow{k}_motion(const real *x, const real *p, real *y, real *duration)"
+    head = f"static inline int64_t flow{k}_motion(const real *x, const real *p, real *y, real *duration)"
     return function(head, body, f"{place(plan.flow.span)}  {print_flow(plan.flow)}")
 
 

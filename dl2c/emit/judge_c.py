@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import FLAGS, LANES, each_flag, each_lane, function, place, wrapped
+from dl2c.emit.cfile import LANES, each_flag, each_lane, function, place, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import lane
 from dl2c.emit.plan import Environment
@@ -58,11 +58,10 @@ def _precondition(environment: Environment, leaves: Leaves) -> str:
 
 
 def _facts(model: Model, leaves: Leaves) -> str:
-    body = [FLAGS]
+    conditions: list[tuple[str, str]] = []
 
     def add(fact: str, name: str, formula: Formula, about: str) -> None:
-        nonlocal body
-        body += each_flag(f"facts[{fact} * row + i]", leaves.condition(name, formula, about, lane))
+        conditions.append((f"facts[{fact} * row + i]", leaves.condition(name, formula, about, lane)))
 
     for predicate in model.predicates:
         name, where = predicate.name, place(predicate.span)
@@ -75,7 +74,7 @@ def _facts(model: Model, leaves: Leaves) -> str:
     add("F_postcondition", "problem_postcondition", post, f"the problem's Q: {print_formula(post)}")
     return function(
         f"DL2C_INLINE void model_facts({LANES}, int64_t row, uint8_t *restrict facts)",
-        body,
+        each_flag(conditions),
         "What a post-state is tested for.   facts: (NFACT, row)",
     )
 
@@ -230,13 +229,13 @@ def _outward(value: Fraction, direction: int, options: Options) -> float:
 def _observe(environment: Environment, leaves: Leaves) -> str:
     kind = "float" if environment.options.obs_dtype == "float32" else "double"
     suffix = "f" if kind == "float" else ""
-    body = ["int32_t clipped[DL2C_BLOCK];", *each_lane("clipped[i]", "0")]
+    body = ["for (int64_t i = 0; i < count; i++) {", "  int32_t clipped = 0;"]
     for k, (_, symbol, bound) in enumerate(observed(environment.model, environment.options)):
         low, high = observation_limits(bound, environment.options)
         limits = f"{_limit(low, suffix)}, {_limit(high, suffix)}"
-        value = f"dl2c_observe_{kind}({lane(symbol)}, {limits}, &clipped[i])"
-        body += each_lane(f"obs[{k} * row + i]", value)
-    body += each_lane("saturated[i]", "(uint8_t)clipped[i]")
+        value = f"dl2c_observe_{kind}({lane(symbol)}, {limits}, &clipped)"
+        body += [f"  {line}" for line in wrapped(f"obs[{k} * row + i] = {value};")]
+    body += ["  saturated[i] = (uint8_t)clipped;", "}"]
     return function(
         f"DL2C_INLINE void model_observe({LANES}, int64_t row, dl2c_obs *restrict obs, "
         "uint8_t *restrict saturated)",

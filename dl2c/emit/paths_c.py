@@ -6,7 +6,7 @@ INPUT_DRAW, FLOW_DRAW.
 """
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import FLAGS, LANES, each_flag, function, place, row, table, wrapped
+from dl2c.emit.cfile import LANES, each_flag, function, place, row, table, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import index, lane
 from dl2c.emit.plan import Environment
@@ -31,15 +31,16 @@ def _guards(environment: Environment, leaves: Leaves) -> str:
     paths = environment.paths
     body: list[str] = []
     for point in range(paths.points):
-        lines: list[str] = []
+        conditions: list[tuple[str, str]] = []
         for k, path in enumerate(paths.of(point)):
             about = f"{place(path.span)}  {print_formula(path.guard)}"
             name = f"path{paths.paths.index(path)}_guard"
-            lines += each_flag(f"enabled[{k} * stride + i]", leaves.condition(name, path.guard, about, lane))
+            conditions.append((f"enabled[{k} * stride + i]", leaves.condition(name, path.guard, about, lane)))
+        lines = each_flag(conditions)
         body += lines if paths.points == 1 else [f"if (point == {point}) {{", *(f"  {x}" for x in lines), "}"]
     return function(
         f"DL2C_INLINE void model_guards(int point, {LANES}, uint8_t *restrict enabled)",
-        [FLAGS, *body],
+        body,
         "Which paths of a point pass the tests that no input decides.   enabled: (paths, stride)",
     )
 

@@ -438,7 +438,7 @@ static inline void flow0_at(const real *x, const real *p, real tau, real *y)
 }
 
 /* lift.kyx:47  {h' = v, clock' = 1, t' = 1 & 0 <= h & h <= 3 & t <= 0.5} */
-static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, real *duration)
+static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *duration)
 {
   const real until0 = 0.5;
   const real left0 = until0 - x[X_t];
@@ -483,7 +483,7 @@ static inline void flow1_at(const real *x, const real *p, real tau, real *y)
 }
 
 /* lift.kyx:49  {clock' = 1, t' = 1 & t <= 0.5} */
-static inline dl2c_motion flow1_motion(const real *x, const real *p, real *y, real *duration)
+static inline int64_t flow1_motion(const real *x, const real *p, real *y, real *duration)
 {
   const real until0 = 0.5;
   const real left0 = until0 - x[X_t];
@@ -503,8 +503,7 @@ static inline dl2c_motion flow1_motion(const real *x, const real *p, real *y, re
 }
 
 /* Moves x along a simple flow into y as long as its domain allows. */
-static inline dl2c_motion model_motion(int flow, const real *x, const real *p, real *y,
-                                       real *duration)
+static inline int64_t model_motion(int flow, const real *x, const real *p, real *y, real *duration)
 {
   if (flow == 0) return flow0_motion(x, p, y, duration);
   if (flow == 1) return flow1_motion(x, p, y, duration);
@@ -693,54 +692,68 @@ static inline void model_roots(int flow, const real *x, const real *p, real *g, 
 DL2C_INLINE void model_guards(int point, const real *restrict x, const real *restrict p,
                               int64_t stride, int64_t count, uint8_t *restrict enabled)
 {
-  int64_t flags[DL2C_BLOCK];
   if (point == 0) {
+    int64_t words[DL2C_BLOCK];
+    uint8_t bits[DL2C_BLOCK];
+    for (int64_t i = 0; i < count; i++) {
+      int64_t word = 0;
+      word |= (int64_t)(path0_guard(x[X_h * stride + i], p[P_speed * stride + i])) << 0;
+      word |= (int64_t)(path1_guard(x[X_h * stride + i], x[X_door * stride + i],
+          p[P_speed * stride + i])) << 1;
+      word |= (int64_t)(path2_guard(x[X_h * stride + i], x[X_door * stride + i],
+          p[P_speed * stride + i])) << 2;
+      word |= (int64_t)(path3_guard(x[X_h * stride + i], p[P_speed * stride + i])) << 3;
+      word |= (int64_t)(path4_guard(x[X_h * stride + i], x[X_door * stride + i],
+          p[P_speed * stride + i])) << 4;
+      word |= (int64_t)(path5_guard(x[X_h * stride + i], x[X_door * stride + i],
+          p[P_speed * stride + i])) << 5;
+      word |= (int64_t)(path6_guard(x[X_door * stride + i])) << 6;
+      word |= (int64_t)(path7_guard(x[X_door * stride + i])) << 7;
+      words[i] = word;
+    }
     for (int64_t i = 0; i < count; i++)
-      flags[i] = path0_guard(x[X_h * stride + i], p[P_speed * stride + i]);
+      bits[i] = (uint8_t)words[i];
     for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = (uint8_t)flags[i];
+      enabled[0 * stride + i] = bits[i] >> 0 & 1;
     for (int64_t i = 0; i < count; i++)
-      flags[i] = path1_guard(x[X_h * stride + i], x[X_door * stride + i], p[P_speed * stride + i]);
+      enabled[1 * stride + i] = bits[i] >> 1 & 1;
     for (int64_t i = 0; i < count; i++)
-      enabled[1 * stride + i] = (uint8_t)flags[i];
+      enabled[2 * stride + i] = bits[i] >> 2 & 1;
     for (int64_t i = 0; i < count; i++)
-      flags[i] = path2_guard(x[X_h * stride + i], x[X_door * stride + i], p[P_speed * stride + i]);
+      enabled[3 * stride + i] = bits[i] >> 3 & 1;
     for (int64_t i = 0; i < count; i++)
-      enabled[2 * stride + i] = (uint8_t)flags[i];
+      enabled[4 * stride + i] = bits[i] >> 4 & 1;
     for (int64_t i = 0; i < count; i++)
-      flags[i] = path3_guard(x[X_h * stride + i], p[P_speed * stride + i]);
+      enabled[5 * stride + i] = bits[i] >> 5 & 1;
     for (int64_t i = 0; i < count; i++)
-      enabled[3 * stride + i] = (uint8_t)flags[i];
+      enabled[6 * stride + i] = bits[i] >> 6 & 1;
     for (int64_t i = 0; i < count; i++)
-      flags[i] = path4_guard(x[X_h * stride + i], x[X_door * stride + i], p[P_speed * stride + i]);
+      enabled[7 * stride + i] = bits[i] >> 7 & 1;
+    for (int64_t i = 0; i < count; i++) {
+      int64_t word = 0;
+      word |= (int64_t)(path8_guard(x[X_h * stride + i])) << 0;
+      word |= (int64_t)(path9_guard(x[X_h * stride + i], x[X_load * stride + i])) << 1;
+      words[i] = word;
+    }
     for (int64_t i = 0; i < count; i++)
-      enabled[4 * stride + i] = (uint8_t)flags[i];
+      bits[i] = (uint8_t)words[i];
     for (int64_t i = 0; i < count; i++)
-      flags[i] = path5_guard(x[X_h * stride + i], x[X_door * stride + i], p[P_speed * stride + i]);
+      enabled[8 * stride + i] = bits[i] >> 0 & 1;
     for (int64_t i = 0; i < count; i++)
-      enabled[5 * stride + i] = (uint8_t)flags[i];
-    for (int64_t i = 0; i < count; i++)
-      flags[i] = path6_guard(x[X_door * stride + i]);
-    for (int64_t i = 0; i < count; i++)
-      enabled[6 * stride + i] = (uint8_t)flags[i];
-    for (int64_t i = 0; i < count; i++)
-      flags[i] = path7_guard(x[X_door * stride + i]);
-    for (int64_t i = 0; i < count; i++)
-      enabled[7 * stride + i] = (uint8_t)flags[i];
-    for (int64_t i = 0; i < count; i++)
-      flags[i] = path8_guard(x[X_h * stride + i]);
-    for (int64_t i = 0; i < count; i++)
-      enabled[8 * stride + i] = (uint8_t)flags[i];
-    for (int64_t i = 0; i < count; i++)
-      flags[i] = path9_guard(x[X_h * stride + i], x[X_load * stride + i]);
-    for (int64_t i = 0; i < count; i++)
-      enabled[9 * stride + i] = (uint8_t)flags[i];
+      enabled[9 * stride + i] = bits[i] >> 1 & 1;
   }
   if (point == 1) {
+    int64_t words[DL2C_BLOCK];
+    uint8_t bits[DL2C_BLOCK];
+    for (int64_t i = 0; i < count; i++) {
+      int64_t word = 0;
+      word |= (int64_t)(true) << 0;
+      words[i] = word;
+    }
     for (int64_t i = 0; i < count; i++)
-      flags[i] = true;
+      bits[i] = (uint8_t)words[i];
     for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = (uint8_t)flags[i];
+      enabled[0 * stride + i] = bits[i] >> 0 & 1;
   }
 }
 
@@ -853,24 +866,27 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
   (void)p;
-  int64_t flags[DL2C_BLOCK];
+  int64_t words[DL2C_BLOCK];
+  uint8_t bits[DL2C_BLOCK];
+  for (int64_t i = 0; i < count; i++) {
+    int64_t word = 0;
+    word |= (int64_t)(closed_holds(x[X_h * stride + i], x[X_door * stride + i])) << 0;
+    word |= (int64_t)(delivered_holds(x[X_h * stride + i], x[X_load * stride + i])) << 1;
+    word |= (int64_t)(delivered_due(x[X_clock * stride + i])) << 2;
+    word |= (int64_t)(problem_postcondition(x[X_h * stride + i], x[X_door * stride + i],
+        x[X_load * stride + i], x[X_clock * stride + i])) << 3;
+    words[i] = word;
+  }
   for (int64_t i = 0; i < count; i++)
-    flags[i] = closed_holds(x[X_h * stride + i], x[X_door * stride + i]);
+    bits[i] = (uint8_t)words[i];
   for (int64_t i = 0; i < count; i++)
-    facts[F_closed_holds * row + i] = (uint8_t)flags[i];
+    facts[F_closed_holds * row + i] = bits[i] >> 0 & 1;
   for (int64_t i = 0; i < count; i++)
-    flags[i] = delivered_holds(x[X_h * stride + i], x[X_load * stride + i]);
+    facts[F_delivered_holds * row + i] = bits[i] >> 1 & 1;
   for (int64_t i = 0; i < count; i++)
-    facts[F_delivered_holds * row + i] = (uint8_t)flags[i];
+    facts[F_delivered_due * row + i] = bits[i] >> 2 & 1;
   for (int64_t i = 0; i < count; i++)
-    flags[i] = delivered_due(x[X_clock * stride + i]);
-  for (int64_t i = 0; i < count; i++)
-    facts[F_delivered_due * row + i] = (uint8_t)flags[i];
-  for (int64_t i = 0; i < count; i++)
-    flags[i] = problem_postcondition(x[X_h * stride + i], x[X_door * stride + i],
-        x[X_load * stride + i], x[X_clock * stride + i]);
-  for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = (uint8_t)flags[i];
+    facts[F_postcondition * row + i] = bits[i] >> 3 & 1;
 }
 
 /*
@@ -946,23 +962,16 @@ DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, i
                                int64_t count, int64_t row, dl2c_obs *restrict obs,
                                uint8_t *restrict saturated)
 {
-  int32_t clipped[DL2C_BLOCK];
-  for (int64_t i = 0; i < count; i++)
-    clipped[i] = 0;
-  for (int64_t i = 0; i < count; i++)
-    obs[0 * row + i] = dl2c_observe_float(x[X_h * stride + i], 0.0f, 3.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[1 * row + i] = dl2c_observe_float(x[X_v * stride + i], -2.0f, 2.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[2 * row + i] = dl2c_observe_float(x[X_door * stride + i], 0.0f, 1.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[3 * row + i] = dl2c_observe_float(x[X_load * stride + i], 0.0f, 1.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[4 * row + i] = dl2c_observe_float(x[X_clock * stride + i], 0.0f, 100.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[5 * row + i] = dl2c_observe_float(p[P_speed * stride + i], 0.5f, 2.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    saturated[i] = (uint8_t)clipped[i];
+  for (int64_t i = 0; i < count; i++) {
+    int32_t clipped = 0;
+    obs[0 * row + i] = dl2c_observe_float(x[X_h * stride + i], 0.0f, 3.0f, &clipped);
+    obs[1 * row + i] = dl2c_observe_float(x[X_v * stride + i], -2.0f, 2.0f, &clipped);
+    obs[2 * row + i] = dl2c_observe_float(x[X_door * stride + i], 0.0f, 1.0f, &clipped);
+    obs[3 * row + i] = dl2c_observe_float(x[X_load * stride + i], 0.0f, 1.0f, &clipped);
+    obs[4 * row + i] = dl2c_observe_float(x[X_clock * stride + i], 0.0f, 100.0f, &clipped);
+    obs[5 * row + i] = dl2c_observe_float(p[P_speed * stride + i], 0.5f, 2.0f, &clipped);
+    saturated[i] = (uint8_t)clipped;
+  }
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */

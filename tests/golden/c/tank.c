@@ -167,7 +167,7 @@ static inline void flow0_at(const real *x, const real *p, real tau, real *y)
 }
 
 /* tank.kyx:33  {x' = f, t' = 1 & t <= ep & x >= 0} */
-static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, real *duration)
+static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *duration)
 {
   const real until0 = p[P_ep];
   const real left0 = until0 - x[X_t];
@@ -191,8 +191,7 @@ static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, re
 }
 
 /* Moves x along a simple flow into y as long as its domain allows. */
-static inline dl2c_motion model_motion(int flow, const real *x, const real *p, real *y,
-                                       real *duration)
+static inline int64_t model_motion(int flow, const real *x, const real *p, real *y, real *duration)
 {
   if (flow == 0) return flow0_motion(x, p, y, duration);
   return DL2C_UNDEFINED;
@@ -311,11 +310,17 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
                               int64_t stride, int64_t count, uint8_t *restrict enabled)
 {
   (void)point;
-  int64_t flags[DL2C_BLOCK];
+  int64_t words[DL2C_BLOCK];
+  uint8_t bits[DL2C_BLOCK];
+  for (int64_t i = 0; i < count; i++) {
+    int64_t word = 0;
+    word |= (int64_t)(path0_guard(x[X_x * stride + i], p[P_ep * stride + i])) << 0;
+    words[i] = word;
+  }
   for (int64_t i = 0; i < count; i++)
-    flags[i] = path0_guard(x[X_x * stride + i], p[P_ep * stride + i]);
+    bits[i] = (uint8_t)words[i];
   for (int64_t i = 0; i < count; i++)
-    enabled[0 * stride + i] = (uint8_t)flags[i];
+    enabled[0 * stride + i] = bits[i] >> 0 & 1;
 }
 
 /* Executes the assignments of a path from x into y. False where a value is undefined. */
@@ -384,19 +389,23 @@ static inline bool model_admits(int path, int input, const real *x, const real *
 DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
-  int64_t flags[DL2C_BLOCK];
+  int64_t words[DL2C_BLOCK];
+  uint8_t bits[DL2C_BLOCK];
+  for (int64_t i = 0; i < count; i++) {
+    int64_t word = 0;
+    word |= (int64_t)(inside_holds(x[X_x * stride + i], p[P_H * stride + i])) << 0;
+    word |= (int64_t)(true) << 1;
+    word |= (int64_t)(problem_postcondition(x[X_x * stride + i], p[P_H * stride + i])) << 2;
+    words[i] = word;
+  }
   for (int64_t i = 0; i < count; i++)
-    flags[i] = inside_holds(x[X_x * stride + i], p[P_H * stride + i]);
+    bits[i] = (uint8_t)words[i];
   for (int64_t i = 0; i < count; i++)
-    facts[F_inside_holds * row + i] = (uint8_t)flags[i];
+    facts[F_inside_holds * row + i] = bits[i] >> 0 & 1;
   for (int64_t i = 0; i < count; i++)
-    flags[i] = true;
+    facts[F_distance_holds * row + i] = bits[i] >> 1 & 1;
   for (int64_t i = 0; i < count; i++)
-    facts[F_distance_holds * row + i] = (uint8_t)flags[i];
-  for (int64_t i = 0; i < count; i++)
-    flags[i] = problem_postcondition(x[X_x * stride + i], p[P_H * stride + i]);
-  for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = (uint8_t)flags[i];
+    facts[F_postcondition * row + i] = bits[i] >> 2 & 1;
 }
 
 /*
@@ -455,19 +464,14 @@ DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, i
                                int64_t count, int64_t row, dl2c_obs *restrict obs,
                                uint8_t *restrict saturated)
 {
-  int32_t clipped[DL2C_BLOCK];
-  for (int64_t i = 0; i < count; i++)
-    clipped[i] = 0;
-  for (int64_t i = 0; i < count; i++)
-    obs[0 * row + i] = dl2c_observe_float(x[X_x * stride + i], 0.0f, 6.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[1 * row + i] = dl2c_observe_float(x[X_f * stride + i], -1.0f, 1.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[2 * row + i] = dl2c_observe_float(p[P_ep * stride + i], 0.5f, 1.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[3 * row + i] = dl2c_observe_float(p[P_H * stride + i], 4.0f, 6.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    saturated[i] = (uint8_t)clipped[i];
+  for (int64_t i = 0; i < count; i++) {
+    int32_t clipped = 0;
+    obs[0 * row + i] = dl2c_observe_float(x[X_x * stride + i], 0.0f, 6.0f, &clipped);
+    obs[1 * row + i] = dl2c_observe_float(x[X_f * stride + i], -1.0f, 1.0f, &clipped);
+    obs[2 * row + i] = dl2c_observe_float(p[P_ep * stride + i], 0.5f, 1.0f, &clipped);
+    obs[3 * row + i] = dl2c_observe_float(p[P_H * stride + i], 4.0f, 6.0f, &clipped);
+    saturated[i] = (uint8_t)clipped;
+  }
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */

@@ -1282,7 +1282,7 @@ static inline void flow0_at(const real *x, const real *p, real tau, real *y)
 }
 
 /* waypoint.kyx:68  {xr' = vr, vr' = ar, t' = 1, T' = -1 & t <= ep & vr >= 0} */
-static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, real *duration)
+static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *duration)
 {
   const real until0 = p[P_ep];
   const real left0 = until0 - x[X_t];
@@ -1308,8 +1308,7 @@ static inline dl2c_motion flow0_motion(const real *x, const real *p, real *y, re
 }
 
 /* Moves x along a simple flow into y as long as its domain allows. */
-static inline dl2c_motion model_motion(int flow, const real *x, const real *p, real *y,
-                                       real *duration)
+static inline int64_t model_motion(int flow, const real *x, const real *p, real *y, real *duration)
 {
   if (flow == 0) return flow0_motion(x, p, y, duration);
   return DL2C_UNDEFINED;
@@ -1633,29 +1632,32 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
                               int64_t stride, int64_t count, uint8_t *restrict enabled)
 {
   (void)point;
-  int64_t flags[DL2C_BLOCK];
-  for (int64_t i = 0; i < count; i++)
-    flags[i] = path0_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
-        p[P_ep * stride + i], p[P_GDelta * stride + i]);
-  for (int64_t i = 0; i < count; i++)
-    enabled[0 * stride + i] = (uint8_t)flags[i];
-  for (int64_t i = 0; i < count; i++)
-    flags[i] = path1_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
-        p[P_ep * stride + i], p[P_GDelta * stride + i]);
-  for (int64_t i = 0; i < count; i++)
-    enabled[1 * stride + i] = (uint8_t)flags[i];
-  for (int64_t i = 0; i < count; i++)
-    flags[i] = path2_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+  int64_t words[DL2C_BLOCK];
+  uint8_t bits[DL2C_BLOCK];
+  for (int64_t i = 0; i < count; i++) {
+    int64_t word = 0;
+    word |= (int64_t)(path0_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_ep * stride + i], p[P_GDelta * stride + i])) << 0;
+    word |= (int64_t)(path1_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_ep * stride + i], p[P_GDelta * stride + i])) << 1;
+    word |= (int64_t)(path2_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i], p[P_GDelta * stride + i],
-        p[P_Vmax * stride + i]);
-  for (int64_t i = 0; i < count; i++)
-    enabled[2 * stride + i] = (uint8_t)flags[i];
-  for (int64_t i = 0; i < count; i++)
-    flags[i] = path3_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_Vmax * stride + i])) << 2;
+    word |= (int64_t)(path3_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i], p[P_GDelta * stride + i],
-        p[P_Vmax * stride + i]);
+        p[P_Vmax * stride + i])) << 3;
+    words[i] = word;
+  }
   for (int64_t i = 0; i < count; i++)
-    enabled[3 * stride + i] = (uint8_t)flags[i];
+    bits[i] = (uint8_t)words[i];
+  for (int64_t i = 0; i < count; i++)
+    enabled[0 * stride + i] = bits[i] >> 0 & 1;
+  for (int64_t i = 0; i < count; i++)
+    enabled[1 * stride + i] = bits[i] >> 1 & 1;
+  for (int64_t i = 0; i < count; i++)
+    enabled[2 * stride + i] = bits[i] >> 2 & 1;
+  for (int64_t i = 0; i < count; i++)
+    enabled[3 * stride + i] = bits[i] >> 3 & 1;
 }
 
 /* Executes the assignments of a path from x into y. False where a value is undefined. */
@@ -1730,27 +1732,30 @@ static inline bool model_admits(int path, int input, const real *x, const real *
 DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
-  int64_t flags[DL2C_BLOCK];
-  for (int64_t i = 0; i < count; i++)
-    flags[i] = loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+  int64_t words[DL2C_BLOCK];
+  uint8_t bits[DL2C_BLOCK];
+  for (int64_t i = 0; i < count; i++) {
+    int64_t word = 0;
+    word |= (int64_t)(loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i],
-        p[P_GDelta * stride + i], p[P_Vmax * stride + i]);
+        p[P_GDelta * stride + i], p[P_Vmax * stride + i])) << 0;
+    word |= (int64_t)(ensure_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_GDelta * stride + i])) << 1;
+    word |= (int64_t)(ensure_due(x[X_T * stride + i])) << 2;
+    word |= (int64_t)(problem_postcondition(x[X_xr * stride + i], x[X_vr * stride + i],
+        x[X_xg * stride + i], x[X_T * stride + i], p[P_GDelta * stride + i])) << 3;
+    words[i] = word;
+  }
   for (int64_t i = 0; i < count; i++)
-    facts[F_loopInv_holds * row + i] = (uint8_t)flags[i];
+    bits[i] = (uint8_t)words[i];
   for (int64_t i = 0; i < count; i++)
-    flags[i] = ensure_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
-        p[P_GDelta * stride + i]);
+    facts[F_loopInv_holds * row + i] = bits[i] >> 0 & 1;
   for (int64_t i = 0; i < count; i++)
-    facts[F_ensure_holds * row + i] = (uint8_t)flags[i];
+    facts[F_ensure_holds * row + i] = bits[i] >> 1 & 1;
   for (int64_t i = 0; i < count; i++)
-    flags[i] = ensure_due(x[X_T * stride + i]);
+    facts[F_ensure_due * row + i] = bits[i] >> 2 & 1;
   for (int64_t i = 0; i < count; i++)
-    facts[F_ensure_due * row + i] = (uint8_t)flags[i];
-  for (int64_t i = 0; i < count; i++)
-    flags[i] = problem_postcondition(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
-        x[X_T * stride + i], p[P_GDelta * stride + i]);
-  for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = (uint8_t)flags[i];
+    facts[F_postcondition * row + i] = bits[i] >> 3 & 1;
 }
 
 /*
@@ -1822,34 +1827,21 @@ DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, i
                                int64_t count, int64_t row, dl2c_obs *restrict obs,
                                uint8_t *restrict saturated)
 {
-  int32_t clipped[DL2C_BLOCK];
-  for (int64_t i = 0; i < count; i++)
-    clipped[i] = 0;
-  for (int64_t i = 0; i < count; i++)
-    obs[0 * row + i] = dl2c_observe_float(x[X_xr * stride + i], 0.0f, 100.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[1 * row + i] = dl2c_observe_float(x[X_vr * stride + i], 0.0f, 20.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[2 * row + i] = dl2c_observe_float(x[X_ar * stride + i], -10.0f, 10.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[3 * row + i] = dl2c_observe_float(x[X_xg * stride + i], 0.0f, 100.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[4 * row + i] = dl2c_observe_float(x[X_t * stride + i], 0.0f, 1.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[5 * row + i] = dl2c_observe_float(x[X_T * stride + i], 0.0f, 1000.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[6 * row + i] = dl2c_observe_float(p[P_ep * stride + i], 0.09999999403953552f, 0.5f,
-        &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[7 * row + i] = dl2c_observe_float(p[P_b * stride + i], 0.5f, 5.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[8 * row + i] = dl2c_observe_float(p[P_A * stride + i], 1.0f, 10.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[9 * row + i] = dl2c_observe_float(p[P_GDelta * stride + i], 1.0f, 10.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    obs[10 * row + i] = dl2c_observe_float(p[P_Vmax * stride + i], 5.0f, 30.0f, &clipped[i]);
-  for (int64_t i = 0; i < count; i++)
-    saturated[i] = (uint8_t)clipped[i];
+  for (int64_t i = 0; i < count; i++) {
+    int32_t clipped = 0;
+    obs[0 * row + i] = dl2c_observe_float(x[X_xr * stride + i], 0.0f, 100.0f, &clipped);
+    obs[1 * row + i] = dl2c_observe_float(x[X_vr * stride + i], 0.0f, 20.0f, &clipped);
+    obs[2 * row + i] = dl2c_observe_float(x[X_ar * stride + i], -10.0f, 10.0f, &clipped);
+    obs[3 * row + i] = dl2c_observe_float(x[X_xg * stride + i], 0.0f, 100.0f, &clipped);
+    obs[4 * row + i] = dl2c_observe_float(x[X_t * stride + i], 0.0f, 1.0f, &clipped);
+    obs[5 * row + i] = dl2c_observe_float(x[X_T * stride + i], 0.0f, 1000.0f, &clipped);
+    obs[6 * row + i] = dl2c_observe_float(p[P_ep * stride + i], 0.09999999403953552f, 0.5f, &clipped);
+    obs[7 * row + i] = dl2c_observe_float(p[P_b * stride + i], 0.5f, 5.0f, &clipped);
+    obs[8 * row + i] = dl2c_observe_float(p[P_A * stride + i], 1.0f, 10.0f, &clipped);
+    obs[9 * row + i] = dl2c_observe_float(p[P_GDelta * stride + i], 1.0f, 10.0f, &clipped);
+    obs[10 * row + i] = dl2c_observe_float(p[P_Vmax * stride + i], 5.0f, 30.0f, &clipped);
+    saturated[i] = (uint8_t)clipped;
+  }
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */
