@@ -53,6 +53,60 @@ def test_events_lie_on_the_interpolant_as_exactly_as_steps(tmp_path: Path) -> No
         assert abs(arrival.duration - true) < 10 * float(rtol)
 
 
+HOPPER = """
+Definitions
+  /* @const: bound=[0.5:2] */
+  Real k;
+  /* @safety: penalty=-1, on_failure=terminate:failure */
+  Bool slow(Real y) <-> (y <= 2.5);
+End.
+ProgramVariables
+  /* @var: bound=[-2:2] */
+  Real x;
+  /* @var: bound=[-3:3] */
+  Real y;
+  /* @var: bound=[-1:1] */
+  Real u;
+  Real t;
+End.
+Problem
+  x >= -1 & x <= 1 & y >= -2 & y <= 2 & k > 0
+    -> [{ { { u := *; ?(-1 <= u & u <= 1); } ++ { ?x > 0; u := 0; } } t := 0;
+          {x' = y, y' = u - k * x^3, t' = 1 & t <= 1/2 & x >= -1}; }*] slow(y)
+End.
+"""
+
+
+def buffers(library: Any, seeds: Any, inputs: Any, choices: Any, mode: str) -> list[list[bytes]]:
+    """All results of every step, for each environment: one batch of them."""
+    batch = library.batch(len(seeds), autoreset=mode)
+    batch.reset(seeds=seeds)
+    seen: list[list[bytes]] = [[] for _ in seeds]
+    for wanted, chosen in zip(inputs, choices, strict=True):
+        batch.inputs[:, 0], batch.choices[:, 0] = wanted, chosen
+        batch.step()
+        for i, rows in enumerate(seen):
+            rows.append(b"".join(array[i].tobytes() for array in batch.arrays()))
+    ended = float(batch.duration.min()) < 0.5
+    batch.close()
+    assert ended or len(seeds) == 1
+    return seen
+
+
+@pytest.mark.parametrize("mode", ["same_step", "next_step"])
+def test_environments_abreast_move_as_alone(mode: str) -> None:
+    """To the last bit, also where the domain or a violation ends a flow, and in a batch of any size."""
+    library = dl2c.build(HOPPER, integrator="dopri5").library
+    rng = np.random.default_rng(3)
+    n, steps = 83, 25
+    seeds = rng.integers(0, 2**63, n, np.uint64)
+    inputs, choices = rng.uniform(-2, 2, (steps, n)), rng.integers(0, 2, (steps, n))
+    together = buffers(library, seeds, inputs, choices, mode)
+    for i in range(n):
+        one = slice(i, i + 1)
+        assert buffers(library, seeds[one], inputs[:, one], choices[:, one], mode) == [together[i]]
+
+
 def test_it_is_used_only_where_it_was_asked_for() -> None:
     flows = dl2c.build("example:dubins", integrator="dopri5").library.manifest.flows
     assert [(f.kernel, f.reason) for f in flows] == [("dopri5", "integrator=dopri5 was asked for")]
@@ -126,13 +180,12 @@ def test_ten_thousand_random_flows_end_as_with_cvodes(tmp_path: Path) -> None:
 def test_the_fifth_root_is_one(tmp_path: Path) -> None:
     """Step lengths follow from it: within a thousandth, over all magnitudes."""
     text = (cgen_dir() / "runtime" / "dopri5.h").read_text(encoding="utf-8")
-    start = text.index("static real dl2c_fifth_root")
-    body = text[start : text.index("\n}\n", start) + 3].replace("static real", "double")
+    start = text.index("static inline real dl2c_fifth_root")
+    body = text[start : text.index("\n}\n", start) + 3].replace("static inline real", "double")
     source = tmp_path / "root.c"
-    source.write_text(f"#include <math.h>\ntypedef double real;\n{body}")
-    subprocess.run(
-        ["cc", "-O1", "-fPIC", "-shared", str(source), "-o", str(tmp_path / "root.so"), "-lm"], check=True
-    )
+    source.write_text(f'#include "numbers.h"\n{body}')
+    command = ["cc", "-O1", "-fPIC", "-shared", f"-I{cgen_dir() / 'runtime'}", str(source)]
+    subprocess.run([*command, "-o", str(tmp_path / "root.so"), "-lm"], check=True)
     root: Any = ctypes.CDLL(str(tmp_path / "root.so")).dl2c_fifth_root
     root.restype, root.argtypes = ctypes.c_double, [ctypes.c_double]
     for k in range(-320, 308):

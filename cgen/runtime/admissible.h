@@ -149,6 +149,7 @@ static bool dl2c_interval(const dl2c_search *search, int place, real *low, real 
   if (first > INPUT_HIGH[input]) first = INPUT_HIGH[input];
   if (last < INPUT_LOW[input]) last = INPUT_LOW[input];
   const real middle = first + (last - first) / 2.0;
+  if (high == NULL && dl2c_passes(search, place, first)) return true;
   if (!dl2c_outermost(search, place, first, middle, INPUT_HIGH[input], INPUT_LOW[input], low))
     return false;
   if (high == NULL) return true;

@@ -23,6 +23,9 @@ typedef struct dl2c_dopri {
   real rates[NX]; /* and its rates */
 } dl2c_dopri;
 
+/* Of the polynomials that are the track of a step. */
+enum { DL2C_DOPRI_DEGREE = 4 };
+
 /* A flow that needs more steps counts as failed: it is stiff, and a case for CVODES. */
 enum { DL2C_DOPRI_STEPS = 100000 };
 
@@ -34,50 +37,69 @@ enum { DL2C_DOPRI_STEPS = 100000 };
 #define DL2C_DOPRI_GROWTH 5.0
 #define DL2C_DOPRI_SHRINK 0.2
 
-/* Near the fifth root of a value > 0; exact powers of two apart, a line and Newton's method. */
-static real dl2c_fifth_root(real value)
+/*
+ * Near the fifth root of a value > 0; exact powers of two apart, a line and Newton's method. Without
+ * a branch, as all that one attempt of a step consists of: lanes make it together.
+ */
+static inline real dl2c_fifth_root(real value)
 {
-  int exponent;
-  const real part = frexp(value, &exponent);
-  const int fifth = exponent >= 0 ? exponent / 5 : -((4 - exponent) / 5);
-  const real rest = ldexp(part, exponent - 5 * fifth); /* from 0.5 to 16 */
+  const bool tiny = value < DBL_MIN;
+  const real normal = value * dl2c_select(tiny, 0x1p60, 1.0);
+  uint64_t bits;
+  memcpy(&bits, &normal, sizeof bits);
+  const uint64_t place = (bits >> 52) + 3;              /* value is part * 2^(place - 5*205), part < 1 */
+  const uint64_t fifths = (place * 52429) >> 18;        /* place / 5 */
+  const uint64_t rest_bits = (bits & 0xfffffffffffffu) | ((1022 + place - 5 * fifths) << 52);
+  real rest; /* from 0.5 to 16 */
+  memcpy(&rest, &rest_bits, sizeof rest);
   real root = 0.9 + 0.06 * rest;
+  DL2C_UNROLL
   for (int k = 0; k < 3; k++) {
     const real square = root * root;
     root = 0.8 * root + 0.2 * rest / (square * square);
   }
-  return ldexp(root, fifth);
+  const uint64_t scale_bits = (1023 - 205 + fifths - (tiny ? 12 : 0)) << 52;
+  real scale;
+  memcpy(&scale, &scale_bits, sizeof scale);
+  return root * scale;
 }
 
 /* The Euclidean norm of d in units of the tolerances at y and z. */
-static real dl2c_dopri_norm(const real *d, const real *y, const real *z)
+DL2C_INLINE real dl2c_dopri_norm(const real *d, const real *y, const real *z)
 {
   real sum = 0.0;
+  DL2C_UNROLL
   for (int k = 0; k < NX; k++) {
-    const real unit = DL2C_ATOL + DL2C_RTOL * dl2c_max(fabs(y[k]), fabs(z[k]));
-    sum += (d[k] / unit) * (d[k] / unit);
+    const real size = dl2c_select(fabs(y[k]) > fabs(z[k]), fabs(y[k]), fabs(z[k]));
+    const real part = d[k] / (DL2C_ATOL + DL2C_RTOL * size);
+    sum += part * part;
   }
   return sqrt(sum);
 }
 
-/* A first step over which the flow bends no more than the tolerances allow: one Euler step shows.
+/*
+ * The length of a first step, at most `stop`, over which the flow bends no more than the tolerances
+ * allow: one Euler step shows.   x, slopes: (NX) a state and its rates
  */
-static real dl2c_dopri_first(const dl2c_dopri *dopri, int flow, const real *p)
+DL2C_INLINE real dl2c_dopri_first(int flow, const real *x, const real *slopes, const real *p,
+                                  real stop)
 {
-  const real *const x = dopri->last;
-  const real slope = dl2c_dopri_norm(dopri->rates, x, x);
+  real y[NX];
+  real rates[NX];
+  const real slope = dl2c_dopri_norm(slopes, x, x);
   const real size = dl2c_dopri_norm(x, x, x);
-  real h = slope > 1e-5 && size > 1e-5 ? 0.01 * (size / slope) : 1e-6;
-  if (!(h < dopri->stop)) h = dopri->stop;
-  real y[NX], rates[NX];
-  for (int k = 0; k < NX; k++) y[k] = x[k] + h * dopri->rates[k];
+  real h = dl2c_select((slope > 1e-5) & (size > 1e-5), 0.01 * (size / slope), 1e-6);
+  h = dl2c_select(h < stop, h, stop);
+  DL2C_UNROLL
+  for (int k = 0; k < NX; k++) y[k] = x[k] + h * slopes[k];
   model_rates(flow, y, p, rates);
-  for (int k = 0; k < NX; k++) rates[k] = (rates[k] - dopri->rates[k]) / h;
+  DL2C_UNROLL
+  for (int k = 0; k < NX; k++) rates[k] = (rates[k] - slopes[k]) / h;
   const real bend = dl2c_dopri_norm(rates, x, x);
-  const real most = bend > slope ? bend : slope;
-  if (!(most <= DBL_MAX)) return h;
-  const real next = most > 1e-15 ? dl2c_fifth_root(DL2C_DOPRI_SHARE / most) : 100.0 * h;
-  return next < 100.0 * h ? next : 100.0 * h;
+  const real most = dl2c_select(bend > slope, bend, slope);
+  real next = dl2c_select(most > 1e-15, dl2c_fifth_root(DL2C_DOPRI_SHARE / most), 100.0 * h);
+  next = dl2c_select(next < 100.0 * h, next, 100.0 * h);
+  return dl2c_select(most <= DBL_MAX, next, h);
 }
 
 /* Begins a flow in state x (NX), to be followed for a time stop > 0. False: it has no finite rates.
@@ -90,7 +112,7 @@ static bool dl2c_dopri_start(dl2c_dopri *dopri, int flow, const real *x, const r
   memcpy(dopri->last, x, sizeof dopri->last);
   model_rates(flow, x, p, dopri->rates);
   if (!dl2c_all_finite(dopri->rates, NX)) return false;
-  dopri->wanted = dl2c_dopri_first(dopri, flow, p);
+  dopri->wanted = dl2c_dopri_first(flow, x, dopri->rates, p, stop);
   return true;
 }
 
@@ -130,52 +152,84 @@ DL2C_INLINE real dl2c_dopri_sum(const real *weights, const real (*k)[NX], int co
   return sum;
 }
 
-/* A step of length h from x to y: slopes k[0] to k[6], of which the first is given. */
-static void dl2c_dopri_stages(int flow, const real *p, const real *x, real h, real (*k)[NX],
-                              real *y)
+/* Slope s + 1 of a step of length h from x, and the point y where it is taken, from slopes 0 to s. */
+DL2C_INLINE void dl2c_dopri_stage(int flow, int s, const real *p, const real *x, real h,
+                                  real (*k)[NX], real *y)
 {
   DL2C_UNROLL
-  for (int s = 0; s < 6; s++) {
-    for (int i = 0; i < NX; i++)
+  for (int i = 0; i < NX; i++)
+    if (model_moves(flow, i))
       y[i] = x[i] + h * dl2c_dopri_sum(DL2C_DOPRI_WEIGHTS[s], (const real(*)[NX])k, s + 1, i);
-    model_rates(flow, y, p, k[s + 1]);
-  }
+  model_rates(flow, y, p, k[s + 1]);
 }
 
-/* The error of a step in units of what it may be; not finite where a rate has no value. */
-static real dl2c_dopri_error(const real *x, const real *y, real h, const real (*k)[NX])
+/*
+ * A step of length h from x to y: slopes k[0] to k[6], of which the first is given. Returns its error
+ * in units of what that may be, which is not finite where a rate has no value.
+ */
+DL2C_INLINE real dl2c_dopri_try(int flow, const real *p, const real *x, real h, real (*k)[NX],
+                                real *y)
 {
-  real error[NX];
-  for (int i = 0; i < NX; i++) error[i] = h * dl2c_dopri_sum(DL2C_DOPRI_ERROR, k, 7, i);
-  return dl2c_dopri_norm(error, x, y) / DL2C_DOPRI_SHARE;
+  DL2C_UNROLL
+  for (int i = 0; i < NX; i++) y[i] = x[i];
+  dl2c_dopri_stage(flow, 0, p, x, h, k, y);
+  dl2c_dopri_stage(flow, 1, p, x, h, k, y);
+  dl2c_dopri_stage(flow, 2, p, x, h, k, y);
+  dl2c_dopri_stage(flow, 3, p, x, h, k, y);
+  dl2c_dopri_stage(flow, 4, p, x, h, k, y);
+  dl2c_dopri_stage(flow, 5, p, x, h, k, y);
+  real sum = 0.0;
+  DL2C_UNROLL
+  for (int i = 0; i < NX; i++) {
+    if (!model_moves(flow, i)) continue;
+    const real size = dl2c_select(fabs(x[i]) > fabs(y[i]), fabs(x[i]), fabs(y[i]));
+    const real off = h * dl2c_dopri_sum(DL2C_DOPRI_ERROR, (const real(*)[NX])k, 7, i);
+    const real error = off / (DL2C_ATOL + DL2C_RTOL * size);
+    sum += error * error;
+  }
+  return sqrt(sum) / DL2C_DOPRI_SHARE;
 }
 
 /* By what the next step is longer than one with this error. */
-static real dl2c_dopri_factor(real error)
+DL2C_INLINE real dl2c_dopri_factor(real error)
 {
-  if (!(error <= DBL_MAX)) return DL2C_DOPRI_SHRINK;
-  if (!(error > 0.0)) return DL2C_DOPRI_GROWTH;
-  const real factor = DL2C_DOPRI_CARE / dl2c_fifth_root(error);
-  return dl2c_max(DL2C_DOPRI_SHRINK, dl2c_min(factor, DL2C_DOPRI_GROWTH));
+  const real wanted = DL2C_DOPRI_CARE / dl2c_fifth_root(error);
+  const real least = dl2c_select(wanted > DL2C_DOPRI_SHRINK, wanted, DL2C_DOPRI_SHRINK);
+  const real factor = dl2c_select(least < DL2C_DOPRI_GROWTH, least, DL2C_DOPRI_GROWTH);
+  const real grown = dl2c_select(error > 0.0, factor, DL2C_DOPRI_GROWTH);
+  return dl2c_select(error <= DBL_MAX, grown, DL2C_DOPRI_SHRINK);
+}
+
+/* The interpolant of variable i over a step that takes it from `here` to `there`.   c: (5) */
+DL2C_INLINE void dl2c_dopri_terms(real here, real there, real h, const real (*k)[NX], int i,
+                                  real *c)
+{
+  const real rise = there - here;
+  const real left = h * k[0][i] - rise;
+  const real right = rise - h * k[6][i] - left;
+  const real bow = h * dl2c_dopri_sum(DL2C_DOPRI_BOW, k, 7, i);
+  c[0] = here;
+  c[1] = rise + left;
+  c[2] = right - left + bow;
+  c[3] = -right - 2.0 * bow;
+  c[4] = bow;
 }
 
 /* The interpolant of a step from x to y. */
 static void dl2c_dopri_track(const real *x, const real *y, real h, const real (*k)[NX],
                              dl2c_track *track)
 {
-  track->degree = 4;
+  track->degree = DL2C_DOPRI_DEGREE;
   for (int i = 0; i < NX; i++) {
-    const real rise = y[i] - x[i];
-    const real left = h * k[0][i] - rise;
-    const real right = rise - h * k[6][i] - left;
-    const real bow = h * dl2c_dopri_sum(DL2C_DOPRI_BOW, k, 7, i);
-    track->c[i][0] = x[i];
-    track->c[i][1] = rise + left;
-    track->c[i][2] = right - left + bow;
-    track->c[i][3] = -right - 2.0 * bow;
-    track->c[i][4] = bow;
+    dl2c_dopri_terms(x[i], y[i], h, k, i, track->c[i]);
     track->end[i] = y[i];
   }
+}
+
+/* The next length to try after an attempt that is not taken. */
+DL2C_INLINE real dl2c_dopri_shorter(real h, real error, real next)
+{
+  return dl2c_select(error <= 1.0, DL2C_DOPRI_SHRINK * h, next);
 }
 
 /* One step, never beyond `stop`; its interpolant in *track. False: there is none that is short
@@ -190,8 +244,7 @@ static bool dl2c_dopri_step(dl2c_dopri *dopri, int flow, const real *p, dl2c_tra
     const bool whole = !(h < left);
     if (whole) h = left;
     if (dopri->steps++ >= DL2C_DOPRI_STEPS || !(dopri->now + h > dopri->now)) return false;
-    dl2c_dopri_stages(flow, p, dopri->last, h, k, y);
-    const real error = dl2c_dopri_error(dopri->last, y, h, (const real(*)[NX])k);
+    const real error = dl2c_dopri_try(flow, p, dopri->last, h, k, y);
     const real next = h * dl2c_dopri_factor(error);
     if (error <= 1.0 && dl2c_all_finite(y, NX)) {
       track->from = dopri->now;
@@ -203,7 +256,7 @@ static bool dl2c_dopri_step(dl2c_dopri *dopri, int flow, const real *p, dl2c_tra
       dopri->wanted = next;
       return true;
     }
-    h = error <= 1.0 ? DL2C_DOPRI_SHRINK * h : next;
+    h = dl2c_dopri_shorter(h, error, next);
   }
 }
 

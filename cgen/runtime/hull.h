@@ -20,10 +20,16 @@ typedef struct dl2c_hull {
 
 static inline dl2c_hull dl2c_hull_unknown(void) { return (dl2c_hull){(real)NAN, (real)NAN}; }
 
+/* These ends where they are known, without a branch. */
+static inline dl2c_hull dl2c_hull_where(bool known, real low, real high)
+{
+  return (dl2c_hull){dl2c_select(known, low, (real)NAN), dl2c_select(known, high, (real)NAN)};
+}
+
 /* Between two values, if they are finite. */
 static inline dl2c_hull dl2c_hull_of(real low, real high)
 {
-  return isfinite(high - low) ? (dl2c_hull){low, high} : dl2c_hull_unknown();
+  return dl2c_hull_where(isfinite(high - low), low, high);
 }
 
 static inline dl2c_hull dl2c_hull_at(real a) { return dl2c_hull_of(a, a); }
@@ -41,9 +47,9 @@ static inline dl2c_hull dl2c_hull_sub(dl2c_hull a, dl2c_hull b)
 /* Between the least and the largest of four values. */
 static inline dl2c_hull dl2c_hull_four(real a, real b, real c, real d)
 {
-  if (!isfinite(a + b + c + d)) return dl2c_hull_unknown();
-  return dl2c_hull_of(dl2c_min(dl2c_min(a, b), dl2c_min(c, d)),
-                      dl2c_max(dl2c_max(a, b), dl2c_max(c, d)));
+  const dl2c_hull all = dl2c_hull_of(dl2c_min(dl2c_min(a, b), dl2c_min(c, d)),
+                                     dl2c_max(dl2c_max(a, b), dl2c_max(c, d)));
+  return dl2c_hull_where(isfinite(a + b + c + d), all.low, all.high);
 }
 
 static inline dl2c_hull dl2c_hull_mul(dl2c_hull a, dl2c_hull b)
@@ -52,12 +58,13 @@ static inline dl2c_hull dl2c_hull_mul(dl2c_hull a, dl2c_hull b)
 }
 static inline dl2c_hull dl2c_hull_div(dl2c_hull a, dl2c_hull b)
 {
-  if (b.low <= 0.0 && b.high >= 0.0) return dl2c_hull_unknown();
-  return dl2c_hull_four(a.low / b.low, a.low / b.high, a.high / b.low, a.high / b.high);
+  const dl2c_hull all =
+      dl2c_hull_four(a.low / b.low, a.low / b.high, a.high / b.low, a.high / b.high);
+  return dl2c_hull_where((b.low > 0.0) | (b.high < 0.0), all.low, all.high);
 }
 static inline dl2c_hull dl2c_hull_abs(dl2c_hull a)
 {
-  const real low = a.low > 0.0 ? a.low : a.high < 0.0 ? -a.high : 0.0;
+  const real low = dl2c_select(a.low > 0.0, a.low, dl2c_select(a.high < 0.0, -a.high, 0.0));
   return dl2c_hull_of(low, dl2c_max(-a.low, a.high));
 }
 static inline dl2c_hull dl2c_hull_square(dl2c_hull a)
@@ -67,13 +74,11 @@ static inline dl2c_hull dl2c_hull_square(dl2c_hull a)
 }
 static inline dl2c_hull dl2c_hull_min(dl2c_hull a, dl2c_hull b)
 {
-  if (!isfinite(a.low + b.low)) return dl2c_hull_unknown();
-  return (dl2c_hull){dl2c_min(a.low, b.low), dl2c_min(a.high, b.high)};
+  return dl2c_hull_where(isfinite(a.low + b.low), dl2c_min(a.low, b.low), dl2c_min(a.high, b.high));
 }
 static inline dl2c_hull dl2c_hull_max(dl2c_hull a, dl2c_hull b)
 {
-  if (!isfinite(a.low + b.low)) return dl2c_hull_unknown();
-  return (dl2c_hull){dl2c_max(a.low, b.low), dl2c_max(a.high, b.high)};
+  return dl2c_hull_where(isfinite(a.low + b.low), dl2c_max(a.low, b.low), dl2c_max(a.high, b.high));
 }
 static inline dl2c_hull dl2c_hull_sqrt(dl2c_hull a)
 {

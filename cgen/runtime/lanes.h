@@ -51,7 +51,7 @@ DL2C_INLINE void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stri
       best_rank = better ? rank : best_rank;
     }
     requested[i] = best_rank == 2 * NCHOICE + 2;
-    taken[i] = (best_rank >= lowest) & !waited[i] ? best : -1;
+    taken[i] = ((best_rank >= lowest) & !waited[i]) ? best : -1;
   }
   for (int64_t i = 0; i < count; i++) path[i] = taken[i];
 }

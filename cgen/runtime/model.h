@@ -12,6 +12,7 @@
  *          DL2C_TARGETED, NBLOCK, NMARGIN, NDEGREE, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
  *          DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
+ *   #define DL2C_FLOWS_IN_LANES 1                steps are decided one by one, but follow that flow abreast
  *   #define DL2C_MONITORED 1                     steps are judged by the model's monitor
  *   typedef float dl2c_obs;                      one observation entry, or double
  *   static const dl2c_path PATHS[];              all paths, grouped by point
@@ -52,6 +53,7 @@
  *   bool model_quiet(int flow, x, p, real duration, y)           it plainly changes no watch
  *   bool model_calm(int flow, const dl2c_hull *x, p, watch)      no event where x is inside; kernels LINEAR, NUMERIC, DOPRI
  *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE
+ *   bool model_moves(int flow, int variable)                     whether they name it; where a flow is of kernel DOPRI
  *   void model_roots(int flow, x, p, real *g, real *dg)          margins of its domain, their Lie derivatives
  *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) how its rates depend on x
  *   void model_lie(int flow, x, p, real *lie)                    (3, NROOT) Lie derivatives of what is watched

@@ -3,6 +3,7 @@
 #ifndef DL2C_MOVE_H
 #define DL2C_MOVE_H
 
+#include "convoy.h"
 #include "state.h"
 
 /* Results of a call that only began an episode. */
@@ -91,18 +92,10 @@ static int32_t dl2c_violated(const dl2c_trial *run, const real *p)
 }
 #endif
 
-/* Moves environment i as requested, in scalar code.   watch: (NWATCH, DL2C_BLOCK) */
-static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch, int32_t *violated)
+/* What environment i is asked for.   p: (NP) */
+static inline dl2c_request dl2c_request_of(const dl2c_batch *b, int64_t i, const real *p)
 {
-  real p[NP + 1];
-  dl2c_trial start;
-  uint8_t enabled[NPATH];
-  dl2c_stand(b, i, &start, p);
-  for (int k = 0; k < DL2C_NSTART; k++) enabled[k] = b->enabled[k * b->stride + i];
-
-  dl2c_clear_results(b, i);
-  b->out.reset[i] = 0;
-  const dl2c_request request = {
+  return (dl2c_request){
       .choices = b->out.choices + i * NCHOICE,
       .inputs = b->out.inputs + i * NINPUT,
       .draws = NSTEPDRAW > 0 ? b->start[i].draws : NULL,
@@ -111,30 +104,90 @@ static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch, int32
       .request_only = b->options.on_blocked != DL2C_BLOCKED_FALLBACK,
       .solver = b->solver,
   };
-  dl2c_trial run = start;
-  const bool moved = dl2c_complete(&request, &run, enabled, NULL);
-  const bool sound = moved && run.failure == DL2C_SOUND;
-  const real duration = sound ? run.duration : 0.0;
-  if (sound) dl2c_store(b, i, run.x);
-#if DL2C_MONITORED
-  *violated = sound ? dl2c_violated(&run, p) : 0;
-#else
-  (void)violated;
-#endif
-  dl2c_show_run(b, i, moved ? &run : &start);
+}
+
+/* Takes over what a run of environment i came to, or where it stands if there was none. */
+static dl2c_attempt dl2c_record(dl2c_batch *b, int64_t i, const dl2c_trial *run, bool moved,
+                                uint8_t *watch)
+{
+  const bool sound = moved && run->failure == DL2C_SOUND;
   const dl2c_clocks clocks = dl2c_clocks_of(b, i);
-  dl2c_count(&clocks, 0, true, duration);
-  b->out.blocked[i] = run.left || !moved;
+  dl2c_clear_results(b, i);
+  b->out.reset[i] = 0;
+  if (sound) dl2c_store(b, i, run->x);
+  dl2c_show_run(b, i, run);
+  dl2c_count(&clocks, 0, true, sound ? run->duration : 0.0);
+  b->out.blocked[i] = run->left || !moved;
   if (!moved) return DL2C_NO_RUN;
-  switch (run.failure) {
+  switch (run->failure) {
   case DL2C_LOST: return DL2C_NUMERICAL;
   case DL2C_UNSOLVABLE: return DL2C_NO_SOLUTION;
   case DL2C_ENDLESS: return DL2C_DIVERGED;
   default: break;
   }
-  for (int w = 0; w < NWATCH; w++) watch[w * DL2C_BLOCK] = run.watch[w];
+  for (int w = 0; w < NWATCH; w++) watch[w * DL2C_BLOCK] = run->watch[w];
   return DL2C_RAN;
 }
+
+/* Moves environment i as requested, in scalar code.   watch: (NWATCH, DL2C_BLOCK) */
+static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch, int32_t *violated)
+{
+  real p[NP + 1];
+  dl2c_trial start;
+  uint8_t enabled[NPATH];
+  dl2c_stand(b, i, &start, p);
+  for (int k = 0; k < DL2C_NSTART; k++) enabled[k] = b->enabled[k * b->stride + i];
+  const dl2c_request request = dl2c_request_of(b, i, p);
+  dl2c_trial run = start;
+  const bool moved = dl2c_complete(&request, &run, enabled, NULL);
+#if DL2C_MONITORED
+  *violated = moved && run.failure == DL2C_SOUND ? dl2c_violated(&run, p) : 0;
+#else
+  (void)violated;
+#endif
+  return dl2c_record(b, i, moved ? &run : &start, moved, watch);
+}
+
+#if DL2C_FLOWS_IN_LANES
+/* The control of environment i, up to its flow from run->x. False where it is not that simple. */
+static bool dl2c_set_out(const dl2c_batch *b, int64_t i, dl2c_trial *run, real *p)
+{
+  uint8_t enabled[NPATH];
+  real y[NX];
+  dl2c_stand(b, i, run, p);
+  for (int k = 0; k < DL2C_NSTART; k++) enabled[k] = b->enabled[k * b->stride + i];
+  const dl2c_request request = dl2c_request_of(b, i, p);
+  bool left = false;
+  const int path = dl2c_preferred(&request, run, enabled, &left);
+  if (path < 0 || (request.request_only && left)) return false;
+  run->left = left;
+  dl2c_decide(&request, run, path, y);
+  memcpy(run->x, y, sizeof y);
+  return run->failure == DL2C_SOUND;
+}
+
+/* Moves environments of a block abreast, and notes which have moved. */
+static void dl2c_move_fleet(dl2c_batch *b, int64_t first, int64_t count, const uint8_t *waited,
+                            uint8_t *moved, uint8_t *watch)
+{
+  dl2c_fleet fleet;
+  dl2c_trial runs[DL2C_BLOCK];
+  for (int64_t i = 0; i < count; i++) {
+    real p[NP + 1];
+    fleet.there[i] = 0;
+    fleet.going[i] = !waited[i] && dl2c_set_out(b, first + i, &runs[i], p);
+    for (int k = 0; k < NX; k++) fleet.x[k][i] = fleet.going[i] ? runs[i].x[k] : 0.0;
+    for (int k = 0; k < NP; k++) fleet.p[k][i] = fleet.going[i] ? p[k] : 0.0;
+  }
+  dl2c_fleet_sail(&fleet, count);
+  for (int64_t i = 0; i < count; i++) {
+    if (!fleet.there[i]) continue;
+    for (int k = 0; k < NX; k++) runs[i].x[k] = fleet.y[k][i];
+    runs[i].duration = fleet.stop[i];
+    moved[i] = dl2c_record(b, first + i, &runs[i], true, watch + i) == DL2C_RAN;
+  }
+}
+#endif
 
 /* Draws for the next step of every environment of a block that moved, and begins that step. */
 DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
@@ -178,6 +231,9 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl
   } else {
     for (int64_t i = 0; i < count; i++) moved[i] = 0;
   }
+#if DL2C_FLOWS_IN_LANES
+  if (count > 1) dl2c_move_fleet(b, first, count, waited, moved, s->watch);
+#endif
   uint8_t left[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) left[i] = !moved[i] & !waited[i];
   for (int64_t i = dl2c_next(left, 0, count); i < count; i = dl2c_next(left, i + 1, count))

@@ -123,23 +123,24 @@ static void dl2c_track_at(const dl2c_track *track, real s, real *x)
   }
 }
 
-/*
- * What a track stays in: s^i is between 0 and 1, and rounding adds little.   x: (NX)
- */
+/* What one variable stays in: s^i is between 0 and 1, and rounding adds little.   c: (degree + 1) */
+DL2C_INLINE dl2c_hull dl2c_terms_hull(const real *c, int degree, real end)
+{
+  real down = 0.0;
+  real up = 0.0;
+  DL2C_UNROLL
+  for (int i = 1; i <= degree; i++) {
+    down += dl2c_min(c[i], 0.0);
+    up += dl2c_max(c[i], 0.0);
+  }
+  const real rounding = (fabs(c[0]) + up - down) * DL2C_TRACK_ROUNDING;
+  return dl2c_hull_of(dl2c_min(c[0] + down - rounding, end), dl2c_max(c[0] + up + rounding, end));
+}
+
+/* What a track stays in.   x: (NX) */
 static inline void dl2c_track_hull(const dl2c_track *track, dl2c_hull *x)
 {
-  for (int k = 0; k < NX; k++) {
-    const real *c = track->c[k];
-    real down = 0.0;
-    real up = 0.0;
-    for (int i = 1; i <= track->degree; i++) {
-      down += dl2c_min(c[i], 0.0);
-      up += dl2c_max(c[i], 0.0);
-    }
-    const real rounding = (fabs(c[0]) + up - down) * DL2C_TRACK_ROUNDING;
-    x[k] = dl2c_hull_of(dl2c_min(c[0] + down - rounding, track->end[k]),
-                        dl2c_max(c[0] + up + rounding, track->end[k]));
-  }
+  for (int k = 0; k < NX; k++) x[k] = dl2c_terms_hull(track->c[k], track->degree, track->end[k]);
 }
 
 /* The states at all nodes, each variable in a row.   x: (NX, DL2C_NODES) */

@@ -195,6 +195,19 @@ static inline void dl2c_judge_control(dl2c_trial *trial, const dl2c_path *taken,
 }
 #endif
 
+/* Decisions, inputs and assignments of a path, which lead to y, unless they fail. */
+static inline void dl2c_decide(const dl2c_request *request, dl2c_trial *trial, int path, real *y)
+{
+  const dl2c_path *taken = &PATHS[path];
+  for (int j = 0; j < taken->nmet; j++)
+    trial->taken[taken->met[j]] = DECISIONS[path][taken->met[j]];
+  for (int j = 0; NU > 0 && j < taken->ninput; j++)
+    if (!trial->given[taken->inputs[j].input]) dl2c_give(request, trial, path, j);
+  memcpy(y, trial->x, sizeof trial->x);
+  const bool defined = model_update(path, trial->x, request->p, trial->value, y);
+  if (!defined || !dl2c_all_finite(y, NX)) trial->failure = DL2C_LOST;
+}
+
 /* Executes one path: decisions, inputs, assignments, flow. */
 static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, int path)
 {
@@ -203,21 +216,14 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
     trial->failure = DL2C_ENDLESS;
     return;
   }
-  for (int j = 0; j < taken->nmet; j++)
-    trial->taken[taken->met[j]] = DECISIONS[path][taken->met[j]];
-  for (int j = 0; NU > 0 && j < taken->ninput; j++)
-    if (!trial->given[taken->inputs[j].input]) dl2c_give(request, trial, path, j);
   real y[NX];
-  memcpy(y, trial->x, sizeof y);
-  const bool defined = model_update(path, trial->x, request->p, trial->value, y);
+  dl2c_decide(request, trial, path, y);
 #if DL2C_MONITORED
-  if (defined && dl2c_all_finite(y, NX)) dl2c_judge_control(trial, taken, y, request->p);
+  if (trial->failure == DL2C_SOUND) dl2c_judge_control(trial, taken, y, request->p);
 #endif
-  if (!defined || !dl2c_all_finite(y, NX))
-    trial->failure = DL2C_LOST;
-  else if (taken->flow != DL2C_NO_FLOW)
+  if (trial->failure == DL2C_SOUND && taken->flow != DL2C_NO_FLOW)
     dl2c_evolve(request, trial, taken->flow, y);
-  memcpy(trial->x, y, sizeof y);
+  memcpy(trial->x, y, sizeof trial->x);
   trial->point = taken->target;
 }
 

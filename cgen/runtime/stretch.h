@@ -90,7 +90,7 @@ static void dl2c_sample_margins(const dl2c_stretch *stretch, real (*values)[DL2C
   dl2c_stretch_samples(stretch, rows);
   for (int k = 0; k < DL2C_NODES; k++) {
     real y[NX];
-    real g[NMARGIN];
+    real g[NMARGIN] = {0.0};
     for (int j = 0; j < NX; j++) y[j] = rows[j * DL2C_NODES + k];
     dl2c_margins(stretch, y, g);
     for (int j = 0; j < n; j++) values[j][k] = g[j];
@@ -176,7 +176,7 @@ static bool dl2c_curves_fit(const dl2c_stretch *stretch, const dl2c_curve *curve
   for (int side = 0; side < 2; side++) {
     const real s = side == 0 ? 0.31 : 0.79;
     real y[NX];
-    real g[NMARGIN];
+    real g[NMARGIN] = {0.0};
     dl2c_stretch_at(stretch, s, y);
     dl2c_margins(stretch, y, g);
     for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++) {

@@ -8,7 +8,7 @@ from dl2c.emit.cfile import LICENCE, comment, enumeration
 from dl2c.emit.inputs_c import critical_count
 from dl2c.emit.judge_c import fact_names, observed
 from dl2c.emit.names import file_stem, index
-from dl2c.emit.paths_c import steps_in_lanes
+from dl2c.emit.paths_c import flows_in_lanes, steps_in_lanes
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import root_count
 from dl2c.emit.sampler_c import free_names
@@ -81,6 +81,7 @@ def _sizes(environment: Environment) -> str:
         textwrap.fill(f"enum {{ {', '.join(f'{k} = {v}' for k, v in sizes.items())} }};", 96)
         + "\n"
         + f"#define DL2C_LANE_FLOW ({next((p.flow for p in paths.paths if p.flow is not None), -1)})\n"
+        + f"#define DL2C_FLOWS_IN_LANES {int(flows_in_lanes(environment))}\n"
         + _kernels(environment)
         + ("" if environment.monitor is None else "#define DL2C_MONITORED 1\n")
         + f"typedef {kind} dl2c_obs;\n"

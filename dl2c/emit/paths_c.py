@@ -92,6 +92,23 @@ def steps_in_lanes(environment: Environment) -> bool:
     return simple and len({p.flow for p in paths.paths}) == 1
 
 
+LANE_VARIABLES = 32
+"""With more variables, what lanes need no longer fits registers and the first cache."""
+
+
+def flows_in_lanes(environment: Environment) -> bool:
+    """Whether steps of many environments can be decided one by one and then follow their flow together:
+    every path ends in the same flow, which `dopri5.h` follows for as long as it may last.
+    """
+    paths = environment.paths
+    if [plan.kernel for plan in environment.flows] != ["dopri5"] or environment.monitor is not None:
+        return False
+    if len(environment.model.variables) > LANE_VARIABLES:
+        return False
+    simple = paths.points == 1 and not paths.draws and not paths.looks_ahead
+    return simple and all(p.flow == 0 for p in paths.paths) and environment.options.duration == "max"
+
+
 def _assign(environment: Environment, leaves: Leaves) -> str:
     """All assignments of all paths as selections."""
     body: list[str] = []

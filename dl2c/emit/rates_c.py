@@ -18,8 +18,10 @@ STATE = "const real *x, const real *p"
 
 
 def rate_functions(environment: Environment, leaves: Leaves) -> list[str]:
-    """`model_rates` and `model_roots`."""
-    return [_rates(environment, leaves), _roots(environment, leaves)]
+    """`model_rates`, `model_moves` where it is needed, and `model_roots`."""
+    dopri = any(plan.kernel == "dopri5" for plan in environment.flows)
+    moves = [_moves(environment)] if dopri else []
+    return [_rates(environment, leaves), *moves, _roots(environment, leaves)]
 
 
 def root_count(environment: Environment) -> int:
@@ -40,6 +42,20 @@ def _rates(environment: Environment, leaves: Leaves) -> str:
         f"static inline void model_rates(int flow, {STATE}, real *dx)",
         body,
         "How fast the variables change along a flow; 0 where its ODE does not name one.",
+    )
+
+
+def _moves(environment: Environment) -> str:
+    flows = environment.model.flows
+    body: list[str] = []
+    for k, flow in enumerate(flows):
+        moved = [f"variable == {index(Symbol(variable, 'variable'))}" for variable, _ in flow.equations]
+        holds = wrapped(f"return {' || '.join(moved)};")
+        body += holds if len(flows) == 1 else selected(k, holds)
+    return function(
+        "static inline bool model_moves(int flow, int variable)",
+        body if len(flows) == 1 else [*body, "return false;"],
+        "Whether the ODE of a flow names a variable.",
     )
 
 

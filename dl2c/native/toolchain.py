@@ -36,6 +36,9 @@ EXACT_FLAGS = ("-ffp-contract=off",)
 ZIG_LACKS = ("-DDL2C_NO_TARGET_CLONES",)
 """zig tunes for the machine it runs on unless told otherwise, and cannot link `target_clones`."""
 
+NATIVE = ("-march=native", "-DDL2C_NO_TARGET_CLONES")
+"""For this CPU alone. What is compiled for it cannot be inlined into code for another one, as clones are."""
+
 UNSAFE_FLAGS = frozenset(
     {
         "-Ofast",
@@ -74,7 +77,7 @@ class Compiler:
 
         Raises `CompilerFailed` if CFLAGS asks for arithmetic that is not exact.
         """
-        tuning = ("-march=native",) if native else ("-mcpu=baseline",) if self.zig else ()
+        tuning = NATIVE if native else ("-mcpu=baseline",) if self.zig else ()
         lacking = ZIG_LACKS if self.zig else ()
         return (*CODE_FLAGS, *tuning, *lacking, *user_flags(), *EXACT_FLAGS)
 

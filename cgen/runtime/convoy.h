@@ -1,0 +1,177 @@
+/* SPDX-License-Identifier: MIT-0 */
+/*
+ * convoy.h -- a flow that dopri5.h follows, for several environments abreast.
+ *
+ * The lanes of a convoy attempt their steps together, each of its own length; whether a lane takes its
+ * step is a selection. Environments need different numbers of steps: where one leaves, the next of
+ * its fleet joins. One that meets anything but plain motion until its time is up is left to the
+ * scalar step, which computes the same bits.
+ */
+#ifndef DL2C_CONVOY_H
+#define DL2C_CONVOY_H
+
+#include "step.h"
+
+#if DL2C_FLOWS_IN_LANES
+
+enum { DL2C_ABREAST = 8 };
+
+/* The environments of a block, a row for each variable. */
+typedef struct dl2c_fleet {
+  real x[NX][DL2C_BLOCK]; /* where the flow begins, */
+  real p[NP + 1][DL2C_BLOCK];
+  int64_t going[DL2C_BLOCK]; /* and which lanes follow it */
+  int64_t there[DL2C_BLOCK]; /* out: which have come to its end, */
+  real y[NX][DL2C_BLOCK];    /* where that is, */
+  real stop[DL2C_BLOCK];     /* and how long it lasted */
+  real rates[NX][DL2C_BLOCK]; /* in x */
+  real wanted[DL2C_BLOCK];    /* length of the first attempt */
+} dl2c_fleet;
+
+/* Those under way. */
+typedef struct dl2c_convoy {
+  real p[NP + 1][DL2C_ABREAST];
+  real y[NX][DL2C_ABREAST];
+  real rates[NX][DL2C_ABREAST]; /* in y */
+  real now[DL2C_ABREAST];
+  real stop[DL2C_ABREAST];
+  real wanted[DL2C_ABREAST]; /* length of the next attempt */
+  int64_t going[DL2C_ABREAST];
+  int64_t there[DL2C_ABREAST];
+  int64_t lane[DL2C_ABREAST]; /* of the fleet, -1 for none */
+} dl2c_convoy;
+
+/* Rates, and the lengths of first attempts. */
+DL2C_INLINE void dl2c_fleet_start(dl2c_fleet *f, int64_t count)
+{
+  DL2C_APART
+  for (int64_t i = 0; i < count; i++) {
+    real x[NX];
+    real p[NP + 1];
+    real rates[NX];
+    real stop;
+    DL2C_UNROLL
+    for (int k = 0; k < NX; k++) x[k] = f->x[k][i];
+    DL2C_UNROLL
+    for (int k = 0; k < NP; k++) p[k] = f->p[k][i];
+    const bool begins = model_begin(DL2C_LANE_FLOW, x, p, &stop);
+    model_rates(DL2C_LANE_FLOW, x, p, rates);
+    const bool well = begins & (stop > 0.0) & dl2c_all_finite(rates, NX);
+    f->wanted[i] = dl2c_dopri_first(DL2C_LANE_FLOW, x, rates, p, stop);
+    f->stop[i] = stop;
+    f->going[i] &= (int64_t)well;
+    DL2C_UNROLL
+    for (int k = 0; k < NX; k++) f->rates[k][i] = rates[k];
+  }
+}
+
+/* Whether a step plainly has no events that matter (see dl2c_calm). */
+DL2C_INLINE bool dl2c_lane_calm(const real *x, const real *y, const real *p, real h,
+                                const real (*k)[NX])
+{
+  static const uint8_t watch[NWATCH + 1] = {DL2C_WATCHING};
+  dl2c_hull hull[NX];
+  DL2C_UNROLL
+  for (int i = 0; i < NX; i++) {
+    real c[DL2C_DOPRI_DEGREE + 1];
+    dl2c_dopri_terms(x[i], y[i], h, k, i, c);
+    hull[i] = dl2c_terms_hull(c, DL2C_DOPRI_DEGREE, y[i]);
+  }
+  return model_calm(DL2C_LANE_FLOW, hull, p, watch);
+}
+
+/* One attempt of every lane, as dl2c_dopri_step makes it. */
+DL2C_INLINE void dl2c_convoy_step(dl2c_convoy *c)
+{
+  DL2C_APART
+  for (int64_t i = 0; i < DL2C_ABREAST; i++) {
+    real x[NX];
+    real p[NP + 1];
+    real k[7][NX];
+    real y[NX];
+    DL2C_UNROLL
+    for (int j = 0; j < NX; j++) x[j] = c->y[j][i];
+    DL2C_UNROLL
+    for (int j = 0; j < NP; j++) p[j] = c->p[j][i];
+    DL2C_UNROLL
+    for (int j = 0; j < NX; j++) k[0][j] = c->rates[j][i];
+    const real now = c->now[i];
+    const real left = c->stop[i] - now;
+    const bool whole = !(c->wanted[i] < left);
+    const real h = dl2c_select(whole, left, c->wanted[i]);
+    const real after = dl2c_select(whole, c->stop[i], now + h);
+    const real error = dl2c_dopri_try(DL2C_LANE_FLOW, p, x, h, k, y);
+    const real next = h * dl2c_dopri_factor(error);
+    const bool fits = (error <= 1.0) & dl2c_all_finite(y, NX);
+    const bool calm = dl2c_lane_calm(x, y, p, h, (const real(*)[NX])k);
+    const bool well = (now + h > now) & (!fits | calm);
+    const bool taken = (c->going[i] != 0) & fits & well;
+    const bool there = taken & (after >= c->stop[i]);
+    c->wanted[i] = dl2c_select(fits, next, dl2c_dopri_shorter(h, error, next));
+    c->now[i] = dl2c_select(taken, after, now);
+    c->there[i] = (int64_t)there;
+    c->going[i] &= (int64_t)(well & !there);
+    DL2C_UNROLL
+    for (int j = 0; j < NX; j++) c->y[j][i] = dl2c_select(taken, y[j], x[j]);
+    DL2C_UNROLL
+    for (int j = 0; j < NX; j++) c->rates[j][i] = dl2c_select(taken, k[6][j], k[0][j]);
+  }
+}
+
+/* Ends the flow of a lane that has come to its end, as dl2c_arrive does. */
+static void dl2c_leave(const dl2c_convoy *c, int64_t i, dl2c_fleet *f)
+{
+  const int64_t lane = c->lane[i];
+  real x[NX];
+  real y[NX];
+  real p[NP + 1];
+  int8_t sign[NMARGIN];
+  if (!c->there[i]) return;
+  memset(sign, 1, sizeof sign);
+  for (int k = 0; k < NX; k++) x[k] = f->x[k][lane];
+  for (int k = 0; k < NX; k++) y[k] = c->y[k][i];
+  for (int k = 0; k < NP; k++) p[k] = f->p[k][lane];
+  model_project(DL2C_LANE_FLOW, p, y);
+  model_settle(DL2C_LANE_FLOW, x, p, f->stop[lane], sign, y);
+  f->there[lane] = dl2c_all_finite(y, NX) && model_inside(DL2C_LANE_FLOW, y, p);
+  for (int k = 0; k < NX; k++) f->y[k][lane] = y[k];
+}
+
+static void dl2c_join(dl2c_convoy *c, int64_t i, const dl2c_fleet *f, int64_t lane)
+{
+  for (int k = 0; k < NX; k++) c->y[k][i] = f->x[k][lane];
+  for (int k = 0; k < NP; k++) c->p[k][i] = f->p[k][lane];
+  for (int k = 0; k < NX; k++) c->rates[k][i] = f->rates[k][lane];
+  c->now[i] = 0.0;
+  c->stop[i] = f->stop[lane];
+  c->wanted[i] = f->wanted[lane];
+  c->going[i] = 1;
+  c->there[i] = 0;
+}
+
+/* Follows the flow in all lanes that go. */
+DL2C_LANES static void dl2c_fleet_sail(dl2c_fleet *f, int64_t count)
+{
+  dl2c_convoy convoy;
+  int64_t next = 0;
+  memset(&convoy, 0, sizeof convoy);
+  for (int64_t i = 0; i < DL2C_ABREAST; i++) convoy.lane[i] = -1;
+  dl2c_fleet_start(f, count);
+  for (int attempt = 0; attempt < DL2C_DOPRI_STEPS; attempt++) {
+    int64_t going = 0;
+    for (int64_t i = 0; i < DL2C_ABREAST; i++) {
+      if (!convoy.going[i]) {
+        if (convoy.lane[i] >= 0) dl2c_leave(&convoy, i, f);
+        while (next < count && !f->going[next]) next++;
+        convoy.lane[i] = next < count ? next : -1;
+        if (next < count) dl2c_join(&convoy, i, f, next++);
+      }
+      going |= convoy.going[i];
+    }
+    if (!going) return;
+    dl2c_convoy_step(&convoy);
+  }
+}
+
+#endif
+#endif
