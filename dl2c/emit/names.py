@@ -69,21 +69,11 @@ def after(symbol: Symbol) -> str:
 
 RUNTIME_FILES = frozenset(
     [
-        *("actions", "admissible", "ahead", "batch", "block", "convoy", "curve", "dense", "dl2c", "dopri5"),
-        *(
-            "events",
-            "flow_cvodes",
-            "flow_exact",
-            "hull",
-            "judge",
-            "lanes",
-            "linear",
-            "model",
-            "move",
-            "numbers",
-        ),
-        *("numeric", "pieces", "rng", "roots", "sampler", "snapshot", "state", "step", "stretch"),
-        *("sundials", "sundials_system", "sundials_wheel", "target", "threads", "travel"),
+        *("actions", "admissible", "ahead", "batch", "block", "convoy", "curve", "dense", "dl2c"),
+        *("dopri5", "events", "flow_cvodes", "flow_exact", "hull", "judge", "lanes", "linear"),
+        *("model", "move", "numbers", "numeric", "pieces", "rng", "roots", "sampler", "snapshot"),
+        *("state", "step", "stretch", "sundials", "sundials_system", "sundials_wheel", "target"),
+        *("threads", "travel"),
     ]
 )
 """Headers of the runtime, which a model's own header must not hide."""
