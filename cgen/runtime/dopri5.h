@@ -216,14 +216,17 @@ DL2C_INLINE void dl2c_dopri_terms(real here, real there, real h, const real (*k)
 }
 
 /* The interpolant of a step from x to y. */
-static void dl2c_dopri_track(const real *x, const real *y, real h, const real (*k)[NX],
+static void dl2c_dopri_track(int flow, const real *x, const real *y, real h, const real (*k)[NX],
                              dl2c_track *track)
 {
   track->degree = DL2C_DOPRI_DEGREE;
   for (int i = 0; i < NX; i++) {
-    dl2c_dopri_terms(x[i], y[i], h, k, i, track->c[i]);
-    track->end[i] = y[i];
+    track->c[i][0] = track->end[i] = y[i];
+    for (int j = 1; j <= DL2C_DOPRI_DEGREE; j++) track->c[i][j] = 0.0;
   }
+  DL2C_UNROLL
+  for (int i = 0; i < NX; i++)
+    if (model_moves(flow, i)) dl2c_dopri_terms(x[i], y[i], h, k, i, track->c[i]);
 }
 
 /* The next length to try after an attempt that is not taken. */
@@ -249,7 +252,7 @@ static bool dl2c_dopri_step(dl2c_dopri *dopri, int flow, const real *p, dl2c_tra
     if (error <= 1.0 && dl2c_all_finite(y, NX)) {
       track->from = dopri->now;
       track->length = h;
-      dl2c_dopri_track(dopri->last, y, h, (const real(*)[NX])k, track);
+      dl2c_dopri_track(flow, dopri->last, y, h, (const real(*)[NX])k, track);
       memcpy(dopri->last, y, sizeof dopri->last);
       memcpy(dopri->rates, k[6], sizeof dopri->rates);
       dopri->now = whole ? dopri->stop : dopri->now + h;
