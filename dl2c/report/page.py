@@ -127,9 +127,9 @@ def _environment(manifest: Manifest) -> Iterator[Markup]:
         [(*_quantity(q), "constant" if q.name in constants else "") for q in manifest.observations],
     )
     yield tag("h3", "Decisions of the agent")
-    decisions = [(c.key, " | ".join(c.alternatives)) for c in manifest.choices]
-    decisions += [(i.key, f"{i.low:g} to {i.high:g}") for i in manifest.inputs]
-    yield table(("key", "alternatives or range"), decisions)
+    decisions = [(c.key, c.name, " | ".join(c.alternatives)) for c in manifest.choices]
+    decisions += [(i.key, "", f"{i.low:g} to {i.high:g}") for i in manifest.inputs]
+    yield table(("key", "name", "alternatives or range"), decisions)
     yield tag("h3", "Predicates")
     yield table(("name", "category"), [(p.name, p.category) for p in manifest.predicates])
 
