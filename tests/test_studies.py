@@ -9,7 +9,6 @@ from conftest import REPOSITORY
 from typer.testing import CliRunner
 
 from dl2c.cli import app
-from dl2c.env.opening import source_of
 from dl2c.pipeline import resolve_options, step_model
 from dl2c.studies.catalogue import STUDIES, Study
 from dl2c.studies.page import ANNOTATED, annotations, problem
@@ -19,7 +18,7 @@ PREDICATE = re.compile(r"Bool (\w+)")
 
 @pytest.mark.parametrize("study", STUDIES, ids=lambda s: s.example)
 def test_a_page_shows_every_predicate_that_is_annotated(study: Study) -> None:
-    source = source_of(f"example:{study.example}")
+    source = study.guarded
     model, _ = step_model(source, resolve_options({}))
     shown = {name for text in ANNOTATED.findall(source.text) for name in PREDICATE.findall(text)}
     assert shown == {p.name for p in model.predicates}
