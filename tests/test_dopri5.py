@@ -77,9 +77,11 @@ End.
 """
 
 
-def buffers(library: Any, seeds: Any, inputs: Any, choices: Any, mode: str) -> list[list[bytes]]:
+def buffers(
+    library: Any, seeds: Any, inputs: Any, choices: Any, mode: str, action_map: str
+) -> list[list[bytes]]:
     """All results of every step, for each environment: one batch of them."""
-    batch = library.batch(len(seeds), autoreset=mode)
+    batch = library.batch(len(seeds), autoreset=mode, action_map=action_map)
     batch.reset(seeds=seeds)
     seen: list[list[bytes]] = [[] for _ in seeds]
     for wanted, chosen in zip(inputs, choices, strict=True):
@@ -93,18 +95,21 @@ def buffers(library: Any, seeds: Any, inputs: Any, choices: Any, mode: str) -> l
     return seen
 
 
-@pytest.mark.parametrize("mode", ["same_step", "next_step"])
-def test_environments_abreast_move_as_alone(mode: str) -> None:
+@pytest.mark.parametrize(
+    ("mode", "action_map"), [("same_step", "project"), ("next_step", "project"), ("same_step", "squash")]
+)
+def test_environments_abreast_move_as_alone(mode: str, action_map: str) -> None:
     """To the last bit, also where the domain or a violation ends a flow, and in a batch of any size."""
     library = dl2c.build(HOPPER, integrator="dopri5").library
     rng = np.random.default_rng(3)
     n, steps = 83, 25
     seeds = rng.integers(0, 2**63, n, np.uint64)
     inputs, choices = rng.uniform(-2, 2, (steps, n)), rng.integers(0, 2, (steps, n))
-    together = buffers(library, seeds, inputs, choices, mode)
+    together = buffers(library, seeds, inputs, choices, mode, action_map)
     for i in range(n):
         one = slice(i, i + 1)
-        assert buffers(library, seeds[one], inputs[:, one], choices[:, one], mode) == [together[i]]
+        alone = buffers(library, seeds[one], inputs[:, one], choices[:, one], mode, action_map)
+        assert alone == [together[i]]
 
 
 def test_it_is_used_only_where_it_was_asked_for() -> None:

@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import REPOSITORY
-from gymnasium.vector import AutoresetMode
 
 import dl2c
 from dl2c.commands.monitor import unit_of
 from dl2c.diagnostics import CompileError
 from dl2c.emit.monitor_text import monitor_files
 from dl2c.native.errors import MonitorViolated
+from dl2c.pipeline import emit, resolve_options
+from dl2c.source import Source
 from dl2c.training.evaluation import flat_environments
 from dl2c.training.policies import policy_of
 
@@ -51,22 +52,37 @@ def test_simulator_and_target_compile_one_text(example: str) -> None:
             assert (built.directory / name).read_text(encoding="utf-8") == text
 
 
-@pytest.mark.parametrize("example", ["static_safety", "waypoint"])
-def test_steps_are_the_same_with_and_without_a_monitor(example: str) -> None:
-    """Bit for bit, where the steps of one of them are made in lanes."""
+IN_LANES = ("acc", "forced_acceleration", "static_safety_line", "watertank", "waypoint")
+"""Whose steps are made in lanes, unless they are judged."""
+
+
+@pytest.mark.parametrize("action_map", ["project", "squash"])
+@pytest.mark.parametrize("on_blocked", ["fallback", "truncate"])
+@pytest.mark.parametrize("example", [*IN_LANES, "static_safety"])
+def test_steps_are_the_same_with_and_without_a_monitor(
+    example: str, on_blocked: str, action_map: str
+) -> None:
+    """Bit for bit, where the steps of one of them are made in lanes: every result, of any request."""
+    model = REPOSITORY / "examples" / f"{example}.kyx"
+    header = emit(Source.read(model), "c", resolve_options({}))
+    assert ("DL2C_STEPS_IN_LANES = 1" in " ".join(header.split())) == (example in IN_LANES)
     seen: list[list[bytes]] = []
     for monitored in (True, False):
-        envs = dl2c.make_vec(
-            f"example:{example}",
-            70,
-            action_format="box",
-            monitor_every_step=monitored,
-            autoreset_mode=AutoresetMode.SAME_STEP,
-        )
-        envs.action_space.seed(2)
-        envs.reset(seed=5)
-        seen.append([envs.step(envs.action_space.sample())[0].tobytes() for _ in range(40)])
-        envs.close()
+        library = dl2c.build(model, monitor_every_step=monitored).library
+        batch = library.batch(70, autoreset="same_step", on_blocked=on_blocked, action_map=action_map)
+        batch.reset(seeds=np.arange(5, 75, dtype=np.uint64))
+        rng = np.random.default_rng(2)
+        results: list[bytes] = []
+        for _ in range(40):
+            batch.choices[:] = rng.integers(-1, 5, batch.choices.shape)
+            batch.inputs[:] = rng.uniform(-3, 3, batch.inputs.shape) * rng.choice(
+                [0.3, 1, 5], batch.inputs.shape
+            )
+            batch.inputs[rng.random(batch.inputs.shape) < 0.05] = np.nan
+            batch.step()
+            results += [array.tobytes() for array in batch.arrays()]
+        batch.close()
+        seen.append(results)
     assert seen[0] == seen[1]
 
 

@@ -6,6 +6,59 @@
 #include "admissible.h"
 
 /*
+ * Whether the first value that dl2c_interval tries passes for every input of a path, so that each has
+ * a value. Without a branch. False says nothing.
+ */
+DL2C_INLINE bool dl2c_plainly_have_values(int path, const real *x, const real *p)
+{
+  bool well = true;
+  real u[NU + 1] = {0.0};
+  DL2C_UNROLL
+  for (int j = 0; j < PATHS[path].ninput; j++) {
+    const dl2c_input *met = &PATHS[path].inputs[j];
+    const int input = met->input;
+    real first = INPUT_LOW[input];
+    real last = INPUT_HIGH[input];
+    if (!met->interval || !met->first || met->following >= 0) return false;
+    model_limits(path, input, x, p, u, &first, &last);
+    u[input] = dl2c_select(first > INPUT_HIGH[input], INPUT_HIGH[input], first);
+    well &= model_admits(path, input, x, p, u);
+  }
+  return well;
+}
+
+/* Where it is not plain whether the inputs of an enabled path have values: whether they do.
+ *   enabled: (count) of this path
+ */
+DL2C_INLINE void dl2c_enabled_by_values(int path, const real *x, const real *p, int64_t stride,
+                                        int64_t count, uint8_t *enabled)
+{
+  int64_t plain[DL2C_BLOCK];
+  uint8_t asked[DL2C_BLOCK];
+  const bool given[NU + 1] = {false};
+  real u[NU + 1] = {0.0};
+  DL2C_APART
+  for (int64_t i = 0; i < count; i++) {
+    real own_x[NX];
+    real own_p[NP + 1];
+    DL2C_UNROLL
+    for (int k = 0; k < NX; k++) own_x[k] = x[k * stride + i];
+    DL2C_UNROLL
+    for (int k = 0; k < NP; k++) own_p[k] = p[k * stride + i];
+    plain[i] = dl2c_plainly_have_values(path, own_x, own_p);
+  }
+  for (int64_t i = 0; i < count; i++) asked[i] = enabled[i] & !plain[i];
+  for (int64_t i = dl2c_next(asked, 0, count); i < count; i = dl2c_next(asked, i + 1, count)) {
+    real own_x[NX];
+    real own_p[NP + 1];
+    for (int k = 0; k < NX; k++) own_x[k] = x[k * stride + i];
+    for (int k = 0; k < NP; k++) own_p[k] = p[k * stride + i];
+    const dl2c_search search = {path, own_x, own_p, given, u};
+    enabled[i] = dl2c_all_have_values(&search);
+  }
+}
+
+/*
  * Which paths of a point pass all their tests up to their flow, in `count` environments.
  *   enabled: (paths of the point, stride)
  */
@@ -15,19 +68,9 @@ DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t s
   model_guards(point, x, p, stride, count, enabled);
   if (NU == 0) return;
   const int first = POINT_START[point];
-  const bool given[NU + 1] = {false};
-  real u[NU + 1] = {0.0};
-  for (int64_t i = 0; i < count; i++) {
-    real own_x[NX];
-    real own_p[NP + 1];
-    for (int k = 0; k < NX; k++) own_x[k] = x[k * stride + i];
-    for (int k = 0; k < NP; k++) own_p[k] = p[k * stride + i];
-    for (int k = first; k < POINT_START[point + 1]; k++) {
-      const dl2c_search search = {k, own_x, own_p, given, u};
-      if (enabled[(k - first) * stride + i])
-        enabled[(k - first) * stride + i] = dl2c_all_have_values(&search);
-    }
-  }
+  DL2C_UNROLL
+  for (int k = first; k < POINT_START[point + 1]; k++)
+    dl2c_enabled_by_values(k, x, p, stride, count, enabled + (k - first) * stride);
 }
 
 /* The admissible value nearest to the one wanted, the lower of two, the lowest for a NaN; its piece. */

@@ -10,7 +10,7 @@
 #ifndef DL2C_CONVOY_H
 #define DL2C_CONVOY_H
 
-#include "step.h"
+#include "lanes.h"
 
 #if DL2C_FLOWS_IN_LANES
 
@@ -40,6 +40,32 @@ typedef struct dl2c_convoy {
   int64_t there[DL2C_ABREAST];
   int64_t lane[DL2C_ABREAST]; /* of the fleet, -1 for none */
 } dl2c_convoy;
+
+/*
+ * Control of environments, where it is plain: see dl2c_decide_lane. Which then are going.
+ *   x: (NX, stride)   p: (NP, stride)   path: (count)   inputs: (count, NINPUT)
+ */
+DL2C_INLINE void dl2c_fleet_set_out(dl2c_fleet *f, const real *x, const real *p, int64_t stride,
+                                    int64_t count, const int64_t *path, const real *inputs)
+{
+  DL2C_APART
+  for (int64_t i = 0; i < count; i++) {
+    real own[NX];
+    real start[NX];
+    real constants[NP + 1];
+    real u[NU + 1];
+    DL2C_UNROLL
+    for (int k = 0; k < NX; k++) own[k] = start[k] = x[k * stride + i];
+    DL2C_UNROLL
+    for (int k = 0; k < NP; k++) f->p[k][i] = constants[k] = p[k * stride + i];
+    DL2C_UNROLL
+    for (int j = 0; j < NU; j++) u[j] = inputs[i * NINPUT + j];
+    f->going[i] = dl2c_decide_lane(path[i], own, constants, u, start);
+    f->there[i] = 0;
+    DL2C_UNROLL
+    for (int k = 0; k < NX; k++) f->x[k][i] = start[k];
+  }
+}
 
 /* Rates, and the lengths of first attempts. */
 DL2C_INLINE void dl2c_fleet_start(dl2c_fleet *f, int64_t count)
@@ -118,23 +144,37 @@ DL2C_INLINE void dl2c_convoy_step(dl2c_convoy *c)
   }
 }
 
-/* Ends the flow of a lane that has come to its end, as dl2c_arrive does. */
+/* Notes where a lane that has come to its end is. */
 static void dl2c_leave(const dl2c_convoy *c, int64_t i, dl2c_fleet *f)
 {
   const int64_t lane = c->lane[i];
-  real x[NX];
-  real y[NX];
-  real p[NP + 1];
-  int8_t sign[NMARGIN];
-  if (!c->there[i]) return;
-  memset(sign, 1, sizeof sign);
-  for (int k = 0; k < NX; k++) x[k] = f->x[k][lane];
-  for (int k = 0; k < NX; k++) y[k] = c->y[k][i];
-  for (int k = 0; k < NP; k++) p[k] = f->p[k][lane];
-  model_project(DL2C_LANE_FLOW, p, y);
-  model_settle(DL2C_LANE_FLOW, x, p, f->stop[lane], sign, y);
-  f->there[lane] = dl2c_all_finite(y, NX) && model_inside(DL2C_LANE_FLOW, y, p);
-  for (int k = 0; k < NX; k++) f->y[k][lane] = y[k];
+  f->there[lane] = c->there[i];
+  for (int k = 0; k < NX; k++) f->y[k][lane] = c->y[k][i];
+}
+
+/* Ends the flow of those that have come to its end, as dl2c_arrive does. */
+DL2C_INLINE void dl2c_fleet_arrive(dl2c_fleet *f, int64_t count)
+{
+  DL2C_APART
+  for (int64_t i = 0; i < count; i++) {
+    real x[NX];
+    real y[NX];
+    real p[NP + 1];
+    int8_t sign[NMARGIN];
+    DL2C_UNROLL
+    for (int k = 0; k < NMARGIN; k++) sign[k] = 1;
+    DL2C_UNROLL
+    for (int k = 0; k < NX; k++) x[k] = f->x[k][i];
+    DL2C_UNROLL
+    for (int k = 0; k < NX; k++) y[k] = f->y[k][i];
+    DL2C_UNROLL
+    for (int k = 0; k < NP; k++) p[k] = f->p[k][i];
+    model_project(DL2C_LANE_FLOW, p, y);
+    model_settle(DL2C_LANE_FLOW, x, p, f->stop[i], sign, y);
+    f->there[i] &= (int64_t)(dl2c_all_finite(y, NX) & model_inside(DL2C_LANE_FLOW, y, p));
+    DL2C_UNROLL
+    for (int k = 0; k < NX; k++) f->y[k][i] = y[k];
+  }
 }
 
 static void dl2c_join(dl2c_convoy *c, int64_t i, const dl2c_fleet *f, int64_t lane)
@@ -168,9 +208,10 @@ DL2C_LANES static void dl2c_fleet_sail(dl2c_fleet *f, int64_t count)
       }
       going |= convoy.going[i];
     }
-    if (!going) return;
+    if (!going) break;
     dl2c_convoy_step(&convoy);
   }
+  dl2c_fleet_arrive(f, count);
 }
 
 #endif

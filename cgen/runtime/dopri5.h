@@ -64,14 +64,14 @@ static inline real dl2c_fifth_root(real value)
   return root * scale;
 }
 
-/* The Euclidean norm of d in units of the tolerances at y and z. */
-DL2C_INLINE real dl2c_dopri_norm(const real *d, const real *y, const real *z)
+/* The Euclidean norm of what moves, in units of the tolerances.   d: (NX)   unit: (NX) one by them */
+DL2C_INLINE real dl2c_dopri_norm(int flow, const real *d, const real *unit)
 {
   real sum = 0.0;
   DL2C_UNROLL
   for (int k = 0; k < NX; k++) {
-    const real size = dl2c_select(fabs(y[k]) > fabs(z[k]), fabs(y[k]), fabs(z[k]));
-    const real part = d[k] / (DL2C_ATOL + DL2C_RTOL * size);
+    if (!model_moves(flow, k)) continue;
+    const real part = d[k] * unit[k];
     sum += part * part;
   }
   return sqrt(sum);
@@ -86,16 +86,19 @@ DL2C_INLINE real dl2c_dopri_first(int flow, const real *x, const real *slopes, c
 {
   real y[NX];
   real rates[NX];
-  const real slope = dl2c_dopri_norm(slopes, x, x);
-  const real size = dl2c_dopri_norm(x, x, x);
+  real unit[NX];
+  DL2C_UNROLL
+  for (int k = 0; k < NX; k++) unit[k] = 1.0 / (DL2C_ATOL + DL2C_RTOL * fabs(x[k]));
+  const real slope = dl2c_dopri_norm(flow, slopes, unit);
+  const real size = dl2c_dopri_norm(flow, x, unit);
   real h = dl2c_select((slope > 1e-5) & (size > 1e-5), 0.01 * (size / slope), 1e-6);
   h = dl2c_select(h < stop, h, stop);
   DL2C_UNROLL
   for (int k = 0; k < NX; k++) y[k] = x[k] + h * slopes[k];
   model_rates(flow, y, p, rates);
   DL2C_UNROLL
-  for (int k = 0; k < NX; k++) rates[k] = (rates[k] - slopes[k]) / h;
-  const real bend = dl2c_dopri_norm(rates, x, x);
+  for (int k = 0; k < NX; k++) rates[k] = rates[k] - slopes[k];
+  const real bend = dl2c_dopri_norm(flow, rates, unit) / h;
   const real most = dl2c_select(bend > slope, bend, slope);
   real next = dl2c_select(most > 1e-15, dl2c_fifth_root(DL2C_DOPRI_SHARE / most), 100.0 * h);
   next = dl2c_select(next < 100.0 * h, next, 100.0 * h);

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * lanes.h -- a step of many environments at once, for models whose step has no inputs and one flow.
+ * lanes.h -- a step of many environments at once, for models whose step draws nothing and has one flow.
  *
  * Every lane chooses its path and moves along the flow by selection, without branches;
- * lanes that meet something out of the ordinary are left to the scalar step, which
- * computes the same bits.
+ * lanes that meet something out of the ordinary, as an input that is not admissible, are left to
+ * the scalar step, which computes the same bits.
  */
 #ifndef DL2C_LANES_H
 #define DL2C_LANES_H
@@ -56,6 +56,33 @@ DL2C_INLINE void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stri
   for (int64_t i = 0; i < count; i++) path[i] = taken[i];
 }
 
+/* Whether the inputs on a path are admissible as they are.   u: (NU) */
+DL2C_INLINE bool dl2c_all_admissible(int path, const real *x, const real *p, const real *u)
+{
+  bool well = true;
+  DL2C_UNROLL
+  for (int j = 0; j < PATHS[path].ninput; j++) {
+    const int input = PATHS[path].inputs[j].input;
+    well &= (u[input] >= INPUT_LOW[input]) & (u[input] <= INPUT_HIGH[input]);
+    well &= model_admits(path, input, x, p, u);
+  }
+  return well;
+}
+
+/*
+ * Inputs and assignments of the path that a lane takes, from x into its copy y. False where it is not
+ * that simple.   path: -1 for none
+ */
+DL2C_INLINE bool dl2c_decide_lane(int64_t path, const real *x, const real *p, const real *u, real *y)
+{
+  bool well = path >= 0;
+  DL2C_UNROLL
+  for (int k = 0; k < NPATH; k++)
+    if (NU > 0) well &= (path != k) | dl2c_all_admissible(k, x, p, u);
+  well &= model_assign(path, x, p, u, y);
+  return well & dl2c_all_finite(y, NX);
+}
+
 /* What a batch counts of its environments. */
 typedef struct dl2c_clocks {
   real *duration;   /* of the last step */
@@ -87,9 +114,11 @@ DL2C_INLINE void dl2c_count(const dl2c_clocks *clocks, int64_t i, bool moved, re
  * Assignments and flow of every lane, in place; lanes with something out of the ordinary do not move.
  * Whether they do first as wide as the numbers that decide it (see model_guards).
  *   x: (NX, stride)   p: (NP, stride)   path: (count) -1 for lanes that may not move
+ *   inputs: (count, NINPUT)
  */
 DL2C_INLINE void dl2c_move_lanes(real *x, const real *p, int64_t stride, int64_t count,
-                                 const int64_t *path, const dl2c_clocks *clocks, uint8_t *moved)
+                                 const int64_t *path, const real *inputs,
+                                 const dl2c_clocks *clocks, uint8_t *moved)
 {
   int64_t flags[DL2C_BLOCK];
   DL2C_APART
@@ -98,12 +127,14 @@ DL2C_INLINE void dl2c_move_lanes(real *x, const real *p, int64_t stride, int64_t
     real start[NX];
     real end[NX];
     real constants[NP + 1];
+    real u[NU + 1];
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) own[k] = start[k] = x[k * stride + i];
     DL2C_UNROLL
     for (int k = 0; k < NP; k++) constants[k] = p[k * stride + i];
-    bool well = model_assign(path[i], own, constants, start) & (path[i] >= 0);
-    well &= dl2c_all_finite(start, NX);
+    DL2C_UNROLL
+    for (int j = 0; j < NU; j++) u[j] = inputs[i * NINPUT + j];
+    bool well = dl2c_decide_lane(path[i], own, constants, u, start);
     real time = 0.0;
 #if DL2C_LANE_FLOW == DL2C_NO_FLOW
     DL2C_UNROLL

@@ -10,9 +10,10 @@
  *   enum { NX, NP, NU, NINPUT, NENVINPUT, NDECISION, NCHOICE, NENVCHOICE, NMASK, NSTEPDRAW, NDRAW,
  *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NCHART, DL2C_WEIGHTED,
  *          DL2C_TARGETED, NBLOCK, NMARGIN, NDEGREE, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
- *          DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
+ *          DL2C_DECIDES_IN_LANES, DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_MAX_LOOP, DL2C_POINT_LEAD,
+ *          DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
- *   #define DL2C_FLOWS_IN_LANES 1                steps are decided one by one, but follow that flow abreast
+ *   #define DL2C_FLOWS_IN_LANES 1                steps follow that flow abreast, of lanes that need more or less of it
  *   #define DL2C_MONITORED 1                     steps are judged by the model's monitor
  *   typedef float dl2c_obs;                      one observation entry, or double
  *   static const dl2c_path PATHS[];              all paths, grouped by point
@@ -37,7 +38,7 @@
  *   int model_pins(int path, int input, x, p, u, real *root)     all that an equality leaves; -1: there is none
  *   bool model_admits(int path, int input, x, p, u)              tests that this input decides
  *   bool model_update(int path, x, p, u, real *y)                false: a value is undefined
- *   bool model_assign(int64_t path, x, p, real *y)               the same by selection, for lanes
+ *   bool model_assign(int64_t path, x, p, u, real *y)            the same by selection, for lanes
  *   static const uint8_t FLOW_KERNEL[], WATCH_CUTS[]; static const int32_t FLOW_MARGINS[], FLOW_DURATION[];
  *   int64_t model_motion(int flow, x, p, real *y, real *duration)   a dl2c_motion; flows of kernel QUICK
  *   void model_at(int flow, x, p, real tau, real *y)             moves x by the time tau into its copy y
@@ -103,8 +104,8 @@ typedef struct dl2c_path {
 static inline void dl2c_limit(real offset, real slope, real *low, real *high)
 {
   const real root = -offset / slope;
-  if (slope > 0.0 && root > *low) *low = root;
-  if (slope < 0.0 && root < *high) *high = root;
+  *low = dl2c_select((slope > 0.0) & (root > *low), root, *low);
+  *high = dl2c_select((slope < 0.0) & (root < *high), root, *high);
 }
 
 /* Appends where c0 + c1*u + c2*u^2 is zero, or if that is nowhere where it is nearest to zero. */

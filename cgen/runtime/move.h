@@ -68,6 +68,9 @@ DL2C_INLINE void dl2c_show_moves(dl2c_batch *b, int64_t first, int64_t count,
   for (int64_t i = 0; i < count; i++) blocked[i] = !requested[i];
   uint8_t *restrict reset = b->out.reset + first;
   for (int64_t i = 0; i < count; i++) reset[i] = 0;
+  if (NINPUT > 0)
+    memcpy(b->out.executed_inputs + first * NINPUT, b->out.inputs + first * NINPUT,
+           sizeof(real) * (size_t)(count * NINPUT));
 }
 
 /* Shows what a run of environment i decided. */
@@ -166,21 +169,35 @@ static bool dl2c_set_out(const dl2c_batch *b, int64_t i, dl2c_trial *run, real *
   return run->failure == DL2C_SOUND;
 }
 
-/* Moves environments of a block abreast, and notes which have moved. */
-static void dl2c_move_fleet(dl2c_batch *b, int64_t first, int64_t count, const uint8_t *waited,
-                            uint8_t *moved, uint8_t *watch)
+/*
+ * Moves environments of a block abreast, and notes which have moved: those whose control is plain,
+ * and what `path` says of it, decide in lanes, the others one by one.
+ */
+DL2C_INLINE void dl2c_move_fleet(dl2c_batch *b, int64_t first, int64_t count, const int64_t *path,
+                                 const uint8_t *waited, uint8_t *moved, uint8_t *watch)
 {
   dl2c_fleet fleet;
   dl2c_trial runs[DL2C_BLOCK];
-  for (int64_t i = 0; i < count; i++) {
+  uint8_t alone[DL2C_BLOCK];
+  dl2c_fleet_set_out(&fleet, b->x + first, b->p + first, b->stride, count, path,
+                     b->out.inputs + first * NINPUT);
+  for (int64_t i = 0; i < count; i++) alone[i] = !fleet.going[i] & !waited[i];
+  for (int64_t i = dl2c_next(alone, 0, count); i < count; i = dl2c_next(alone, i + 1, count)) {
     real p[NP + 1];
-    fleet.there[i] = 0;
-    fleet.going[i] = !waited[i] && dl2c_set_out(b, first + i, &runs[i], p);
-    for (int k = 0; k < NX; k++) fleet.x[k][i] = fleet.going[i] ? runs[i].x[k] : 0.0;
-    for (int k = 0; k < NP; k++) fleet.p[k][i] = fleet.going[i] ? p[k] : 0.0;
+    fleet.going[i] = dl2c_set_out(b, first + i, &runs[i], p);
+    for (int k = 0; k < NX && fleet.going[i]; k++) fleet.x[k][i] = runs[i].x[k];
   }
   dl2c_fleet_sail(&fleet, count);
-  for (int64_t i = 0; i < count; i++) {
+  const dl2c_clocks clocks = dl2c_clocks_of(b, first);
+  for (int64_t i = 0; i < count; i++) moved[i] = (fleet.there[i] != 0) & !alone[i];
+  DL2C_APART
+  for (int64_t i = 0; i < count; i++) dl2c_count(&clocks, i, moved[i], fleet.stop[i]);
+  for (int k = 0; k < NX; k++) {
+    real *x = b->x + k * b->stride + first;
+    DL2C_APART
+    for (int64_t i = 0; i < count; i++) x[i] = dl2c_select(moved[i], fleet.y[k][i], x[i]);
+  }
+  for (int64_t i = dl2c_next(alone, 0, count); i < count; i = dl2c_next(alone, i + 1, count)) {
     if (!fleet.there[i]) continue;
     for (int k = 0; k < NX; k++) runs[i].x[k] = fleet.y[k][i];
     runs[i].duration = fleet.stop[i];
@@ -204,6 +221,23 @@ DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
   }
 }
 
+/* Moves the lanes of a block that can move together, and notes which have. */
+DL2C_INLINE void dl2c_move_abreast(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+{
+#if DL2C_FLOWS_IN_LANES
+  if (count > 1) {
+    dl2c_move_fleet(b, first, count, s->moves.path, s->waited, s->moves.moved, s->watch);
+    return;
+  }
+#endif
+  const dl2c_clocks clocks = dl2c_clocks_of(b, first);
+  if (DL2C_STEPS_IN_LANES)
+    dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, s->moves.path,
+                    b->out.inputs + first * NINPUT, &clocks, s->moves.moved);
+  else
+    for (int64_t i = 0; i < count; i++) s->moves.moved[i] = 0;
+}
+
 #if DL2C_MONITORED
 #define DL2C_VIOLATED(scratch, i) (&(scratch)->violated[i])
 #else
@@ -222,18 +256,14 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl
   uint8_t *restrict attempt = s->attempt;
   for (int64_t i = 0; i < count; i++) attempt[i] = DL2C_RAN;
   uint8_t *restrict moved = s->moves.moved;
-  if (DL2C_STEPS_IN_LANES) {
-    const dl2c_clocks clocks = dl2c_clocks_of(b, first);
+  if (DL2C_DECIDES_IN_LANES && (NU == 0 || b->options.action_map == DL2C_MAP_PROJECT)) {
     dl2c_choose_lanes(b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE,
                       falls_back, waited, s->moves.path, s->moves.requested);
-    dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, s->moves.path, &clocks, moved);
     dl2c_show_moves(b, first, count, &s->moves);
   } else {
-    for (int64_t i = 0; i < count; i++) moved[i] = 0;
+    for (int64_t i = 0; i < count; i++) s->moves.path[i] = -1;
   }
-#if DL2C_FLOWS_IN_LANES
-  if (count > 1) dl2c_move_fleet(b, first, count, waited, moved, s->watch);
-#endif
+  dl2c_move_abreast(b, first, count, s);
   uint8_t left[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) left[i] = !moved[i] & !waited[i];
   for (int64_t i = dl2c_next(left, 0, count); i < count; i = dl2c_next(left, i + 1, count))

@@ -49,7 +49,7 @@ def _limits(environment: Environment, leaves: Leaves) -> str:
             yield f"dl2c_limit({', '.join(arguments)}, low, high);"
 
     return function(
-        f"static inline void model_limits({STATE}, real *low, real *high)",
+        f"DL2C_INLINE void model_limits({STATE}, real *low, real *high)",
         _each(environment, lines),
         "Narrows the values of an input to those its tests leave, up to rounding.",
     )
@@ -103,7 +103,7 @@ def _admits(environment: Environment, leaves: Leaves) -> str:
         yield f"return {call};"
 
     return function(
-        f"static inline bool model_admits({STATE})",
+        f"DL2C_INLINE bool model_admits({STATE})",
         [*_each(environment, lines), "return true;"],
         "Whether the value of an input passes the tests of it and of no later input.",
     )

@@ -8,7 +8,7 @@ from dl2c.emit.cfile import LICENCE, comment, enumeration
 from dl2c.emit.inputs_c import critical_count
 from dl2c.emit.judge_c import fact_names, observed
 from dl2c.emit.names import file_stem, index
-from dl2c.emit.paths_c import flows_in_lanes, steps_in_lanes
+from dl2c.emit.paths_c import decides_in_lanes, flows_in_lanes, steps_in_lanes
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import root_count
 from dl2c.emit.sampler_c import free_names
@@ -69,6 +69,7 @@ def _sizes(environment: Environment) -> str:
         "NWATCH": len(watches_of(model)),
         "NCRITICAL": critical_count(environment),
         "DL2C_LOOPS": int(model.loops),
+        "DL2C_DECIDES_IN_LANES": int(decides_in_lanes(environment)),
         "DL2C_STEPS_IN_LANES": int(steps_in_lanes(environment)),
         "DL2C_LOOKS_AHEAD": int(paths.looks_ahead),
         "DL2C_JOINT_INPUTS": int(any(a.following is not None for p in paths.paths for a in p.admissions)),

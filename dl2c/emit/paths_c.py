@@ -82,14 +82,21 @@ LANE_PATHS = 16
 """With more paths, computing the assignments of all of them costs more than branching."""
 
 
-def steps_in_lanes(environment: Environment) -> bool:
-    """Whether whole steps can be made for many environments at once: no inputs, one simple flow at most."""
+def decides_in_lanes(environment: Environment) -> bool:
+    """Whether paths, inputs and assignments of many environments can be computed at once: one point, nothing
+    drawn, and every input that is requested where it may be passes its own tests.
+    """
     paths = environment.paths
-    if any(plan.quick is None for plan in environment.flows):
+    simple = paths.points == 1 and not paths.draws and not paths.looks_ahead and environment.monitor is None
+    alone = all(a.following is None and not a.solved for path in paths.paths for a in path.admissions)
+    return simple and alone and len(paths.paths) <= LANE_PATHS and environment.options.duration == "max"
+
+
+def steps_in_lanes(environment: Environment) -> bool:
+    """Whether whole steps can be made for many environments at once: with one simple flow at most."""
+    if not decides_in_lanes(environment) or any(plan.quick is None for plan in environment.flows):
         return False
-    simple = not paths.inputs and paths.points == 1 and len(paths.paths) <= LANE_PATHS
-    simple = simple and not paths.draws and not paths.looks_ahead and environment.monitor is None
-    return simple and len({p.flow for p in paths.paths}) == 1
+    return len({p.flow for p in environment.paths.paths}) == 1
 
 
 LANE_VARIABLES = 32
@@ -97,8 +104,8 @@ LANE_VARIABLES = 32
 
 
 def flows_in_lanes(environment: Environment) -> bool:
-    """Whether steps of many environments can be decided one by one and then follow their flow together:
-    every path ends in the same flow, which `dopri5.h` follows for as long as it may last.
+    """Whether many environments follow their flow together: every path ends in the same one, which
+    `dopri5.h` follows for as long as it may last.
     """
     paths = environment.paths
     if [plan.kernel for plan in environment.flows] != ["dopri5"] or environment.monitor is not None:
@@ -112,7 +119,7 @@ def flows_in_lanes(environment: Environment) -> bool:
 def _assign(environment: Environment, leaves: Leaves) -> str:
     """All assignments of all paths as selections."""
     body: list[str] = []
-    if steps_in_lanes(environment):
+    if decides_in_lanes(environment):
         defined: list[str] = []
         values: dict[str, dict[str, list[int]]] = {}
         for k, path in enumerate(environment.paths.paths):
@@ -130,7 +137,7 @@ def _assign(environment: Environment, leaves: Leaves) -> str:
     else:
         body.append("return true;")
     return function(
-        f"static inline bool model_assign(int64_t path, {STATE}, real *y)",
+        f"static inline bool model_assign(int64_t path, {STATE}, const real *u, real *y)",
         body,
         "The assignments of a path as selections, from x into its copy y. False where a value is undefined.",
     )

@@ -13,8 +13,9 @@ enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 2, NCHOICE = 2, NENVCHOICE = 0, NMASK = 6,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2,
 NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 9, NDEGREE =
-1, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0,
-DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+1, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0, DL2C_STEPS_IN_LANES =
+0, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
+DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -826,15 +827,15 @@ static inline bool model_update(int path, const real *x, const real *p, const re
  * The assignments of a path as selections, from x into its copy y. False where a value is
  * undefined.
  */
-static inline bool model_assign(int64_t path, const real *x, const real *p, real *y)
+static inline bool model_assign(int64_t path, const real *x, const real *p, const real *u, real *y)
 {
-  (void)path; (void)x; (void)p; (void)y;
+  (void)path; (void)x; (void)p; (void)u; (void)y;
   return true;
 }
 
 /* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
-                                real *low, real *high)
+DL2C_INLINE void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                              real *low, real *high)
 {
   (void)path; (void)input; (void)x; (void)p; (void)u; (void)low; (void)high;
 }
@@ -856,7 +857,7 @@ static inline int model_pins(int path, int input, const real *x, const real *p, 
 }
 
 /* Whether the value of an input passes the tests of it and of no later input. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+DL2C_INLINE bool model_admits(int path, int input, const real *x, const real *p, const real *u)
 {
   (void)path; (void)input; (void)x; (void)p; (void)u;
   return true;

@@ -12,8 +12,9 @@ enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a sta
 enum { NINPUT = 1, NENVINPUT = 0, NDECISION = 0, NCHOICE = 0, NENVCHOICE = 0, NMASK = 0,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
 NFREE = 2, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 5, NDEGREE =
-1, NWATCH = 1, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0,
-DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+1, NWATCH = 1, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1, DL2C_STEPS_IN_LANES =
+1, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
+DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -342,15 +343,17 @@ static inline bool model_update(int path, const real *x, const real *p, const re
  * The assignments of a path as selections, from x into its copy y. False where a value is
  * undefined.
  */
-static inline bool model_assign(int64_t path, const real *x, const real *p, real *y)
+static inline bool model_assign(int64_t path, const real *x, const real *p, const real *u, real *y)
 {
-  (void)path; (void)x; (void)p; (void)y;
+  (void)path; (void)x; (void)p;
+  y[X_f] = u[U_assign_f];
+  y[X_t] = 0.0;
   return true;
 }
 
 /* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
-                                real *low, real *high)
+DL2C_INLINE void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                              real *low, real *high)
 {
   (void)u;
   if (path == 0 && input == 0) {
@@ -378,7 +381,7 @@ static inline int model_pins(int path, int input, const real *x, const real *p, 
 }
 
 /* Whether the value of an input passes the tests of it and of no later input. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+DL2C_INLINE bool model_admits(int path, int input, const real *x, const real *p, const real *u)
 {
   if (path == 0 && input == 0) {
     return path0_admits0(x[X_x], p[P_ep], p[P_H], u[U_assign_f]);

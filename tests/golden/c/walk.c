@@ -12,8 +12,9 @@ enum { F_inside_holds, F_near_holds, F_postcondition, NFACT }; /* what a state i
 enum { NINPUT = 0, NENVINPUT = 2, NDECISION = 3, NCHOICE = 2, NENVCHOICE = 1, NMASK = 5,
 NSTEPDRAW = 4, NDRAW = 6, NPRED = 2, NOBS = 5, NPOINT = 5, NPATH = 12, NFLOW = 2, NROOT = 1,
 NFREE = 5, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 1, NDEGREE =
-1, NWATCH = 0, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 1,
-DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3, DL2C_POINT_PREFIX = 4 };
+1, NWATCH = 0, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0, DL2C_STEPS_IN_LANES =
+0, DL2C_LOOKS_AHEAD = 1, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3,
+DL2C_POINT_PREFIX = 4 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -561,15 +562,15 @@ static inline bool model_update(int path, const real *x, const real *p, const re
  * The assignments of a path as selections, from x into its copy y. False where a value is
  * undefined.
  */
-static inline bool model_assign(int64_t path, const real *x, const real *p, real *y)
+static inline bool model_assign(int64_t path, const real *x, const real *p, const real *u, real *y)
 {
-  (void)path; (void)x; (void)p; (void)y;
+  (void)path; (void)x; (void)p; (void)u; (void)y;
   return true;
 }
 
 /* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
-                                real *low, real *high)
+DL2C_INLINE void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                              real *low, real *high)
 {
   (void)p; (void)u;
   if (path == 8 && input == 1) {
@@ -603,7 +604,7 @@ static inline int model_pins(int path, int input, const real *x, const real *p, 
 }
 
 /* Whether the value of an input passes the tests of it and of no later input. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+DL2C_INLINE bool model_admits(int path, int input, const real *x, const real *p, const real *u)
 {
   (void)p;
   if (path == 8 && input == 1) {

@@ -12,8 +12,9 @@ enum { F_loopInv_holds, F_ensure_holds, F_ensure_due, F_ensure_failed, F_postcon
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 1, NCHOICE = 1, NENVCHOICE = 0, NMASK = 4,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT = 1,
 NFREE = 8, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 46, NDEGREE =
-2, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0,
-DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+2, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1, DL2C_STEPS_IN_LANES =
+1, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
+DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -1691,17 +1692,17 @@ static inline bool model_update(int path, const real *x, const real *p, const re
  * The assignments of a path as selections, from x into its copy y. False where a value is
  * undefined.
  */
-static inline bool model_assign(int64_t path, const real *x, const real *p, real *y)
+static inline bool model_assign(int64_t path, const real *x, const real *p, const real *u, real *y)
 {
-  (void)x;
+  (void)x; (void)u;
   y[X_ar] = dl2c_select((path == 2), p[P_A], dl2c_select((path == 0), path0_set_ar(p[P_b]), 0.0));
   y[X_t] = 0.0;
   return true;
 }
 
 /* Narrows the values of an input to those its tests leave, up to rounding. */
-static inline void model_limits(int path, int input, const real *x, const real *p, const real *u,
-                                real *low, real *high)
+DL2C_INLINE void model_limits(int path, int input, const real *x, const real *p, const real *u,
+                              real *low, real *high)
 {
   (void)path; (void)input; (void)x; (void)p; (void)u; (void)low; (void)high;
 }
@@ -1723,7 +1724,7 @@ static inline int model_pins(int path, int input, const real *x, const real *p, 
 }
 
 /* Whether the value of an input passes the tests of it and of no later input. */
-static inline bool model_admits(int path, int input, const real *x, const real *p, const real *u)
+DL2C_INLINE bool model_admits(int path, int input, const real *x, const real *p, const real *u)
 {
   (void)path; (void)input; (void)x; (void)p; (void)u;
   return true;
