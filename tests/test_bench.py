@@ -180,12 +180,13 @@ def test_rows_agree_on_their_keys_and_order(waypoint: Subject, monkeypatch: pyte
     by_key = {r.key: r for r in results}
     batches = [f"batch{n}" for n in (1, 8, 64, 1024, 16384)]
     assert list(by_key) == [
-        *(BASELINE, "gym", *batches, "vector64", "vector1024", "loop"),
+        *(BASELINE, "gym", *batches, "scalar1024", "vector64", "vector1024", "loop"),
         *("memory", "cartpole", "cartpole1024", "empty"),
     ]
     assert by_key[BASELINE].ratio == by_key[BASELINE].low == by_key[BASELINE].high == 1.0
     assert all(0 < r.low <= r.ratio <= r.high for r in results)
     assert by_key["memory"].ratio > by_key["batch1024"].ratio > by_key["gym"].ratio > 1
+    assert by_key["batch1024"].ratio > by_key["scalar1024"].ratio
     assert list(growth(results)) == [1, 8, 64, 1024, 16384]
     assert growth(results)[1] == 1.0
 

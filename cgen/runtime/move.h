@@ -225,13 +225,13 @@ DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
 DL2C_INLINE void dl2c_move_abreast(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
 {
 #if DL2C_FLOWS_IN_LANES
-  if (count > 1) {
+  if (count > 1 && !DL2C_ONE_BY_ONE) {
     dl2c_move_fleet(b, first, count, s->moves.path, s->waited, s->moves.moved, s->watch);
     return;
   }
 #endif
   const dl2c_clocks clocks = dl2c_clocks_of(b, first);
-  if (DL2C_STEPS_IN_LANES)
+  if (DL2C_STEPS_IN_LANES && !DL2C_ONE_BY_ONE)
     dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, s->moves.path,
                     b->out.inputs + first * NINPUT, &clocks, s->moves.moved);
   else

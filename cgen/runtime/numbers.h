@@ -54,6 +54,11 @@ typedef double real;
 #define DL2C_LANES
 #endif
 
+/* DL2C_ONE_BY_ONE=1 moves environments by the scalar step alone, to see what lanes gain. */
+#ifndef DL2C_ONE_BY_ONE
+#define DL2C_ONE_BY_ONE 0
+#endif
+
 /* Inlined into each clone of its caller, so that it is compiled for the same instructions. */
 #define DL2C_INLINE static inline __attribute__((always_inline))
 

@@ -4,9 +4,10 @@ Every row steps environments with constant requests of zeros, which is the polic
 alternative" and costs nothing: what is measured is the environments.
 """
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import cycle, islice
 from typing import TYPE_CHECKING, Any
@@ -35,13 +36,16 @@ MANY = 4096
 """Environments of the Stable-Baselines3 row that is compared with what it cannot do without."""
 
 LOOP = 1024
-"""Environments of the hand-written loop."""
+"""Environments of the rows that one batch is compared with."""
 
 RECORDED = 1000
 """Steps of the episode that the empty environment plays, at most."""
 
 STARTS = 256
 """Initial states of the baseline's episodes, drawn beforehand."""
+
+ONE_BY_ONE = "-DDL2C_ONE_BY_ONE=1"
+"""What the compiler is told to leave out lanes (cgen/runtime/numbers.h)."""
 
 POLICY = {"on_blocked": "fallback", "action_map": "project"}
 """What a request of zeros needs to mean the first enabled alternative."""
@@ -76,6 +80,7 @@ def rows(what: Subject) -> tuple[list[Row], list[str]]:
     """All rows that can be made here, the baseline first, and notes on those that cannot."""
     notes: list[str] = []
     found = [baseline_row(what), gym_row(what), *(batch_row(what, n) for n in BATCHES)]
+    found.append(scalar_row(what, LOOP))
     found += [vector_row(what, n) for n in PYTHON_BATCHES]
     if find_spec("stable_baselines3") is None:
         notes.append("no row for Stable-Baselines3, which is not installed (pip install dl2c[train])")
@@ -131,6 +136,21 @@ def batch_row(what: Subject, n: int) -> Row:
     batch = what.library.batch(n, autoreset="same_step", **batch_options(what.library.manifest))
     batch.reset(seeds=np.arange(n, dtype=np.uint64))
     return Row(f"batch{n}", f"batch in C, n = {n}", n, _repeated(batch.step))
+
+
+def scalar_row(what: Subject, n: int) -> Row:
+    """The same batch, whose environments are moved one by one: what lanes gain."""
+    flags = os.environ.get("CFLAGS")
+    os.environ["CFLAGS"] = f"{flags or ''} {ONE_BY_ONE}"
+    try:
+        library = open_library(what.source, what.options)
+    finally:
+        if flags is None:
+            del os.environ["CFLAGS"]
+        else:
+            os.environ["CFLAGS"] = flags
+    row = batch_row(replace(what, library=library), n)
+    return replace(row, key=f"scalar{n}", title=f"batch in C, moved one by one, n = {n}")
 
 
 def vector_row(what: Subject, n: int) -> Row:
