@@ -17,7 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from toy_library import ToyLibrary, toy_manifest, use_toy
 
-from dl2c.env.actions import action_space, encoding, executed, masks, write, writer
+from dl2c.env.actions import action_space, encoding, executed, masks, write
+from dl2c.env.one_action import writer
 from dl2c.env.spaces import observation_space
 from dl2c.native.errors import ResetFailed
 from dl2c.options import UnknownOption

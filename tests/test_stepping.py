@@ -4,6 +4,7 @@ import gc
 import sys
 import tracemalloc
 import weakref
+from collections import OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,8 @@ MODELS: dict[str, tuple[str, dict[str, Any]]] = {
     "one choice": ("example:waypoint", {}),
     "blocked steps end": ("example:waypoint", {"on_blocked": "truncate", "obs_dtype": "float64"}),
     "inputs and a solver": ("example:pendulum", {"max_episode_steps": 20}),
+    "inputs": ("example:watertank", {"obs_dtype": "float64", "max_episode_steps": 20}),
+    "names": ("example:acc", {"max_episode_steps": 20}),
     "the environment decides": ("example:etcs", {"max_episode_steps": 20}),
     "nothing to decide": ("example:forced_acceleration", {}),
     "choices": (WALK, {"max_episode_steps": 9}),
@@ -47,9 +50,19 @@ MODELS: dict[str, tuple[str, dict[str, Any]]] = {
 ODD_ACTIONS: list[Any] = [
     *(-1, 4, 10**30, 1.0, None, "1", [1], True, np.True_, np.int8(1), np.uint64(2**63), np.float64(1)),
     *(np.array(1), np.array([1]), np.array([1, 2]), np.array(1.0), np.nan),
+    *(np.array([0.5], t) for t in ("f", "d", "e", ">f", ">d", "g", "O")),
+    *(np.array(a) for a in ([np.nan], [np.inf], [-np.inf], [-0.0], [[0.5]], [0.5, 0.5], [])),
+    *(np.array([0.5, 0.2, 0.7])[k::-2] for k in (0, 1, 2)),
+    *(np.frombuffer(bytes(9), np.float64, 1, 1), np.broadcast_to(0.25, (1,))),
+    *(np.ma.masked_array([0.5]), np.float32(0.5), [0.5], (0.5,), 0.5),
 ]
 
-PARTS = {"BATCH": 1, "ENDED": 8, "OBSERVE": 9, "INFO": 11, "STATUSES": 12, "REASONS": 13, "SOURCES": 14}
+ODD_ACTIONS += [{"assign_a": a, "choice_0": 1} for a in ODD_ACTIONS]
+ODD_ACTIONS += [{"choice_0": a, "assign_a": np.array([0.25], np.float32)} for a in ODD_ACTIONS[:50]]
+ODD_ACTIONS += [{}, {"choice_0": 1}, OrderedDict(choice_0=1, assign_a=np.array([0.5])), [("choice_0", 1)]]
+ODD_ACTIONS += [{"choice_0": 1, "assign_a": np.array([0.5]), "more": 1}, {"choice_0": 1, "more": 1}]
+
+PARTS = {"BATCH": 1, "ENDED": 11, "OBSERVE": 12, "INFO": 14, "STATUSES": 15, "REASONS": 16, "SOURCES": 17}
 """Places of cgen/python/single.c."""
 
 
@@ -117,7 +130,7 @@ def test_both_forms_return_the_same_objects(name: str) -> None:
     assert endings > 5
 
 
-@pytest.mark.parametrize("name", ["one choice", "choices", "runs", "inputs and a solver"])
+@pytest.mark.parametrize("name", ["one choice", "choices", "runs", "inputs", "inputs and a solver", "names"])
 def test_both_forms_take_and_refuse_the_same_actions(name: str) -> None:
     compiled, plain = dl2c.make(MODELS[name][0], **MODELS[name][1]), in_python(*MODELS[name])
     for action in ODD_ACTIONS:
@@ -218,7 +231,7 @@ def test_an_error_in_any_part_passes_through(part: str) -> None:
 def test_a_step_is_made_of_all_its_parts() -> None:
     make = single_step()
     assert make is not None
-    for parts in ((), [], None, ((),) * 15):
+    for parts in ((), [], None, ((),) * 18):
         with pytest.raises(TypeError, match="parts"):
             make(parts)  # type: ignore[arg-type]
 

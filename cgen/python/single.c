@@ -10,6 +10,7 @@
 
 #define NPY_NO_DEPRECATED_API NPY_1_7_API_VERSION
 #include <numpy/arrayobject.h>
+#include <math.h>
 #include <string.h>
 
 #include "dl2c.h"
@@ -25,15 +26,18 @@ typedef dl2c_status (*dl2c_stepping)(dl2c_batch *batch);
 
 /*
  * The parts of a step, a tuple. Addresses are integers; what they point to lives as long as the
- * batch, which `check` keeps. A source is a contiguous array, to be copied, or a function that
- * makes something.
+ * batch, which `check` keeps. A source is a contiguous array, to be copied, or a pair of one and the
+ * dtype of the copy, or a dict of sources, or a function that makes something.
  */
 enum {
   STEP,     /* address of dl2c_batch_step, */
   BATCH,    /* of a batch of one, */
   RESULTS,  /* of its results, */
   CHOICE,   /* and of its first requested choice */
+  INPUT,    /* and input */
   COUNT,    /* where actions are the alternatives 0, ..., COUNT - 1 of that choice; or else 0 */
+  WIDTH,    /* where actions are values of all so many inputs; or else 0 */
+  NAMED,    /* where actions are a dict: its keys, what they are of and, but for inputs, its alternatives */
   WRITE,    /* f(action): requests any action, or raises what is wrong with it */
   RELEASE,  /* whether others may run meanwhile: to take the lock again costs half a quick step */
   CHECK,    /* f(status): raises what a status that is not DL2C_OK stands for */
@@ -56,18 +60,64 @@ static void *dl2c_address(PyObject *parts, int part)
   return PyLong_AsVoidPtr(dl2c_part(parts, part));
 }
 
-/* Requests an action: at once if it is an alternative's number in any form, or else by WRITE. */
+/* Requests an alternative by its number, in any form. 0: it is none of `count`. */
+static int dl2c_request_choice(int32_t *choice, Py_ssize_t count, PyObject *action)
+{
+  if (count == 0 || !PyIndex_Check(action)) return 0;
+  const Py_ssize_t given = PyNumber_AsSsize_t(action, NULL);
+  if (given < 0 || given >= count) {
+    PyErr_Clear();
+    return 0;
+  }
+  *choice = (int32_t)given;
+  return 1;
+}
+
+/* Requests values of inputs. 0: they are no array of `width` floats or doubles, or one is a NaN. */
+static int dl2c_request_inputs(double *input, Py_ssize_t width, PyObject *action)
+{
+  if (width == 0 || !PyArray_CheckExact(action)) return 0;
+  PyArrayObject *row = (PyArrayObject *)action;
+  const int type = PyArray_TYPE(row);
+  if (type != NPY_FLOAT && type != NPY_DOUBLE) return 0;
+  if (PyArray_NDIM(row) != 1 || PyArray_DIM(row, 0) != width || !PyArray_ISBEHAVED_RO(row)) return 0;
+  for (Py_ssize_t k = 0; k < width; k++) {
+    const void *at = PyArray_GETPTR1(row, k);
+    input[k] = type == NPY_FLOAT ? (double)*(const float *)at : *(const double *)at;
+    if (isnan(input[k])) return 0;
+  }
+  return 1;
+}
+
+/* Requests what a dict says of each decision. 0: it has other keys, or values of other forms. */
+static int dl2c_request_named(PyObject *parts, PyObject *action)
+{
+  PyObject *named = dl2c_part(parts, NAMED);
+  const Py_ssize_t size = PyTuple_GET_SIZE(named);
+  if (size == 0 || !PyDict_CheckExact(action) || 3 * PyDict_GET_SIZE(action) != size) return 0;
+  int32_t *choices = dl2c_address(parts, CHOICE);
+  double *inputs = dl2c_address(parts, INPUT);
+  for (Py_ssize_t i = 0; i < size; i += 3) {
+    PyObject *value = PyDict_GetItem(action, PyTuple_GET_ITEM(named, i));
+    const Py_ssize_t place = PyLong_AsSsize_t(PyTuple_GET_ITEM(named, i + 1));
+    const Py_ssize_t count = PyLong_AsSsize_t(PyTuple_GET_ITEM(named, i + 2));
+    if (value == NULL) return 0;
+    if (count > 0 ? !dl2c_request_choice(choices + place, count, value)
+                  : !dl2c_request_inputs(inputs + place, 1, value))
+      return 0;
+  }
+  return 1;
+}
+
+/* Requests an action: at once if it is of the plainest form, or else by WRITE. */
 static int dl2c_request(PyObject *parts, PyObject *action)
 {
   const Py_ssize_t count = PyLong_AsSsize_t(dl2c_part(parts, COUNT));
-  if (count > 0 && PyIndex_Check(action)) {
-    const Py_ssize_t given = PyNumber_AsSsize_t(action, NULL);
-    if (given >= 0 && given < count) {
-      *(int32_t *)dl2c_address(parts, CHOICE) = (int32_t)given;
-      return 0;
-    }
-    PyErr_Clear();
-  }
+  const Py_ssize_t width = PyLong_AsSsize_t(dl2c_part(parts, WIDTH));
+  if (dl2c_request_choice(dl2c_address(parts, CHOICE), count, action)
+      || dl2c_request_inputs(dl2c_address(parts, INPUT), width, action)
+      || dl2c_request_named(parts, action))
+    return 0;
   PyObject *none = PyObject_CallOneArg(dl2c_part(parts, WRITE), action);
   Py_XDECREF(none);
   return none == NULL ? -1 : 0;
@@ -85,15 +135,38 @@ static int dl2c_advance(PyObject *parts)
   return -1;
 }
 
+/* Sets an entry and lets go of its value; a value of NULL stands for an error that was raised. */
+static int dl2c_set(PyObject *info, PyObject *key, PyObject *value)
+{
+  const int failed = value == NULL ? -1 : PyDict_SetItem(info, key, value);
+  Py_XDECREF(value);
+  return failed;
+}
+
 /* What a source holds or makes. */
 static PyObject *dl2c_fresh(PyObject *source)
 {
-  if (!PyArray_Check(source)) return PyObject_CallNoArgs(source);
-  PyArrayObject *array = (PyArrayObject *)source;
-  PyObject *copy = PyArray_NewLikeArray(array, NPY_CORDER, NULL, 0);
-  if (copy != NULL)
-    memcpy(PyArray_DATA((PyArrayObject *)copy), PyArray_DATA(array), (size_t)PyArray_NBYTES(array));
-  return copy;
+  if (PyArray_Check(source)) {
+    PyArrayObject *array = (PyArrayObject *)source;
+    PyObject *copy = PyArray_NewLikeArray(array, NPY_CORDER, NULL, 0);
+    if (copy != NULL)
+      memcpy(PyArray_DATA((PyArrayObject *)copy), PyArray_DATA(array), (size_t)PyArray_NBYTES(array));
+    return copy;
+  }
+  if (PyTuple_CheckExact(source)) {
+    PyArray_Descr *type = (PyArray_Descr *)PyTuple_GET_ITEM(source, 1);
+    Py_INCREF(type);
+    PyObject *cast = PyArray_CastToType((PyArrayObject *)PyTuple_GET_ITEM(source, 0), type, 0);
+    return cast == NULL ? NULL : PyArray_Return((PyArrayObject *)cast);
+  }
+  if (PyDict_CheckExact(source)) {
+    PyObject *made = PyDict_New(), *key, *entry;
+    Py_ssize_t at = 0;
+    while (made != NULL && PyDict_Next(source, &at, &key, &entry))
+      if (dl2c_set(made, key, dl2c_fresh(entry)) != 0) Py_CLEAR(made);
+    return made;
+  }
+  return PyObject_CallNoArgs(source);
 }
 
 static PyObject *dl2c_name(PyObject *names, long number)
@@ -102,14 +175,6 @@ static PyObject *dl2c_name(PyObject *names, long number)
   PyObject *name = key == NULL ? NULL : PyObject_GetItem(names, key);
   Py_XDECREF(key);
   return name;
-}
-
-/* Sets an entry and lets go of its value; a value of NULL stands for an error that was raised. */
-static int dl2c_set(PyObject *info, PyObject *key, PyObject *value)
-{
-  const int failed = value == NULL ? -1 : PyDict_SetItem(info, key, value);
-  Py_XDECREF(value);
-  return failed;
 }
 
 /* What is remarkable about a step, and how long it took. */

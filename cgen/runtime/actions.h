@@ -27,16 +27,11 @@ DL2C_INLINE bool dl2c_plainly_have_values(int path, const real *x, const real *p
   return well;
 }
 
-/* Where it is not plain whether the inputs of an enabled path have values: whether they do.
- *   enabled: (count) of this path
- */
-DL2C_INLINE void dl2c_enabled_by_values(int path, const real *x, const real *p, int64_t stride,
-                                        int64_t count, uint8_t *enabled)
+/* The same in lanes.   plain: (count) */
+DL2C_INLINE void dl2c_plain_lanes(int path, const real *x, const real *p, int64_t stride,
+                                  int64_t count, uint8_t *plain)
 {
-  int64_t plain[DL2C_BLOCK];
-  uint8_t asked[DL2C_BLOCK];
-  const bool given[NU + 1] = {false};
-  real u[NU + 1] = {0.0};
+  int64_t flags[DL2C_BLOCK];
   DL2C_APART
   for (int64_t i = 0; i < count; i++) {
     real own_x[NX];
@@ -45,8 +40,18 @@ DL2C_INLINE void dl2c_enabled_by_values(int path, const real *x, const real *p, 
     for (int k = 0; k < NX; k++) own_x[k] = x[k * stride + i];
     DL2C_UNROLL
     for (int k = 0; k < NP; k++) own_p[k] = p[k * stride + i];
-    plain[i] = dl2c_plainly_have_values(path, own_x, own_p);
+    flags[i] = dl2c_plainly_have_values(path, own_x, own_p);
   }
+  for (int64_t i = 0; i < count; i++) plain[i] = flags[i] != 0;
+}
+
+/* Whether the inputs of a path have values, where it is open and that is not plain.   enabled: (count) */
+static void dl2c_search_lanes(int path, const real *x, const real *p, int64_t stride,
+                              int64_t count, const uint8_t *plain, uint8_t *enabled)
+{
+  uint8_t asked[DL2C_BLOCK];
+  const bool given[NU + 1] = {false};
+  real u[NU + 1] = {0.0};
   for (int64_t i = 0; i < count; i++) asked[i] = enabled[i] & !plain[i];
   for (int64_t i = dl2c_next(asked, 0, count); i < count; i = dl2c_next(asked, i + 1, count)) {
     real own_x[NX];
@@ -68,9 +73,12 @@ DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t s
   model_guards(point, x, p, stride, count, enabled);
   if (NU == 0) return;
   const int first = POINT_START[point];
+  uint8_t plain[DL2C_BLOCK] = {0};
   DL2C_UNROLL
-  for (int k = first; k < POINT_START[point + 1]; k++)
-    dl2c_enabled_by_values(k, x, p, stride, count, enabled + (k - first) * stride);
+  for (int k = first; k < POINT_START[point + 1]; k++) {
+    if (DL2C_DECIDES_IN_LANES) dl2c_plain_lanes(k, x, p, stride, count, plain);
+    dl2c_search_lanes(k, x, p, stride, count, plain, enabled + (k - first) * stride);
+  }
 }
 
 /* The admissible value nearest to the one wanted, the lower of two, the lowest for a NaN; its piece. */
@@ -135,9 +143,9 @@ static real dl2c_squashed(const dl2c_pieces *pieces, real value, int piece)
 static real dl2c_settled(const dl2c_search *search, int place, const dl2c_pieces *pieces, int piece,
                          real value)
 {
-  if (dl2c_passes(search, place, value)) return value;
   const real low = pieces->low[piece];
   const real high = pieces->high[piece];
+  if (value == low || value == high || dl2c_passes(search, place, value)) return value;
   int64_t last;
   int64_t there;
   dl2c_bracket(search, place, dl2c_ordinal(value),
@@ -155,7 +163,7 @@ static real dl2c_requested(const dl2c_search *search, int place, int32_t map, re
   if (!squash && inside && dl2c_passes(search, place, wanted)) return *executed = wanted;
   dl2c_pieces pieces;
   int piece = 0;
-  dl2c_admissible(search, place, &pieces);
+  dl2c_admissible(search, place, squash ? NULL : &wanted, &pieces);
   const real unit = !(wanted >= -1.0) ? -1.0 : wanted > 1.0 ? 1.0 : wanted;
   const real value = squash ? dl2c_spread(&pieces, 0.5 * (unit + 1.0), &piece)
                             : dl2c_nearest(&pieces, wanted, &piece);
@@ -169,7 +177,7 @@ static real dl2c_drawn(const dl2c_search *search, int place, real number)
 {
   dl2c_pieces pieces;
   int piece = 0;
-  dl2c_admissible(search, place, &pieces);
+  dl2c_admissible(search, place, NULL, &pieces);
   const real value = dl2c_spread(&pieces, number, &piece);
   return dl2c_settled(search, place, &pieces, piece, value);
 }

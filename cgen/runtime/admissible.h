@@ -157,29 +157,34 @@ static bool dl2c_interval(const dl2c_search *search, int place, real *low, real 
   return dl2c_outermost(search, place, last, middle, *low, INPUT_HIGH[input], high);
 }
 
-/* Enters a root between the ends of the Box, each value once and in order. */
-static void dl2c_enter(real *critical, int *count, real root)
+/* Ends of the Box and roots, in order; roots outside count as the end that is nearer. How many. */
+static int dl2c_list_criticals(const dl2c_search *search, int input, real *critical)
 {
-  if (!(root > critical[0] && root < critical[*count - 1])) return;
-  int k = *count;
-  while (critical[k - 1] > root) k--;
-  if (critical[k - 1] == root) return;
-  memmove(critical + k + 1, critical + k, sizeof(real) * (size_t)(*count - k));
-  critical[k] = root;
-  *count += 1;
+  const real low = critical[0] = INPUT_LOW[input];
+  const real high = INPUT_HIGH[input];
+  const int found =
+      model_criticals(search->path, input, search->x, search->p, search->u, critical + 1);
+  for (int k = 1; k <= found; k++) {
+    critical[k] = dl2c_min(dl2c_max(critical[k], low), high);
+    for (int j = k; j > 1; j--) { /* no branch: what is smaller is hard to predict */
+      const real smaller = dl2c_min(critical[j], critical[j - 1]);
+      critical[j] = dl2c_max(critical[j], critical[j - 1]);
+      critical[j - 1] = smaller;
+    }
+  }
+  critical[found + 1] = high;
+  return found + 2;
 }
 
 /* The values to try: ends of the Box and roots, and one value between each two neighbours. */
 static void dl2c_list_probes(const dl2c_search *search, int place, dl2c_probes *probes)
 {
-  const int input = PATHS[search->path].inputs[place].input;
-  real root[NCRITICAL + 1];
-  real critical[NCRITICAL + 2] = {INPUT_LOW[input], INPUT_HIGH[input]};
-  int count = INPUT_LOW[input] < INPUT_HIGH[input] ? 2 : 1;
-  const int found = model_criticals(search->path, input, search->x, search->p, search->u, root);
-  for (int k = 0; k < found; k++) dl2c_enter(critical, &count, root[k]);
+  real critical[NCRITICAL + 2];
+  const int count =
+      dl2c_list_criticals(search, PATHS[search->path].inputs[place].input, critical);
   probes->count = 0;
   for (int k = 0; k < count; k++) {
+    if (k > 0 && critical[k] == critical[k - 1]) continue;
     const real middle = k > 0 ? critical[k - 1] + (critical[k] - critical[k - 1]) / 2.0 : 0.0;
     if (k > 0 && critical[k - 1] < middle && middle < critical[k]) {
       probes->critical[probes->count] = false;
@@ -266,8 +271,12 @@ static real dl2c_end_between(const dl2c_search *search, int place, const dl2c_pr
   return dl2c_from_ordinal(dl2c_bisected(search, place, there, last));
 }
 
-/* All values of an input that pass; count 0 if there are none. */
-static void dl2c_admissible(const dl2c_search *search, int place, dl2c_pieces *pieces)
+/*
+ * All values of an input that pass; count 0 if there are none. Where only the one nearest to a value is
+ * asked for, that is `wanted`, else NULL: an end of a piece whose other end is nearer is any value of it.
+ */
+static void dl2c_admissible(const dl2c_search *search, int place, const real *wanted,
+                            dl2c_pieces *pieces)
 {
   pieces->count = 0;
   if (PATHS[search->path].inputs[place].interval) {
@@ -291,10 +300,13 @@ static void dl2c_admissible(const dl2c_search *search, int place, dl2c_pieces *p
     const int first = k;
     while (k < probes.count && probes.passes[k]) k++;
     if (k == first) continue;
-    pieces->low[pieces->count] = first == 0
-                                     ? dl2c_from_ordinal(probes.at[0])
+    const bool below = wanted != NULL && k < probes.count && *wanted >= dl2c_from_ordinal(probes.at[k]);
+    const bool above =
+        wanted != NULL && first > 0 && !(*wanted > dl2c_from_ordinal(probes.at[first - 1]));
+    pieces->low[pieces->count] = first == 0 || below
+                                     ? dl2c_from_ordinal(probes.at[first])
                                      : dl2c_end_between(search, place, &probes, first, first - 1);
-    pieces->high[pieces->count] = k == probes.count
+    pieces->high[pieces->count] = k == probes.count || above
                                       ? dl2c_from_ordinal(probes.at[k - 1])
                                       : dl2c_end_between(search, place, &probes, k - 1, k);
     pieces->count += 1;

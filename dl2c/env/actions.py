@@ -5,16 +5,15 @@
 a batch have one leading axis of length n, as `gymnasium.vector.utils.batch_space` lays out.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import isnan
-from typing import TYPE_CHECKING, Any, TypeAlias, assert_never, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, assert_never
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from dl2c.env.spaces import cells_of, float_type
+from dl2c.env.spaces import float_type
 from dl2c.native.manifest import Manifest
 from dl2c.options import UnknownOption
 
@@ -218,92 +217,12 @@ def write(encoding: Encoding, batch: "Batch", actions: Any) -> None:
             assert_never(encoding)
 
 
-def writer(encoding: Encoding, batch: "Batch") -> Callable[[Any], None]:
-    """`write` for a batch of one, taking an action without its leading axis; quick where it matters."""
-    match encoding:
-        case OneChoice(count):
-            cell = cells_of(batch.choices.reshape(-1))
-
-            def write_choice(action: Any) -> None:
-                if not 0 <= action < count:
-                    raise ValueError(_outside(action, count))
-                cell[0] = action
-
-            return write_choice
-        case Choices(counts):
-            cells, limits = cells_of(batch.choices.reshape(-1)), list(enumerate(_listed(counts)))
-
-            def write_choices(action: Any) -> None:
-                given = action.tolist() if isinstance(action, np.ndarray) else list(action)
-                if len(given) != len(limits):
-                    raise ValueError(f"expected {len(limits)} integers, not {given}")
-                for k, count in limits:
-                    if not 0 <= given[k] < count:
-                        raise ValueError(_outside(given, _listed(counts)))
-                    cells[k] = given[k]
-
-            return write_choices
-        case Flat(low, _, counts) if not len(counts):
-            row, shape = batch.inputs[0], (len(low),)
-
-            def write_inputs(action: Any) -> None:
-                given = np.asarray(action)
-                if given.shape != shape:
-                    raise ValueError(f"expected numbers of shape {shape}, not of shape {given.shape}")
-                row[:] = given
-                if any(map(isnan, row.tolist())):
-                    raise ValueError(_with_nan(row))
-
-            return write_inputs
-        case Named():
-            quick = _sampled_writer(encoding, batch)
-
-            def write_named(action: Any) -> None:
-                given = dict(action)
-                if not quick(given):
-                    write(encoding, batch, {k: np.asarray(v)[None] for k, v in given.items()})
-
-            return write_named
-        case _:
-            return lambda action: write(encoding, batch, np.asarray(action)[None])
-
-
-def _sampled_writer(encoding: Named, batch: "Batch") -> Callable[[dict[str, Any]], bool]:
-    """Writes an action whose entries are of the types that the space samples, and says if it was one."""
-    inputs, choices = list(enumerate(encoding.input_keys)), list(enumerate(encoding.choice_keys))
-    numbers, cells = cells_of(batch.inputs.reshape(-1)), cells_of(batch.choices.reshape(-1))
-    counts, keys = _listed(encoding.counts), {*encoding.input_keys, *encoding.choice_keys}
-
-    def write_sampled(action: dict[str, Any]) -> bool:
-        if action.keys() != keys:
-            return False
-        for i, key in inputs:
-            entry = cast("Floats", action[key])
-            if type(entry) is not np.ndarray or entry.shape != (1,) or entry.dtype.char not in "fd":
-                return False
-            numbers[i] = number = entry.item()
-            if isnan(number):
-                return False
-        for i, key in choices:
-            given = action[key]
-            if not isinstance(given, np.integer | int) or not 0 <= given < counts[i]:
-                return False
-            cells[i] = given
-        return True
-
-    return write_sampled
-
-
-def _listed(counts: Ints) -> list[int]:
-    return counts.tolist()
-
-
 def _indices(actions: ArrayLike, shape: tuple[int, ...], counts: Ints) -> Ints:
     given = np.asarray(actions)
     if given.shape != shape or given.dtype.kind not in "iub":
         raise ValueError(f"expected integers of shape {shape}, not {given.dtype} of shape {given.shape}")
     if ((given < 0) | (given >= counts)).any():
-        raise ValueError(_outside(given.tolist(), counts.tolist()))
+        raise ValueError(outside(given.tolist(), counts.tolist()))
     return given
 
 
@@ -317,10 +236,10 @@ def _numbers(actions: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 def _refuse_nan(row: NDArray[np.float64]) -> None:
     if isnan(row.dot(row)):  # quicker than isnan().any()
-        raise ValueError(_with_nan(row))
+        raise ValueError(with_nan(row))
 
 
-def _with_nan(row: NDArray[np.float64]) -> str:
+def with_nan(row: NDArray[np.float64]) -> str:
     return f"an action must not contain NaN: {row.tolist()}"
 
 
@@ -331,7 +250,7 @@ def _check_keys(actions: Any, keys: tuple[str, ...]) -> None:
         )
 
 
-def _outside(action: Any, count: Any) -> str:
+def outside(action: Any, count: Any) -> str:
     return f"action {action} is outside the action space: each entry must be at least 0 and less than {count}"
 
 
@@ -357,32 +276,6 @@ def executed(encoding: Encoding, choices: Ints, inputs: Floats) -> Any:
             return taken | {k: choices[:, i].astype(np.int64) for i, k in enumerate(choice_keys)}
         case _:
             assert_never(encoding)
-
-
-def reader(encoding: Encoding, batch: "Batch") -> Callable[[], Any]:
-    """`executed` for a batch of one, without the leading axis."""
-    match encoding:
-        case NoDecision():
-            return lambda: 0
-        case OneChoice():
-            return batch.executed_choices[0].item
-        case Choices():
-            indices = batch.executed_choices[0]
-            return lambda: indices.astype(np.int64)
-        case Flat(low, _, counts) if not len(counts):
-            row, dtype = batch.executed_inputs[0], low.dtype
-            return lambda: row.astype(dtype)
-        case Named(input_keys, choice_keys, low):
-            dtype, cells = low.dtype, cells_of(batch.executed_choices.reshape(-1))
-            entries = [(k, batch.executed_inputs[0, i : i + 1]) for i, k in enumerate(input_keys)]
-            taken = list(enumerate(choice_keys))
-            return lambda: {
-                **{k: entry.astype(dtype) for k, entry in entries},
-                **{k: np.int64(cells[i]) for i, k in taken},
-            }
-        case _:
-            choices, inputs = batch.executed_choices, batch.executed_inputs
-            return lambda: executed(encoding, choices, inputs)[0]
 
 
 def masks(encoding: Encoding, mask: NDArray[np.int8]) -> NDArray[np.int8]:

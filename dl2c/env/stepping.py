@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.env.actions import Encoding, OneChoice, reader, writer
+from dl2c.env.actions import Encoding, Flat, Named, OneChoice
+from dl2c.env.one_action import reader, writer
 from dl2c.env.spaces import STATUS, SUCCESS, reason_names
 from dl2c.native.binding import OUTCOME
 
@@ -25,6 +26,9 @@ Step: TypeAlias = tuple[NDArray[Any], float, bool, bool, dict[str, Any]]
 
 Origin: TypeAlias = NDArray[Any] | Callable[[], Any]
 """Where an entry of `info` comes from: an array that is copied, or a function that makes it."""
+
+INDEX = np.dtype(np.int64)
+"""Of choices in actions."""
 
 KEYS = ("status", "reason", "cost", "blocked", "duration", "time", "postcondition", "saturated", "is_success")
 """Entries of `info` that are single numbers, as cgen/python/single.c numbers them."""
@@ -51,9 +55,12 @@ def step_function(parts: Parts) -> Callable[[Any], Step]:
 def compiled_step(parts: Parts) -> Callable[[Any], Step] | None:
     """The step in C; None where it cannot be built."""
     batch, encoding = parts.batch, parts.encoding
-    origins = {"executed_action": reader(encoding, batch), **parts.extras}
+    plain = _plain(encoding, batch)
+    origins = {"executed_action": plain.executed, **parts.extras}
     return batch.step_in_c(
-        encoding.count if isinstance(encoding, OneChoice) else 0,
+        plain.count,
+        plain.width,
+        plain.named,
         writer(encoding, batch),
         any(flow.kernel != "exact" for flow in parts.manifest.flows),
         batch.check,
@@ -65,6 +72,33 @@ def compiled_step(parts: Parts) -> Callable[[Any], Step] | None:
         reason_names(parts.manifest),
         tuple(chain.from_iterable(origins.items())),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Plain:
+    """What cgen/python/single.c needs to request and report actions of a plain form itself."""
+
+    executed: Any
+    count: int = 0
+    width: int = 0
+    named: tuple[Any, ...] = ()
+
+
+def _plain(encoding: Encoding, batch: "Batch") -> _Plain:
+    match encoding:
+        case OneChoice(count):
+            return _Plain(reader(encoding, batch), count)
+        case Flat(low, _, counts) if not len(counts):
+            return _Plain((batch.executed_inputs[0], low.dtype), width=len(low))
+        case Named(inputs, choices, low, _, counts):
+            values = [(batch.executed_inputs[0, i : i + 1], low.dtype) for i in range(len(inputs))]
+            taken = [(batch.executed_choices[0, i : i + 1].reshape(()), INDEX) for i in range(len(choices))]
+            named = [(k, i, 0) for i, k in enumerate(inputs)]
+            named += [(k, i, int(counts[i])) for i, k in enumerate(choices)]
+            executed = dict(zip((*inputs, *choices), (*values, *taken), strict=True))
+            return _Plain(executed, named=tuple(chain.from_iterable(named)))
+        case _:
+            return _Plain(reader(encoding, batch))
 
 
 def _uneventful(extras: Mapping[str, Origin]) -> dict[str, Any]:

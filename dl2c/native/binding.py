@@ -228,7 +228,7 @@ class Batch:
         """The C call behind `step` alone; what it returns, unless 0, is for `check`."""
         return partial(self._native_step, self._handle)
 
-    def step_in_c(self, count: int, *parts: Any) -> Callable[[Any], Any] | None:
+    def step_in_c(self, *parts: Any) -> Callable[[Any], Any] | None:
         """The step of a batch of one as a function of the action; None where that cannot be built.
 
         The arguments are those parts of cgen/python/single.c that are no addresses.
@@ -237,8 +237,8 @@ class Batch:
             return None
         ffi = self.library.ffi
         pointers = (ffi.addressof(self._lib, "dl2c_batch_step"), self._handle)
-        memory = (ffi.from_buffer(self.outcome), ffi.from_buffer(self.choices))
-        return made((*(int(ffi.cast("uintptr_t", p)) for p in (*pointers, *memory)), count, *parts))
+        memory = (ffi.from_buffer(array) for array in (self.outcome, self.choices, self.inputs))
+        return made((*(int(ffi.cast("uintptr_t", p)) for p in (*pointers, *memory)), *parts))
 
     def step(self) -> None:
         """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""
