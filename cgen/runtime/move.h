@@ -221,14 +221,25 @@ DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
   }
 }
 
-/* Moves the lanes of a block that can move together, and notes which have. */
+/* Steps after which a block tries again to follow its flows abreast, and the part that has to succeed. */
+enum { DL2C_SOLO_STEPS = 15, DL2C_WORTHWHILE = 4 };
+
+/*
+ * Moves the lanes of a block that can move together, and notes which have. Where few arrive together
+ * they are moved one by one for a while: the bits are the same.
+ */
 DL2C_INLINE void dl2c_move_abreast(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
 {
 #if DL2C_FLOWS_IN_LANES
-  if (count > 1 && !DL2C_ONE_BY_ONE) {
+  uint8_t *solo = &b->solo[first / DL2C_BLOCK];
+  if (count > 1 && *solo == 0 && !DL2C_ONE_BY_ONE) {
     dl2c_move_fleet(b, first, count, s->moves.path, s->waited, s->moves.moved, s->watch);
+    int64_t arrived = 0;
+    for (int64_t i = 0; i < count; i++) arrived += s->moves.moved[i];
+    *solo = DL2C_WORTHWHILE * arrived < count ? DL2C_SOLO_STEPS : 0;
     return;
   }
+  if (*solo > 0) *solo -= 1;
 #endif
   const dl2c_clocks clocks = dl2c_clocks_of(b, first);
   if (DL2C_STEPS_IN_LANES && !DL2C_ONE_BY_ONE)
