@@ -5,6 +5,7 @@ import math
 import sys
 from fractions import Fraction
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from gymnasium.utils.env_checker import data_equivalence
 from hypothesis import given
 from hypothesis import strategies as st
 
+import dl2c
 import dl2c.bench.rows
 import dl2c.bench.sizes
 import dl2c.cli
@@ -301,3 +303,37 @@ def test_bench_refuses_requirements_it_does_not_know(capsys: Any, wanted: str) -
     assert code == 1
     assert err.startswith("error: ")
     assert "Traceback" not in err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("package", "name"), [("stable_baselines3", "PPO"), ("sb3_contrib", "MaskablePPO")])
+def test_environments_are_a_small_part_of_training(package: str, name: str) -> None:
+    """With 256 of them, and batches so large that learning is quick."""
+    algorithm = getattr(pytest.importorskip(package), name)
+    from stable_baselines3.common.vec_env import VecEnvWrapper
+
+    class Timed(VecEnvWrapper):
+        """How long the steps of its environments take."""
+
+        spent = 0.0
+
+        def reset(self) -> Any:
+            return self.venv.reset()
+
+        def step_async(self, actions: Any) -> None:
+            begun = perf_counter()
+            self.venv.step_async(actions)
+            self.spent += perf_counter() - begun
+
+        def step_wait(self) -> Any:
+            begun = perf_counter()
+            results = self.venv.step_wait()
+            self.spent += perf_counter() - begun
+            return results
+
+    envs = Timed(dl2c.make_sb3("example:waypoint", 256))
+    model = algorithm("MlpPolicy", envs, n_steps=32, batch_size=8192, seed=0, device="cpu")
+    model.learn(8192)
+    envs.spent, begun = 0.0, perf_counter()
+    model.learn(6 * 8192)
+    assert 0.0 < envs.spent <= 0.03 * (perf_counter() - begun)
