@@ -3,6 +3,7 @@
 `make test-ray` runs this, in an environment that has Ray.
 """
 
+import json
 import os
 import signal
 import subprocess
@@ -54,8 +55,10 @@ class Nodes:
     caches: dict[str, Path]
 
     def builds(self, node: str) -> int:
-        """How many builds the cache of a node holds."""
-        return len(list(self.caches[node].glob("builds/*/sealed.json")))
+        """How many builds of the model the cache of a node holds."""
+        sealed = self.caches[node].glob("builds/*/sealed.json")
+        manifests = [json.loads((s.parent / "manifest.json").read_text(encoding="utf-8")) for s in sealed]
+        return sum(manifest["name"] == "Waypoint" for manifest in manifests)
 
 
 @contextmanager
