@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from toy_library import ToyLibrary, toy_manifest, use_toy
 
 from dl2c.env.actions import action_space, encoding, executed, masks, write
-from dl2c.env.one_action import writer
+from dl2c.env.one_action import reader, writer
 from dl2c.env.spaces import observation_space
 from dl2c.native.errors import ResetFailed
 from dl2c.options import UnknownOption
@@ -122,6 +122,25 @@ def test_one_action_is_requested_as_a_batch_of_one() -> None:
         rows = {key: np.asarray(value)[None] for key, value in action.items()}
         found = requested(batch, lambda action=action: quick(action))
         assert found == requested(batch, lambda rows=rows: write(code, batch, rows)), action
+
+
+@pytest.mark.parametrize("action_map", ["project", "squash"])
+def test_one_row_is_requested_and_read_as_a_batch_of_one(action_map: str) -> None:
+    """Choices halfway between two, far outside, and the limits of their range."""
+    manifest = toy_manifest((3, 1, 4), 2, action_format="box", action_map=action_map)
+    code, batch = encoding(manifest), ToyLibrary(manifest).batch(1)
+    quick, read = writer(code, batch), reader(code, batch)
+    numbers = [-np.inf, -1e9, -1.0, -0.5, -0.0, 0.5, 1 / 3, 1.0, 1.5, 2.5, 7.0, np.inf, np.nan]
+    rng = np.random.default_rng(1)
+    for _ in range(400):
+        row = rng.choice(numbers, 5).astype(rng.choice(["f", "d"]))
+        found = requested(batch, lambda row=row: quick(row))
+        wanted = requested(batch, lambda row=row: write(code, batch, row[None]))
+        assert found == wanted or (np.isnan(row).any() and found[0] == wanted[0] == ValueError), row
+        batch.executed_choices[:] = rng.integers(0, (3, 1, 4))
+        batch.executed_inputs[:] = rng.normal(size=2)
+        alone, together = read(), executed(code, batch.executed_choices, batch.executed_inputs)[0]
+        assert (alone.dtype, alone.tobytes()) == (together.dtype, together.tobytes())
 
 
 @pytest.mark.parametrize(

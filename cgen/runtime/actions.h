@@ -5,6 +5,16 @@
 
 #include "admissible.h"
 
+/* Variables and constants of lane i.   x: (NX, stride)   p: (NP, stride) */
+DL2C_INLINE void dl2c_read_lane(const real *x, const real *p, int64_t stride, int64_t i,
+                                real *own_x, real *own_p)
+{
+  DL2C_UNROLL
+  for (int k = 0; k < NX; k++) own_x[k] = x[k * stride + i];
+  DL2C_UNROLL
+  for (int k = 0; k < NP; k++) own_p[k] = p[k * stride + i];
+}
+
 /*
  * Whether the first value that dl2c_interval tries passes for every input of a path, so that each has
  * a value. Without a branch. False says nothing.
@@ -36,10 +46,7 @@ DL2C_INLINE void dl2c_plain_lanes(int path, const real *x, const real *p, int64_
   for (int64_t i = 0; i < count; i++) {
     real own_x[NX];
     real own_p[NP + 1];
-    DL2C_UNROLL
-    for (int k = 0; k < NX; k++) own_x[k] = x[k * stride + i];
-    DL2C_UNROLL
-    for (int k = 0; k < NP; k++) own_p[k] = p[k * stride + i];
+    dl2c_read_lane(x, p, stride, i, own_x, own_p);
     flags[i] = dl2c_plainly_have_values(path, own_x, own_p);
   }
   for (int64_t i = 0; i < count; i++) plain[i] = flags[i] != 0;
@@ -56,8 +63,7 @@ static void dl2c_search_lanes(int path, const real *x, const real *p, int64_t st
   for (int64_t i = dl2c_next(asked, 0, count); i < count; i = dl2c_next(asked, i + 1, count)) {
     real own_x[NX];
     real own_p[NP + 1];
-    for (int k = 0; k < NX; k++) own_x[k] = x[k * stride + i];
-    for (int k = 0; k < NP; k++) own_p[k] = p[k * stride + i];
+    dl2c_read_lane(x, p, stride, i, own_x, own_p);
     const dl2c_search search = {path, own_x, own_p, given, u};
     enabled[i] = dl2c_all_have_values(&search);
   }

@@ -53,17 +53,13 @@ DL2C_INLINE void dl2c_fleet_set_out(dl2c_fleet *f, const real *x, const real *p,
     real own[NX];
     real start[NX];
     real constants[NP + 1];
-    real u[NU + 1];
-    DL2C_UNROLL
-    for (int k = 0; k < NX; k++) own[k] = start[k] = x[k * stride + i];
-    DL2C_UNROLL
-    for (int k = 0; k < NP; k++) f->p[k][i] = constants[k] = p[k * stride + i];
-    DL2C_UNROLL
-    for (int j = 0; j < NU; j++) u[j] = inputs[i * NINPUT + j];
-    f->going[i] = dl2c_decide_lane(path[i], own, constants, u, start);
+    dl2c_read_lane(x, p, stride, i, own, constants);
+    f->going[i] = dl2c_decide_lane(path[i], own, constants, inputs + i * NINPUT, start);
     f->there[i] = 0;
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) f->x[k][i] = start[k];
+    DL2C_UNROLL
+    for (int k = 0; k < NP; k++) f->p[k][i] = constants[k];
   }
 }
 

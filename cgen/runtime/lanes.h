@@ -70,12 +70,18 @@ DL2C_INLINE bool dl2c_all_admissible(int path, const real *x, const real *p, con
 }
 
 /*
- * Inputs and assignments of the path that a lane takes, from x into its copy y. False where it is not
- * that simple.   path: -1 for none
+ * Inputs and assignments of the path that a lane takes, from x into y. False where it is not that
+ * simple.   path: -1 for none   inputs: (NINPUT) as requested, which are all that there are
  */
-DL2C_INLINE bool dl2c_decide_lane(int64_t path, const real *x, const real *p, const real *u, real *y)
+DL2C_INLINE bool dl2c_decide_lane(int64_t path, const real *x, const real *p, const real *inputs,
+                                  real *y)
 {
   bool well = path >= 0;
+  real u[NU + 1];
+  DL2C_UNROLL
+  for (int j = 0; j < NU; j++) u[j] = inputs[j];
+  DL2C_UNROLL
+  for (int k = 0; k < NX; k++) y[k] = x[k];
   DL2C_UNROLL
   for (int k = 0; k < NPATH; k++)
     if (NU > 0) well &= (path != k) | dl2c_all_admissible(k, x, p, u);
@@ -127,14 +133,8 @@ DL2C_INLINE void dl2c_move_lanes(real *x, const real *p, int64_t stride, int64_t
     real start[NX];
     real end[NX];
     real constants[NP + 1];
-    real u[NU + 1];
-    DL2C_UNROLL
-    for (int k = 0; k < NX; k++) own[k] = start[k] = x[k * stride + i];
-    DL2C_UNROLL
-    for (int k = 0; k < NP; k++) constants[k] = p[k * stride + i];
-    DL2C_UNROLL
-    for (int j = 0; j < NU; j++) u[j] = inputs[i * NINPUT + j];
-    bool well = dl2c_decide_lane(path[i], own, constants, u, start);
+    dl2c_read_lane(x, p, stride, i, own, constants);
+    bool well = dl2c_decide_lane(path[i], own, constants, inputs + i * NINPUT, start);
     real time = 0.0;
 #if DL2C_LANE_FLOW == DL2C_NO_FLOW
     DL2C_UNROLL

@@ -44,8 +44,7 @@ static int64_t dl2c_stride(int64_t n)
 
 static void dl2c_load(const dl2c_batch *b, int64_t i, real *x, real *p)
 {
-  for (int k = 0; k < NX; k++) x[k] = b->x[k * b->stride + i];
-  for (int k = 0; k < NP; k++) p[k] = b->p[k * b->stride + i];
+  dl2c_read_lane(b->x, b->p, b->stride, i, x, p);
 }
 
 static void dl2c_store(dl2c_batch *b, int64_t i, const real *x)

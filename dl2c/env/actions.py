@@ -205,8 +205,8 @@ def write(encoding: Encoding, batch: "Batch", actions: Any) -> None:
             values = _numbers(actions, (n, len(low) + len(counts)))
             batch.inputs[:] = values[:, : len(low)]
             tail = values[:, len(low) :]
-            scaled = (tail + 1) / 2 * (counts - 1) if squash else tail
-            batch.choices[:] = np.clip(np.rint(scaled), 0, counts - 1)
+            scaled = (np.clip(tail, -1, 1) + 1) / 2 * (counts - 1) if squash else np.clip(tail, 0, counts - 1)
+            batch.choices[:] = np.rint(scaled)
         case Named(input_keys, choice_keys, _, _, counts):
             _check_keys(actions, (*input_keys, *choice_keys))
             for i, key in enumerate(input_keys):

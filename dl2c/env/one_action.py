@@ -86,8 +86,8 @@ def _row_writer(encoding: Flat, batch: "Batch") -> Callable[[Any], None]:
         inputs[:] = row[:first]
         for k, most in enumerate(last):
             number = numbers[first + k]
-            scaled = (number + 1) / 2 * most if squash else number
-            cells[k] = round(min(max(scaled, 0), most))
+            scaled = (min(max(number, -1), 1) + 1) / 2 * most if squash else min(max(number, 0), most)
+            cells[k] = round(scaled)
 
     return write_row
 
