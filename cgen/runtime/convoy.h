@@ -99,7 +99,7 @@ DL2C_INLINE bool dl2c_lane_calm(const real *x, const real *y, const real *p, rea
     dl2c_dopri_terms(x[i], y[i], h, k, i, c);
     hull[i] = dl2c_terms_hull(c, DL2C_DOPRI_DEGREE, y[i]);
   }
-  return model_calm(DL2C_LANE_FLOW, hull, p, watch);
+  return model_calm(DL2C_LANE_FLOW, hull, x, p, true, watch);
 }
 
 /* One attempt of every lane, as dl2c_dopri_step makes it. */

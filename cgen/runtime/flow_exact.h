@@ -10,9 +10,18 @@
 
 #include "numbers.h"
 
-/* A rounded end point may step back into the domain so often, each time four times as far. */
-enum { DL2C_RETREATS = 27 };
+/* How far a rounded end point steps back at first, relative to its time; then four times as far. */
 #define DL2C_RETREAT_FIRST 0x1p-52
+
+/*
+ * Whether rounding may decide if and where the margin is zero: it nearly has a double zero ahead, of
+ * which the roots lie closer together than 2^-9 of the way.
+ */
+static inline bool dl2c_doubtful(real c0, real c1, real c2)
+{
+  const real ahead = dl2c_select(c0 < 0.0, -c1, c1);
+  return (c2 != 0.0) & (ahead < 0.0) & (fabs(c1 * c1 - 4.0 * c2 * c0) <= 0x1p-20 * (c1 * c1));
+}
 
 /* Where the margin of a starting point on or inside the boundary crosses zero; INFINITY for never. */
 static inline real dl2c_leaves_at(real c0, real c1, real c2, bool touching_counts)

@@ -5,6 +5,8 @@
  * Rounding keeps order, so that the operations at the ends enclose those between them and no rounding
  * direction is needed. Functions of libm, which may be a unit off, are widened. Ends are finite; where
  * a value between them may be undefined or infinite both are NaN, for which no condition holds.
+ * dl2c_hull_out makes an enclosure of the real values of it. The same operations in the same order as
+ * dl2c/ir/hull.py.
  */
 #ifndef DL2C_HULL_H
 #define DL2C_HULL_H
@@ -30,6 +32,16 @@ static inline dl2c_hull dl2c_hull_where(bool known, real low, real high)
 static inline dl2c_hull dl2c_hull_of(real low, real high)
 {
   return dl2c_hull_where(isfinite(high - low), low, high);
+}
+
+/* Smaller numbers count as zero. */
+#define DL2C_TINY 0x1p-1000
+
+/* Ends that were rounded once, moved outwards by more than that. */
+static inline dl2c_hull dl2c_hull_out(dl2c_hull a)
+{
+  return (dl2c_hull){a.low - (fabs(a.low) * 0x1p-52 + DL2C_TINY),
+                     a.high + (fabs(a.high) * 0x1p-52 + DL2C_TINY)};
 }
 
 static inline dl2c_hull dl2c_hull_at(real a) { return dl2c_hull_of(a, a); }

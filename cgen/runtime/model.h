@@ -9,7 +9,7 @@
  *
  *   enum { NX, NP, NU, NINPUT, NENVINPUT, NDECISION, NCHOICE, NENVCHOICE, NMASK, NSTEPDRAW, NDRAW,
  *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NCHART, DL2C_WEIGHTED,
- *          DL2C_TARGETED, NBLOCK, NMARGIN, NDEGREE, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
+ *          DL2C_TARGETED, NBLOCK, NMARGIN, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
  *          DL2C_DECIDES_IN_LANES, DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_MAX_LOOP, DL2C_POINT_LEAD,
  *          DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
@@ -42,22 +42,21 @@
  *   static const uint8_t FLOW_KERNEL[], WATCH_CUTS[]; static const int32_t FLOW_MARGINS[], FLOW_DURATION[];
  *   int64_t model_motion(int flow, x, p, real *y, real *duration)   a dl2c_motion; flows of kernel QUICK
  *   void model_at(int flow, x, p, real tau, real *y)             moves x by the time tau into its copy y
+ *   int model_solution(int flow, x, p, real (*c)[13])            by powers of the time; kernels QUICK, SOLUTION
  *   bool model_inside(int flow, y, p)                            whether a flow may end in y
- *   bool model_begin(int flow, x, p, real *horizon)              the other kernels; false: undefined
+ *   bool model_begin(int flow, x, p, real *horizon)              how long it may last; false: undefined
  *   void model_settle(int flow, x, p, real end, sign, real *y)   clocks and bounds that were met
- *   void model_polynomials(int flow, x, p, real (*c)[NDEGREE + 1], int32_t *degree)   of margins
- *   void model_margins(int flow, x, p, real *g)                  where they are no polynomials
+ *   real model_margin(int flow, int margin, x, p)                positive inside its atom, as it is written
+ *   void model_taylor(int flow, const dl2c_taylor *z, x, p, dl2c_taylor *g)   all margins where x moves like z
  *   bool model_condition(int flow, int formula, const int8_t *sign)  formulas over signs of margins
  *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) of the rates; kernels LINEAR, NUMERIC, DOPRI
- *   void model_lie(int flow, x, p, real *lie)                    (3, NMARGIN) where margins are sampled
+ *   void model_lie(int flow, x, p, real *lie)                    (3, NMARGIN) of margins; the same kernels
  *   void model_project(int flow, p, real *y)                     back onto what the flow leaves invariant
  *   bool model_quiet(int flow, x, p, real duration, y)           it plainly changes no watch
- *   bool model_calm(int flow, const dl2c_hull *x, p, watch)      no event where x is inside; kernels LINEAR, NUMERIC, DOPRI
+ *   bool model_calm(int flow, const dl2c_hull *z, x, p, bool bounded, watch)   no event where x is inside z
  *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE
  *   bool model_moves(int flow, int variable)                     whether they name it; where a flow is of kernel DOPRI
  *   void model_roots(int flow, x, p, real *g, real *dg)          margins of its domain, their Lie derivatives
- *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) how its rates depend on x
- *   void model_lie(int flow, x, p, real *lie)                    (3, NROOT) Lie derivatives of what is watched
  *   void model_facts(x, p, stride, count, row, uint8_t *facts)   conditions of predicates, F_postcondition
  *   void model_revise(count, watch, late, row, uint8_t *facts)   facts that a post-state does not show
  *   void model_judge(x, p, stride, count, facts, row, dl2c_judgement *judged)   rewards and endings
@@ -74,8 +73,8 @@
 
 #include "dl2c.h"
 #include "flow_exact.h"
-#include "hull.h"
 #include "numbers.h"
+#include "taylor.h"
 
 /* The longest list of decisions or inputs of one path that a table row holds. */
 enum { DL2C_END = -1 };
@@ -153,16 +152,19 @@ typedef enum dl2c_motion {
   DL2C_UNDEFINED = 1, /* a value is undefined or too large */
   DL2C_OUTSIDE = 2,   /* rounding put the end point outside the domain */
   DL2C_UNSOLVED = 3,  /* the solver failed */
+  DL2C_DOUBTFUL = 4,  /* rounding may decide where it ends: that takes a closer look */
 } dl2c_motion;
+
+/* Motion is followed by polynomials of this degree at most. */
+enum { DL2C_TRACK_DEGREE = 12 };
 
 /* How a flow is followed. */
 typedef enum dl2c_kernel {
-  DL2C_QUICK = 0,         /* straight-line motion */
-  DL2C_QUICK_SAMPLED = 1, /* the same, but watches whose margins are no polynomials of time */
-  DL2C_POLYNOMIAL = 2,    /* motion and margins are polynomials of time */
-  DL2C_LINEAR = 3,        /* linear equations: power series */
-  DL2C_NUMERIC = 4,       /* CVODES */
-  DL2C_DOPRI = 5,         /* the Runge-Kutta method of Dormand and Prince */
+  DL2C_QUICK = 0,    /* straight-line motion, a polynomial of time */
+  DL2C_SOLUTION = 1, /* a polynomial of time whose end is searched */
+  DL2C_LINEAR = 2,   /* linear equations: power series */
+  DL2C_NUMERIC = 3,  /* CVODES */
+  DL2C_DOPRI = 4,    /* the Runge-Kutta method of Dormand and Prince */
 } dl2c_kernel;
 
 /* What became of a watch in a step: a safety predicate that was violated on the way has failed. */

@@ -1,12 +1,15 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * numeric.h -- flows that are followed track by track, by power series, by the solver or by dopri5.h.
+ * numeric.h -- flows that are followed track by track: a solution in closed form, power series, the
+ * solver, or dopri5.h.
  */
 #ifndef DL2C_NUMERIC_H
 #define DL2C_NUMERIC_H
 
-#include "linear.h"
 #include "stretch.h"
+#if DL2C_LINEAR_FLOWS
+#include "linear.h"
+#endif
 #if DL2C_SOLVED_FLOWS
 #include "flow_cvodes.h"
 #endif
@@ -14,13 +17,38 @@
 #include "dopri5.h"
 #endif
 
+/* A solution in closed form, which is one track. */
+typedef struct dl2c_solution {
+  const real *x;
+  real stop;
+  bool done;
+} dl2c_solution;
+
+/* The whole of a motion from x as one track. False where it has an undefined or infinite value. */
+static bool dl2c_solution_track(int flow, const real *x, const real *p, real stop,
+                                dl2c_track *track)
+{
+  real scale = stop;
+  *track = (dl2c_track){.length = stop};
+  for (int k = 0; k < NX; k++) track->c[k][0] = x[k];
+  track->degree = model_solution(flow, x, p, track->c);
+  for (int i = 1; i <= track->degree; i++, scale *= stop)
+    for (int k = 0; k < NX; k++) track->c[k][i] *= scale;
+  memcpy(track->end, x, sizeof track->end);
+  model_at(flow, x, p, stop, track->end);
+  return dl2c_all_finite(track->end, NX);
+}
+
 /* What makes the tracks of a flow. */
 typedef struct dl2c_motor {
   int flow;
   const real *p;
   struct dl2c_solver *solver; /* for flows of kernel NUMERIC */
   union {
+    dl2c_solution solution; /* for flows with a solution in closed form */
+#if DL2C_LINEAR_FLOWS
     dl2c_linear linear; /* for flows of kernel LINEAR */
+#endif
 #if DL2C_DOPRI_FLOWS
     dl2c_dopri dopri; /* for flows of kernel DOPRI */
 #endif
@@ -37,7 +65,13 @@ static bool dl2c_motor_start(dl2c_motor *motor, const real *x, real stop)
   if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI)
     return dl2c_dopri_start(&motor->dopri, motor->flow, x, motor->p, stop);
 #endif
+  if (FLOW_KERNEL[motor->flow] < DL2C_LINEAR) {
+    motor->solution = (dl2c_solution){.x = x, .stop = stop};
+    return true;
+  }
+#if DL2C_LINEAR_FLOWS
   dl2c_linear_start(&motor->linear, motor->flow, x, motor->p, stop);
+#endif
   return true;
 }
 
@@ -50,7 +84,12 @@ static bool dl2c_motor_step(dl2c_motor *motor, dl2c_track *track)
   if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI)
     return dl2c_dopri_step(&motor->dopri, motor->flow, motor->p, track);
 #endif
-  return dl2c_linear_step(&motor->linear, motor->flow, motor->p, track);
+#if DL2C_LINEAR_FLOWS
+  if (FLOW_KERNEL[motor->flow] == DL2C_LINEAR)
+    return dl2c_linear_step(&motor->linear, motor->flow, motor->p, track);
+#endif
+  motor->solution.done = true;
+  return dl2c_solution_track(motor->flow, motor->solution.x, motor->p, motor->solution.stop, track);
 }
 
 static bool dl2c_motor_done(const dl2c_motor *motor)
@@ -61,60 +100,75 @@ static bool dl2c_motor_done(const dl2c_motor *motor)
 #if DL2C_DOPRI_FLOWS
   if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI) return dl2c_dopri_done(&motor->dopri);
 #endif
-  return dl2c_linear_done(&motor->linear);
+#if DL2C_LINEAR_FLOWS
+  if (FLOW_KERNEL[motor->flow] == DL2C_LINEAR) return dl2c_linear_done(&motor->linear);
+#endif
+  return motor->solution.done;
 }
 
 /* A track that stays in x, for what is watched where a flow has no time. */
 static void dl2c_rest(const real *x, dl2c_track *track)
 {
-  memset(track, 0, sizeof *track);
+  *track = (dl2c_track){.from = 0.0};
   for (int k = 0; k < NX; k++) track->c[k][0] = track->end[k] = x[k];
 }
 
-/* A retreat that went further than this is halved until it is known as well as this. */
+/* A retreat steps back so often, each time four times as far, from 2^-52 to 2^-12 of the place. */
+enum { DL2C_STEPS_BACK = 21 };
+/* One that went further than this is halved until it is known as well as this. */
 #define DL2C_RETREAT_FINE 0x1p-40
 
-/* Whether the state at s of a stretch, its invariants met, is inside the domain. */
-static bool dl2c_arrives(const dl2c_stretch *stretch, real s, real *y, real *duration)
+/* Whether the state at a place of a track, its invariants met, is inside the domain. */
+static bool dl2c_arrives(const dl2c_stretch *stretch, const dl2c_track *track, real place, real *y,
+                         real *duration)
 {
-  dl2c_stretch_at(stretch, s, y);
+  dl2c_track_at(track, place, y);
   model_project(stretch->flow, stretch->p, y);
-  *duration = dl2c_stretch_time(stretch, s);
+  *duration = dl2c_time_at(track, place);
   return model_inside(stretch->flow, y, stretch->p);
 }
 
+/* Rounding put a place of a track outside the domain: steps back until it is inside. */
+static bool dl2c_back(const dl2c_stretch *stretch, const dl2c_track *track, real place, real *y,
+                      real *duration)
+{
+  real outside = 0.0;
+  real inside = DL2C_RETREAT_FIRST;
+  for (int k = 0; k < DL2C_STEPS_BACK; k++, outside = inside, inside *= 4.0) {
+    if (!dl2c_arrives(stretch, track, place - place * inside, y, duration)) continue;
+    while (inside - outside > DL2C_RETREAT_FINE) {
+      const real middle = 0.5 * (outside + inside);
+      if (dl2c_arrives(stretch, track, place - place * middle, y, duration))
+        inside = middle;
+      else
+        outside = middle;
+    }
+    (void)dl2c_arrives(stretch, track, place - place * inside, y, duration);
+    return true;
+  }
+  return false;
+}
+
 /*
- * The state at s of a stretch, as the end of a flow that began in x: invariants and bounds that
- * were met hold exactly. Where that is outside the domain by rounding, an earlier one.
+ * The state at a place of a track, as the end of a flow: invariants and bounds that were met hold
+ * exactly. Where that is outside the domain by rounding, a slightly earlier one, also of the track
+ * before, which may be NULL. A flow that would have to go back further is not solved.
  */
-static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real s, bool settled, real time,
-                               const int8_t *sign, real *y, real *duration)
+static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, const dl2c_track *before, real place,
+                               bool settled, real time, const int8_t *sign, real *y, real *duration)
 {
   const int flow = stretch->flow;
   const real *p = stretch->p;
-  dl2c_stretch_at(stretch, s, y);
+  dl2c_track_at(stretch->track, place, y);
   model_project(flow, p, y);
   if (settled) model_settle(flow, stretch->x, p, time, sign, y);
   if (!dl2c_all_finite(y, NX)) return DL2C_UNDEFINED;
   *duration = time;
   if (model_inside(flow, y, p)) return DL2C_SETTLED;
-  real outside = 0.0;
-  real inside = DL2C_RETREAT_FIRST;
-  for (int k = 0; k < DL2C_RETREATS; k++, outside = inside, inside *= 4.0) {
-    if (!dl2c_arrives(stretch, s - s * inside, y, duration)) continue;
-    while (inside - outside > DL2C_RETREAT_FINE) {
-      const real middle = 0.5 * (outside + inside);
-      if (dl2c_arrives(stretch, s - s * middle, y, duration))
-        inside = middle;
-      else
-        outside = middle;
-    }
-    (void)dl2c_arrives(stretch, s - s * inside, y, duration);
+  if (dl2c_back(stretch, stretch->track, place, y, duration)) return DL2C_SETTLED;
+  if (before != NULL && place < DL2C_RETREAT_FINE && dl2c_back(stretch, before, 1.0, y, duration))
     return DL2C_SETTLED;
-  }
-  for (int j = 0; j < NX; j++) y[j] = stretch->track->c[j][0];
-  *duration = stretch->from;
-  if (model_inside(flow, y, p)) return DL2C_SETTLED;
+  if (before != NULL || !(place < DL2C_RETREAT_FINE)) return DL2C_UNDEFINED;
   memcpy(y, stretch->x, sizeof(real) * NX);
   *duration = 0.0;
   return DL2C_SETTLED;
@@ -130,34 +184,33 @@ static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, uint8_t
   const int flow = motor->flow;
   const real *p = motor->p;
   real horizon;
-  dl2c_track track;
+  dl2c_track tracks[2];
+  dl2c_track *before = NULL;
   int8_t sign[NMARGIN];
-  real s = 1.0;
+  real place = 1.0;
   memcpy(y, x, sizeof(real) * NX);
   *duration = 0.0;
   if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
   const real stop = horizon < cap ? horizon : cap;
-  dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .track = &track};
+  dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .track = &tracks[0]};
   if (!(stop > 0.0)) {
-    dl2c_rest(x, &track);
-    (void)dl2c_look_along(&stretch, false, watch, &s, sign);
+    dl2c_rest(x, &tracks[0]);
+    (void)dl2c_look_along(&stretch, false, watch, &place, sign);
     return DL2C_SETTLED;
   }
   if (!dl2c_motor_start(motor, x, stop)) return DL2C_UNSOLVED;
   dl2c_halt halt = DL2C_NO_HALT;
-  while (halt == DL2C_NO_HALT && !dl2c_motor_done(motor)) {
-    if (!dl2c_motor_step(motor, &track)) return DL2C_UNSOLVED;
-    stretch.from = track.from;
-    stretch.length = track.length;
-    halt = dl2c_look_along(&stretch, true, watch, &s, sign);
+  for (int k = 0; halt == DL2C_NO_HALT && !dl2c_motor_done(motor); k ^= 1) {
+    if (stretch.begun) before = &tracks[k ^ 1];
+    if (!dl2c_motor_step(motor, &tracks[k]))
+      return FLOW_KERNEL[flow] < DL2C_LINEAR ? DL2C_UNDEFINED : DL2C_UNSOLVED;
+    stretch.track = &tracks[k];
+    halt = dl2c_look_along(&stretch, true, watch, &place, sign);
   }
-  if (halt == DL2C_NO_HALT) {
-    s = 1.0;
-    stretch.low = 0.0;
-    stretch.width = 1.0;
-  }
-  const real time = halt == DL2C_NO_HALT ? stop : dl2c_stretch_time(&stretch, s);
-  return dl2c_arrive(&stretch, s, halt != DL2C_CUT, time, sign, y, duration);
+  if (halt == DL2C_GIVES_UP) return DL2C_UNSOLVED;
+  if (halt == DL2C_NO_HALT) place = 1.0;
+  const real time = halt == DL2C_NO_HALT ? stop : dl2c_time_at(stretch.track, place);
+  return dl2c_arrive(&stretch, before, place, halt != DL2C_CUT, time, sign, y, duration);
 }
 
 /* Moves y along a flow that is followed track by track. */

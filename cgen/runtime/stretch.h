@@ -1,124 +1,66 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * stretch.h -- what is watched along motion whose margins are no polynomials of time.
+ * stretch.h -- what is watched along a track: every change of truth is bracketed.
  *
- * Margins are sampled at the nodes of pieces.h, stretch by stretch, and taken for the polynomials
- * through the samples. A stretch on which such a curve misses the margin elsewhere is halved.
+ * A track is looked at in stretches. On a stretch each margin, as it is written, has a Taylor model
+ * (taylor.h). Where the model keeps away from zero the margin's sign is certain. Where the model is
+ * monotone the margin changes its sign at most once, up to the model's error; a change is found by
+ * the margin's sign in doubles. Anything else halves the stretch, until the error is that of
+ * rounding: then the margin counts as zero there. So a condition is judged wrongly at most where
+ * the term that it is written with is within rounding of its boundary.
+ *
+ * The same operations in the same order as dl2c/ir/search.py.
  */
 #ifndef DL2C_STRETCH_H
 #define DL2C_STRETCH_H
 
-#include "events.h"
 #include "pieces.h"
 
-/* Part of a motion from x: of a solver's track, or, without one, of a solution in closed form. */
+/* A part of a track of a motion from x, and what is known where it begins. */
 typedef struct dl2c_stretch {
   int flow;
   const real *x, *p;
   const dl2c_track *track;
-  real from, length; /* of the whole motion or track, since the flow began */
-  real low, width;   /* the part of it, within [0, 1] */
-  int32_t halvings;  /* of stretches of the flow so far */
+  real low, width; /* the part, within [0, 1] */
+  int32_t looks;   /* how many parts of the flow were looked at */
+  bool begun;      /* some part lies behind, */
+  bool known;      /* and so do these signs: */
+  int8_t here[NMARGIN];  /* at its start, */
+  int8_t since[NMARGIN]; /* and just after */
 } dl2c_stretch;
 
-/* Stretches are not halved below this part of a track, nor more often in a flow. */
-#define DL2C_NARROWEST 0x1p-40
-enum { DL2C_HALVINGS = 1024 };
-/* How far a curve may miss a margin between nodes, relative to its largest coefficient. */
-#define DL2C_MISSES 0x1p-40
-/* By how much rounding of the values at the nodes may be larger between them. */
-#define DL2C_FIT_SPREAD 16.0
-/* How far a margin may be off by rounding, relative to the numbers that it is made of. */
-#define DL2C_ROUNDING 0x1p-50
-/* A polynomial of degree 12 stays this many times their spread around its values at the nodes. */
-#define DL2C_OVERSHOOT 1.3
+/* A flow that needs more looks counts as failed. */
+enum { DL2C_LOOKS = 1 << 18 };
+/* Stretches are not halved below this part of a track. */
+#define DL2C_NARROWEST 0x1p-50
+/* An error is that of rounding where it is at most so many times as large. */
+#define DL2C_FINE 8.0
+/* A change of sign is bracketed well enough within this part of a track. */
+#define DL2C_CLOSE 0x1p-44
 
-static real dl2c_stretch_time(const dl2c_stretch *stretch, real s)
+/* The time since the flow began at a place of the track. */
+static real dl2c_time_at(const dl2c_track *track, real place)
 {
-  return stretch->from + stretch->length * (stretch->low + stretch->width * s);
+  return track->from + track->length * place;
 }
 
-/* The state at s in [0,1] of the stretch.   y: (NX) */
-static void dl2c_stretch_at(const dl2c_stretch *stretch, real s, real *y)
-{
-  if (stretch->track != NULL) {
-    dl2c_track_at(stretch->track, stretch->low + stretch->width * s, y);
-  } else {
-    memcpy(y, stretch->x, sizeof(real) * NX);
-    model_at(stretch->flow, stretch->x, stretch->p, dl2c_stretch_time(stretch, s), y);
-  }
-}
-
-/* Margins in a state; 0 where one has no finite value.   g: (NMARGIN) */
-static void dl2c_margins(const dl2c_stretch *stretch, const real *y, real *g)
-{
-  model_margins(stretch->flow, y, stretch->p, g);
-  for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++) g[j] = isfinite(g[j]) ? g[j] : 0.0;
-}
-
-/* The states at all nodes.   rows: (NX, DL2C_NODES) */
-static void dl2c_stretch_samples(const dl2c_stretch *stretch, real *rows)
-{
-  if (stretch->track != NULL && stretch->width >= 1.0) {
-    dl2c_track_samples(stretch->track, rows);
-    return;
-  }
-  for (int k = 0; k < DL2C_NODES; k++) {
-    real y[NX];
-    dl2c_stretch_at(stretch, DL2C_NODE[k], y);
-    for (int j = 0; j < NX; j++) rows[j * DL2C_NODES + k] = y[j];
-  }
-}
-
-/* Whether the polynomial through the values plainly has no zero.   values: (DL2C_NODES) */
-static bool dl2c_plain(const real *values)
-{
-  real least = values[0];
-  real largest = values[0];
-  for (int k = 1; k < DL2C_NODES; k++) {
-    least = dl2c_min(least, values[k]);
-    largest = dl2c_max(largest, values[k]);
-  }
-  return fabs(0.5 * (least + largest)) > DL2C_OVERSHOOT * (largest - least);
-}
-
-/* Margins at all nodes of a stretch.   values: (NMARGIN, DL2C_NODES) */
-static void dl2c_sample_margins(const dl2c_stretch *stretch, real (*values)[DL2C_NODES])
-{
-  const int n = FLOW_MARGINS[stretch->flow];
-  real rows[NX * DL2C_NODES];
-  dl2c_stretch_samples(stretch, rows);
-  for (int k = 0; k < DL2C_NODES; k++) {
-    real y[NX];
-    real g[NMARGIN] = {0.0};
-    for (int j = 0; j < NX; j++) y[j] = rows[j * DL2C_NODES + k];
-    dl2c_margins(stretch, y, g);
-    for (int j = 0; j < n; j++) values[j][k] = g[j];
-  }
-}
-
-/* How far margins may be off at both ends of a stretch, by rounding.   noise: (NMARGIN) */
-static void dl2c_margin_noise(const dl2c_stretch *stretch, real *noise)
+/* The sign of a margin at a place of the track, as doubles compute it; 2 where it has no value. */
+static int dl2c_sign_at(const dl2c_stretch *stretch, int margin, real place)
 {
   real y[NX];
-  real last[NMARGIN] = {0.0};
-  dl2c_stretch_at(stretch, 1.0, y);
-  model_sizes(stretch->flow, y, stretch->p, last);
-  dl2c_stretch_at(stretch, 0.0, y);
-  model_sizes(stretch->flow, y, stretch->p, noise);
-  for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++) {
-    noise[j] = DL2C_ROUNDING * dl2c_max(noise[j], last[j]);
-    if (!isfinite(noise[j])) noise[j] = 0.0;
-  }
+  dl2c_track_at(stretch->track, place, y);
+  const real value = model_margin(stretch->flow, margin, y, stretch->p);
+  return isfinite(value) ? dl2c_sign_of(value) : 2;
 }
 
 /*
  * Where margins that are zero in y go, by their Lie derivatives; those within their rounding
- * errors count as zero.   noise: (NMARGIN) of the margins   after: (NMARGIN) changed where it can be told
+ * errors count as zero.   g: (NMARGIN) models of the margins   after: (NMARGIN) changed where it can be told
  */
-static void dl2c_lie_signs(int flow, const real *y, const real *p, const real *noise,
+static void dl2c_lie_signs(int flow, const real *y, const real *p, const dl2c_taylor *g,
                            const int8_t *at, int8_t *after)
 {
+#if DL2C_TRACKED_FLOWS
   real lie[3 * NMARGIN];
   real rates[NX];
   real size = 0.0;
@@ -131,7 +73,7 @@ static void dl2c_lie_signs(int flow, const real *y, const real *p, const real *n
   }
   const real pace = size > 0.0 ? speed / size : speed;
   for (int j = 0; j < FLOW_MARGINS[flow]; j++) {
-    real least = noise[j];
+    real least = isfinite(g[j].e) ? g[j].e : 0.0;
     for (int k = 0; at[j] == 0 && k < 3; k++) {
       const real slope = lie[k * NMARGIN + j];
       least *= pace;
@@ -140,149 +82,247 @@ static void dl2c_lie_signs(int flow, const real *y, const real *p, const real *n
       break;
     }
   }
+#else
+  (void)flow, (void)y, (void)p, (void)g, (void)at, (void)after;
+#endif
+}
+
+/* The same for solutions: by their Taylor coefficients at the start. */
+static void dl2c_solution_signs(const dl2c_stretch *stretch, int8_t *after)
+{
+  dl2c_taylor x[NX];
+  dl2c_taylor g[NMARGIN];
+  dl2c_track_models(stretch->track, 0.0, 1.0, x);
+  model_taylor(stretch->flow, x, stretch->x, stretch->p, g);
+  for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++)
+    for (int k = 1; after[j] == 0 && k <= DL2C_ORDER; k++)
+      if (fabs(g[j].c[k]) > g[j].e) after[j] = dl2c_sign_of(g[j].c[k]);
 }
 
 /*
- * Signs at and after the start of a stretch. A flow begins with the very values; where a margin
- * is zero there, its Lie derivatives tell where it goes. Later stretches begin where rounding has
- * an effect, and go by the curves.   noise: (NMARGIN)
+ * Signs where a stretch begins, if what came before does not tell. A flow begins with the very
+ * values: a margin that is zero there goes where its derivatives say.   g: (NMARGIN) on the stretch
  */
-static void dl2c_begin_signs(const dl2c_stretch *stretch, const dl2c_curve *curves,
-                             const real *noise, dl2c_events *events)
+static void dl2c_begin_signs(dl2c_stretch *stretch, const dl2c_taylor *g)
 {
-  const bool at_start = !(stretch->from + stretch->low > 0.0);
+  if (stretch->known) return;
   bool on_edge = false;
   for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++) {
-    const real value = curves[j].b[0];
-    const bool sure = fabs(value) > curves[j].noise || (at_start && value != 0.0);
-    events->at_start[j] = sure ? dl2c_sign_of(value) : 0;
-    events->after_start[j] = sure ? events->at_start[j] : dl2c_sign_after(&curves[j]);
-    on_edge |= !sure;
+    const int sign = dl2c_sign_at(stretch, j, stretch->low);
+    stretch->here[j] = stretch->since[j] = (int8_t)(sign == 2 ? 0 : sign);
+    on_edge |= sign == 0;
   }
-  if (!on_edge || !at_start) return;
-  real y[NX];
-  dl2c_stretch_at(stretch, 0.0, y);
-  dl2c_lie_signs(stretch->flow, y, stretch->p, noise, events->at_start, events->after_start);
+  stretch->known = true;
+  if (!on_edge || stretch->begun) return;
+  if (FLOW_KERNEL[stretch->flow] < DL2C_LINEAR) dl2c_solution_signs(stretch, stretch->since);
+  else dl2c_lie_signs(stretch->flow, stretch->x, stretch->p, g, stretch->here, stretch->since);
 }
 
-/*
- * Whether curves do not miss their margins at two places between the nodes.
- *   noise: (NMARGIN) of the values that they were fitted to
- */
-static bool dl2c_curves_fit(const dl2c_stretch *stretch, const dl2c_curve *curves,
-                            const real *noise)
+/* A place where the model, which is monotone, is zero. */
+static real dl2c_model_zero(const dl2c_stretch *stretch, const dl2c_taylor *g, int before)
 {
-  bool close = true;
-  for (int side = 0; side < 2; side++) {
-    const real s = side == 0 ? 0.31 : 0.79;
-    real y[NX];
-    real g[NMARGIN] = {0.0};
-    dl2c_stretch_at(stretch, s, y);
-    dl2c_margins(stretch, y, g);
-    for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++) {
-      if (curves[j].degree == 0) continue;
-      real largest = 0.0;
-      for (int k = 0; k < DL2C_NODES; k++) largest = dl2c_max(largest, fabs(curves[j].b[k]));
-      const real miss = fabs(dl2c_curve_at(&curves[j], s) - g[j]);
-      close &= miss <= DL2C_MISSES * largest + DL2C_FIT_SPREAD * noise[j];
-    }
+  real near = -1.0;
+  real far = 1.0;
+  for (int k = 0; k < 60; k++) {
+    const real middle = near + 0.5 * (far - near);
+    const bool same = (dl2c_taylor_at(g, middle) > 0.0) == (before > 0);
+    near = same ? middle : near;
+    far = same ? far : middle;
   }
-  return close;
+  return stretch->low + stretch->width * (0.5 + 0.5 * near);
 }
 
 /*
- * The events of a stretch. False where a curve misses its margin between the nodes, so that the
- * stretch should be halved.
+ * The last double before a margin, whose model is monotone, has left the side on which it was:
+ * in steps of 1, 2, 4, ... doubles from where the model is zero. Places are within (0,1].
  */
-static bool dl2c_stretch_events(const dl2c_stretch *stretch, dl2c_events *events)
+static real dl2c_change(const dl2c_stretch *stretch, int margin, const dl2c_taylor *g, int before)
+{
+  const int64_t low = dl2c_ordinal(stretch->low);
+  const int64_t high = dl2c_ordinal(stretch->low + stretch->width);
+  int64_t near = low;
+  int64_t far = high;
+  const int64_t start = dl2c_ordinal(dl2c_model_zero(stretch, g, before));
+  int direction = 0;
+  int64_t step = 0;
+  while (far - near > 1) {
+    int64_t number = near + (far - near) / 2;
+    if (direction == 0) number = start;
+    else if (direction > 0 && far == high && near + step < far) number = near + step;
+    else if (direction < 0 && near == low && far - step > near) number = far - step;
+    number = number <= near ? near + 1 : number >= far ? far - 1 : number;
+    const int sign = dl2c_sign_at(stretch, margin, dl2c_from_ordinal(number));
+    const bool still = sign == before || sign == 0;
+    near = still ? number : near;
+    far = still ? far : number;
+    if (direction == 0) direction = still ? 1 : -1;
+    step = step == 0 ? 1 : 2 * step;
+  }
+  return dl2c_from_ordinal(near > low ? near : far);
+}
+
+/* Where a model that is nearly zero has its extremum; the middle if it has none. */
+static real dl2c_touch(const dl2c_stretch *stretch, const dl2c_taylor *g)
+{
+  const real *c = g->c;
+  real near = -1.0;
+  real far = 1.0;
+  const bool rises = c[1] - 2.0 * c[2] + 3.0 * c[3] - 4.0 * c[4] > 0.0;
+  for (int k = 0; k < 40; k++) {
+    const real u = near + 0.5 * (far - near);
+    const bool same = (((4.0 * c[4] * u + 3.0 * c[3]) * u + 2.0 * c[2]) * u + c[1] > 0.0) == rises;
+    near = same ? u : near;
+    far = same ? far : u;
+  }
+  return stretch->low + stretch->width * (0.5 + 0.5 * (near < 0.999 ? near : 0.0));
+}
+
+/* Notes the sign of a margin over a stretch, as far as it does not change. */
+static void dl2c_keeps(const dl2c_stretch *stretch, int j, int sign, dl2c_events *events)
+{
+  events->at_start[j] = sign == stretch->since[j] ? stretch->here[j] : 0;
+  events->after_start[j] = (int8_t)sign;
+}
+
+/* A crossing at a place of the track. */
+static void dl2c_cross_at(const dl2c_stretch *stretch, int j, real place, int after,
+                          dl2c_events *events)
+{
+  dl2c_cross(events, (place - stretch->low) / stretch->width, j, after);
+}
+
+/*
+ * What a margin does on a stretch. Returns whether that is known; else the stretch should be halved.
+ *   last: its sign at the end
+ */
+static bool dl2c_margin_events(const dl2c_stretch *stretch, int j, const dl2c_taylor *g,
+                               dl2c_events *events, int8_t *last)
+{
+  const int came = stretch->since[j];
+  const int always = dl2c_taylor_sign(g);
+  if (always != 0) {
+    dl2c_keeps(stretch, j, always, events);
+    *last = (int8_t)always;
+    return true;
+  }
+  const bool narrow = stretch->width <= DL2C_NARROWEST;
+  const bool fine = (isfinite(g->r) && g->r <= DL2C_FINE * g->e) || narrow;
+  const real *c = g->c;
+  const real slope = fabs(c[1]) - 2.0 * fabs(c[2]) - 3.0 * fabs(c[3]) - 4.0 * fabs(c[4]);
+  const real first_value = dl2c_taylor_at(g, -1.0);
+  const real last_value = dl2c_taylor_at(g, 1.0);
+  const bool sure_first = fabs(first_value) > g->r;
+  const bool sure_last = fabs(last_value) > g->r;
+  if (slope > 0.0 && (fine || (sure_first && sure_last))) {
+    const int first = sure_first ? dl2c_sign_of(first_value) : came;
+    const int end = sure_last ? dl2c_sign_of(last_value) : 0;
+    if (first * end < 0 && !fine && !(g->r * stretch->width <= slope * DL2C_CLOSE)) return false;
+    dl2c_keeps(stretch, j, first != 0 ? first : end, events);
+    if (first * end < 0) dl2c_cross_at(stretch, j, dl2c_change(stretch, j, g, first), end, events);
+    events->at_end[j] = !sure_last;
+    *last = (int8_t)(sure_last ? end : first);
+    return true;
+  }
+  if (!narrow && !(fine && dl2c_taylor_size(g) <= 2.0 * g->r)) return false;
+  const real from = c[1] - 2.0 * c[2] + 3.0 * c[3] - 4.0 * c[4];
+  const real to = c[1] + 2.0 * c[2] + 3.0 * c[3] + 4.0 * c[4];
+  dl2c_keeps(stretch, j, came, events);
+  if (came != 0 && (narrow || from * to < 0.0))
+    dl2c_cross_at(stretch, j, dl2c_touch(stretch, g), came, events);
+  events->at_end[j] = true;
+  *last = (int8_t)came;
+  return true;
+}
+
+/* What happens on a stretch. False where a margin's model leaves it open, so that it should be halved. */
+static bool dl2c_stretch_events(dl2c_stretch *stretch, const dl2c_taylor *x, dl2c_events *events)
 {
   const int n = FLOW_MARGINS[stretch->flow];
-  real values[NMARGIN][DL2C_NODES];
-  real noise[NMARGIN];
-  dl2c_curve curves[NMARGIN];
-  bool all_plain = true;
-  dl2c_sample_margins(stretch, values);
-  for (int j = 0; j < n; j++) {
-    curves[j] = (dl2c_curve){.degree = 0, .b = {values[j][0]}};
-    events->at_start[j] = events->after_start[j] = dl2c_sign_of(values[j][0]);
-    if (dl2c_plain(values[j])) continue;
-    if (all_plain) dl2c_margin_noise(stretch, noise);
-    all_plain = false;
-    dl2c_fit(values[j], noise[j], &curves[j]);
-  }
+  dl2c_taylor g[NMARGIN];
+  int8_t last[NMARGIN];
+  model_taylor(stretch->flow, x, stretch->x, stretch->p, g);
+  dl2c_begin_signs(stretch, g);
   events->count = 0;
   memset(events->at_end, 0, sizeof events->at_end);
-  if (all_plain) return true;
-  dl2c_begin_signs(stretch, curves, noise, events);
-  for (int j = 0; j < n; j++) {
-    const dl2c_curve *const curve = &curves[j];
-    events->at_end[j] = fabs(curve->b[curve->degree]) <= curve->noise;
-  }
-  events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
-  return dl2c_curves_fit(stretch, curves, noise);
-}
-
-/* Whether a whole track plainly has no events that matter. */
-static bool dl2c_calm(const dl2c_stretch *stretch, const uint8_t *watch)
-{
-#if DL2C_TRACKED_FLOWS
-  dl2c_hull x[NX];
-  if (stretch->track == NULL) return false;
-  dl2c_track_hull(stretch->track, x);
-  return model_calm(stretch->flow, x, stretch->p, watch);
-#else
-  (void)stretch, (void)watch;
-  return false;
-#endif
+  for (int j = 0; j < n; j++)
+    if (!dl2c_margin_events(stretch, j, &g[j], events, &last[j])) return false;
+  memcpy(stretch->here, last, (size_t)n);
+  memcpy(stretch->since, last, (size_t)n);
+  return true;
 }
 
 /* Where and why a motion ends within a track. */
 typedef enum dl2c_halt {
   DL2C_NO_HALT = 0,
-  DL2C_LEAVES = 1, /* its domain ends it */
-  DL2C_CUT = 2,    /* a violation does */
+  DL2C_LEAVES = 1,   /* its domain ends it */
+  DL2C_CUT = 2,      /* a violation does */
+  DL2C_GIVES_UP = 3, /* it takes too many looks */
 } dl2c_halt;
 
+/* Goes on to the next stretch of the track, as long as the halvings so far allow. */
+static void dl2c_next_stretch(dl2c_stretch *stretch)
+{
+  stretch->begun = true;
+  stretch->low += stretch->width;
+  if (fmod(stretch->low, 2.0 * stretch->width) == 0.0) stretch->width *= 2.0;
+}
+
+/* Whether nothing happens on a stretch: its conditions hold in every state within the hull. */
+static bool dl2c_calm(dl2c_stretch *stretch, const dl2c_hull *x, bool bounded, const uint8_t *watch)
+{
+  if (!model_calm(stretch->flow, x, stretch->x, stretch->p, bounded, watch)) return false;
+  stretch->known = false;
+  return true;
+}
+
 /*
- * Looks along a track, or a whole solution, for the end of the flow, stretch by stretch. On a
- * halt *stretch is where that is, *s the place in it; sign: (NMARGIN) the signs there, else at the
- * end. `bounded`: the domain has not been considered before.
+ * Looks along a track for the end of the flow, stretch by stretch. On a halt *place is where on the
+ * track; sign: (NMARGIN) the signs there, else at the end. `bounded`: the domain is looked at too.
  */
-static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *watch, real *s,
+static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *watch, real *place,
                                  int8_t *sign)
 {
   dl2c_events events;
   dl2c_breach failure = {0};
+  dl2c_taylor x[NX];
+  dl2c_hull hull[NX];
+  bool calm = false;
   stretch->low = 0.0;
   stretch->width = 1.0;
-  if (dl2c_calm(stretch, watch)) {
-    memset(sign, 1, NMARGIN);
+  memset(sign, 1, NMARGIN);
+  if (FLOW_MARGINS[stretch->flow] == 0) return DL2C_NO_HALT;
+  dl2c_track_hull(stretch->track, hull);
+  if (dl2c_calm(stretch, hull, bounded, watch)) {
+    stretch->begun = true;
     return DL2C_NO_HALT;
   }
   while (stretch->low < 1.0) {
-    if (!dl2c_stretch_events(stretch, &events) && stretch->width > DL2C_NARROWEST
-        && stretch->halvings < DL2C_HALVINGS) {
-      stretch->halvings++;
+    if (stretch->looks++ == DL2C_LOOKS) return DL2C_GIVES_UP;
+    const real half = 0.5 * stretch->width;
+    dl2c_track_models(stretch->track, stretch->low + half, half, x);
+    for (int k = 0; k < NX; k++) hull[k] = x[k].hull;
+    calm = stretch->width < 1.0 && dl2c_calm(stretch, hull, bounded, watch);
+    if (!calm && !dl2c_stretch_events(stretch, x, &events)) {
       stretch->width *= 0.5;
       continue;
     }
-    dl2c_fails(stretch->flow, 0, &events, &failure);
-    const bool leaves = bounded && failure.exit.found;
-    const real limit = leaves ? failure.exit.at : 1.0;
-    const real stop = dl2c_watch(stretch->flow, &events, limit, watch);
-    if (NWATCH > 0 && stop <= 1.0) {
-      *s = stop;
-      return DL2C_CUT;
+    if (!calm) {
+      dl2c_fails(stretch->flow, 0, &events, &failure);
+      const bool leaves = bounded && failure.exit.found;
+      const real limit = leaves ? failure.exit.at : 1.0;
+      const real stop = dl2c_watch(stretch->flow, &events, limit, watch);
+      *place = stretch->low + stretch->width * (stop <= 1.0 ? stop : limit);
+      if (NWATCH > 0 && stop <= 1.0) return DL2C_CUT;
+      memcpy(sign, failure.at, sizeof failure.at);
+      if (leaves) {
+        if (!failure.exit.holds && *place > 0.0) *place = dl2c_before(*place);
+        return DL2C_LEAVES;
+      }
     }
-    memcpy(sign, failure.at, sizeof failure.at);
-    if (leaves) {
-      *s = failure.exit.holds || !(limit > 0.0) ? limit : dl2c_before(limit);
-      return DL2C_LEAVES;
-    }
-    stretch->low += stretch->width;
-    if (fmod(stretch->low, 2.0 * stretch->width) == 0.0) stretch->width *= 2.0;
+    dl2c_next_stretch(stretch);
   }
-  for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++)
+  if (calm) memset(sign, 1, NMARGIN);
+  for (int j = 0; !calm && j < FLOW_MARGINS[stretch->flow]; j++)
     if (events.at_end[j]) sign[j] = 0;
   return DL2C_NO_HALT;
 }

@@ -2,16 +2,15 @@
 /*
  * travel.h -- following a flow: how long its domain lets it last, what is watched on the way.
  *
- * A flow is looked at in stretches of time. On a stretch every margin is a curve; where the
- * curves cross zero is all that its conditions depend on. Simple flows have straight-line motion
- * (model_motion) and are one stretch, as are flows whose margins are polynomials of time; the
- * margins of other flows are sampled, stretch by stretch. The same operations in the same
- * order as dl2c/ir/follow.py wherever margins are polynomials.
+ * Simple flows have straight-line motion (model_motion), whose end is a root of degree two at most.
+ * Where that root is in doubt, and for all other flows, motion is followed track by track and
+ * searched (numeric.h, stretch.h). The same operations in the same order as dl2c/ir/follow.py for
+ * flows with a solution in closed form.
  */
 #ifndef DL2C_TRAVEL_H
 #define DL2C_TRAVEL_H
 
-#include "events.h"
+#include "model.h"
 
 /* What is asked of a flow, and what became of it. */
 typedef struct dl2c_travel {
@@ -22,47 +21,24 @@ typedef struct dl2c_travel {
   uint8_t *watch;             /* (NWATCH) dl2c_watched of this step so far; updated */
 } dl2c_travel;
 
-#if DL2C_TRACKED_FLOWS
+#if DL2C_SEARCHED_FLOWS
 #include "numeric.h"
-#elif DL2C_SAMPLED_FLOWS
-#include "stretch.h"
 #endif
 
-/* The curves of a flow from x over the time `length`, where they are polynomials. */
-static void dl2c_see_curves(int flow, const real *x, const real *p, real length, dl2c_events *events)
-{
-  real c[NMARGIN][NDEGREE + 1] = {{0.0}};
-  int32_t degree[NMARGIN] = {0};
-  dl2c_curve curves[NMARGIN];
-  const int n = FLOW_MARGINS[flow];
-  model_polynomials(flow, x, p, c, degree);
-  for (int j = 0; j < n; j++) {
-    bool defined = true;
-    for (int k = 0; k <= degree[j]; k++) defined &= (bool)isfinite(c[j][k]);
-    if (!defined) degree[j] = 0;
-    if (!defined) c[j][0] = 0.0;
-    events->at_start[j] = events->after_start[j] = dl2c_sign_of(c[j][0]);
-    if (!(length > 0.0)) continue;
-    dl2c_curve_of(c[j], degree[j], length, &curves[j]);
-    events->after_start[j] = dl2c_sign_after(&curves[j]);
-  }
-  events->count = 0;
-  if (length > 0.0)
-    events->count = dl2c_crossings(curves, n, events->after_start, events->crossings, DL2C_ROOM);
-}
+/* A retreat of straight-line motion steps back so often, from 2^-52 to 2^-40 of the time. */
+enum { DL2C_RETREATS = 7 };
 
 /* Rounding put the end of a motion from x outside the domain: steps back until it is inside. */
-static void dl2c_retreat(int flow, const real *x, const real *p, real end, real *y, real *duration)
+static bool dl2c_retreat(int flow, const real *x, const real *p, real end, real *y, real *duration)
 {
   real part = DL2C_RETREAT_FIRST;
   for (int k = 0; k < DL2C_RETREATS; k++, part *= 4.0) {
     *duration = end - end * part;
     memcpy(y, x, sizeof(real) * NX);
     model_at(flow, x, p, *duration, y);
-    if (model_inside(flow, y, p)) return;
+    if (model_inside(flow, y, p)) return true;
   }
-  memcpy(y, x, sizeof(real) * NX);
-  *duration = 0.0;
+  return false;
 }
 
 /* Moves x along a flow for a time that its domain allows but for rounding. */
@@ -75,72 +51,45 @@ static dl2c_motion dl2c_stop(int flow, const real *x, const real *p, real end, r
   model_at(flow, x, p, end, y);
   if (!dl2c_all_finite(y, NX)) return DL2C_UNDEFINED;
   *duration = end;
-  if (!model_inside(flow, y, p)) dl2c_retreat(flow, x, p, end, y, duration);
-  return DL2C_SETTLED;
+  if (model_inside(flow, y, p) || dl2c_retreat(flow, x, p, end, y, duration)) return DL2C_SETTLED;
+  return DL2C_DOUBTFUL;
 }
 
-/* Moves x along a flow with polynomial margins as long as its domain allows. */
-static dl2c_motion dl2c_roam(int flow, const real *x, const real *p, real *y, real *duration)
-{
-  memcpy(y, x, sizeof(real) * NX);
-  *duration = 0.0;
-  real horizon;
-  if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
-  if (!(horizon > 0.0)) return DL2C_SETTLED;
-  dl2c_events events;
-  dl2c_breach failure = {0};
-  dl2c_see_curves(flow, x, p, horizon, &events);
-  dl2c_fails(flow, 0, &events, &failure);
-  real end = horizon;
-  if (failure.exit.found) {
-    end = failure.exit.at * horizon;
-    if (!(end > 0.0)) return DL2C_SETTLED;
-    if (!failure.exit.holds) end = dl2c_before(end);
-  }
-  model_at(flow, x, p, end, y);
-  model_settle(flow, x, p, end, failure.at, y);
-  if (!dl2c_all_finite(y, NX)) return DL2C_UNDEFINED;
-  *duration = end;
-  if (!model_inside(flow, y, p)) dl2c_retreat(flow, x, p, end, y, duration);
-  return DL2C_SETTLED;
-}
-
-/* As long as the domain allows, for flows with a solution. */
+/* Straight-line motion as long as the domain allows; DOUBTFUL where that takes a closer look. */
 static inline dl2c_motion dl2c_longest(int flow, const real *x, const real *p, real *y,
                                        real *duration)
 {
-  if (FLOW_KERNEL[flow] == DL2C_POLYNOMIAL) return dl2c_roam(flow, x, p, y, duration);
   const int64_t motion = model_motion(flow, x, p, y, duration);
-  if (motion == DL2C_OUTSIDE) dl2c_retreat(flow, x, p, *duration, y, duration);
-  return motion == DL2C_UNDEFINED ? DL2C_UNDEFINED : DL2C_SETTLED;
+  if (motion != DL2C_OUTSIDE) return (dl2c_motion)motion;
+  return dl2c_retreat(flow, x, p, *duration, y, duration) ? DL2C_SETTLED : DL2C_DOUBTFUL;
 }
 
-/* What the watches say of a motion from x. Returns the part of it after which it is cut, or 2. */
+/*
+ * What the watches say of straight-line motion from x. Returns the time after which it is cut, or
+ * infinity; negative where it takes too many looks.
+ */
 static real dl2c_watch_motion(int flow, const real *x, const real *p, real length, uint8_t *watch)
 {
-#if DL2C_SAMPLED_FLOWS
-  if (FLOW_KERNEL[flow] == DL2C_QUICK_SAMPLED) {
-    dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .length = length};
-    int8_t sign[NMARGIN];
-    real s;
-    if (dl2c_look_along(&stretch, false, watch, &s, sign) != DL2C_CUT) return 2.0;
-    return stretch.low + stretch.width * s;
-  }
+#if DL2C_SEARCHED_FLOWS
+  dl2c_track track;
+  int8_t sign[NMARGIN];
+  real place;
+  dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .track = &track};
+  if (!(length > 0.0)) dl2c_rest(x, &track);
+  else if (!dl2c_solution_track(flow, x, p, length, &track)) return -1.0;
+  const dl2c_halt halt = dl2c_look_along(&stretch, false, watch, &place, sign);
+  if (halt == DL2C_GIVES_UP) return -1.0;
+  if (halt == DL2C_CUT) return dl2c_time_at(&track, place);
+#else
+  (void)flow, (void)x, (void)p, (void)length, (void)watch;
 #endif
-  dl2c_events events;
-  dl2c_see_curves(flow, x, p, length, &events);
-  return dl2c_watch(flow, &events, 1.0, watch);
+  return (real)INFINITY;
 }
 
-/* Moves y along a flow. What is left of y is meaningless unless it settled. */
-static inline dl2c_motion dl2c_flow(int flow, dl2c_travel *travel, real *y)
+/* Moves y along a flow by straight-line motion. */
+static inline dl2c_motion dl2c_flow_straight(int flow, dl2c_travel *travel, const real *x, real *y)
 {
-#if DL2C_TRACKED_FLOWS
-  if (FLOW_KERNEL[flow] >= DL2C_LINEAR) return dl2c_flow_tracks(flow, travel, y);
-#endif
   const real *p = travel->p;
-  real x[NX];
-  memcpy(x, y, sizeof x);
   dl2c_motion motion = dl2c_longest(flow, x, p, y, &travel->duration);
   if (motion == DL2C_SETTLED && travel->part < 1.0)
     motion = dl2c_stop(flow, x, p, travel->duration * travel->part, y, &travel->duration);
@@ -148,8 +97,24 @@ static inline dl2c_motion dl2c_flow(int flow, dl2c_travel *travel, real *y)
     return motion;
   const real length = travel->duration;
   const real stop = dl2c_watch_motion(flow, x, p, length, travel->watch);
-  if (stop < 1.0) motion = dl2c_stop(flow, x, p, stop * length, y, &travel->duration);
-  return motion;
+  if (stop < 0.0) return DL2C_UNSOLVED;
+  return stop < length ? dl2c_stop(flow, x, p, stop, y, &travel->duration) : motion;
+}
+
+/* Moves y along a flow. What is left of y is meaningless unless it settled. */
+static inline dl2c_motion dl2c_flow(int flow, dl2c_travel *travel, real *y)
+{
+  real x[NX];
+  memcpy(x, y, sizeof x);
+  dl2c_motion motion = DL2C_DOUBTFUL;
+  if (FLOW_KERNEL[flow] == DL2C_QUICK) motion = dl2c_flow_straight(flow, travel, x, y);
+#if DL2C_SEARCHED_FLOWS
+  if (motion == DL2C_DOUBTFUL) {
+    memcpy(y, x, sizeof x);
+    motion = dl2c_flow_tracks(flow, travel, y);
+  }
+#endif
+  return motion == DL2C_DOUBTFUL ? DL2C_UNDEFINED : motion;
 }
 
 #endif

@@ -32,7 +32,8 @@ def flow_functions(environment: Environment, leaves: Leaves) -> list[str]:
         if plan.quick is not None:
             texts.append(_motion(k, plan.quick, leaves))
     texts += [_model_motion(environment), _model_at(environment), _model_inside(environment)]
-    return [*(t for t in texts if t), _model_begin(environment, leaves), _model_settle(environment, leaves)]
+    texts += [_model_begin(environment, leaves), _model_settle(environment, leaves)]
+    return [t for t in texts if t]
 
 
 def _model_motion(environment: Environment) -> str:
@@ -66,14 +67,11 @@ def _model_inside(environment: Environment) -> str:
 
 
 def _model_begin(environment: Environment, leaves: Leaves) -> str:
-    """For flows without straight-line motion."""
     body: list[str] = []
     for k, plan in enumerate(environment.flows):
-        if plan.quick is not None:
-            continue
         terms = [] if plan.solution is None else [c for cs in plan.solution.variables.values() for c in cs]
         terms += [h.bound for h in plan.flow.horizons]
-        defined = leaves.defined(f"flow{k}_defined", terms, "all coefficients have a value")
+        defined = leaves.defined(f"flow{k}_begins", terms, "all coefficients have a value")
         limits, lines = _limits(k, plan.flow, leaves)
         lines.append(f"real end = {limits[0]};")
         lines += [f"end = dl2c_select({name} < end, {name}, end);" for name in limits[1:]]
@@ -91,12 +89,10 @@ def _model_begin(environment: Environment, leaves: Leaves) -> str:
 def _model_settle(environment: Environment, leaves: Leaves) -> str:
     body: list[str] = []
     for k, plan in enumerate(environment.flows):
-        if plan.quick is not None:
-            continue
         lines = _limits(k, plan.flow, leaves)[1]
         lines += _clocks(plan.flow, "end")
         for margin, snap in plan.snaps:
-            target = leaves.term(f"flow{k}_snap{margin}", snap.target, f"{snap.variable} at its bound")
+            target = leaves.term(f"flow{k}_bound{margin}", snap.target, f"{snap.variable} at its bound")
             snapped = f"y[{index(Symbol(snap.variable, 'variable'))}]"
             lines.append(f"if (sign[{margin}] == 0) {snapped} = {target};")
         body += [f"if (flow == {k}) {{", *(f"  {line}" for line in lines), "}"] if lines else []
@@ -152,6 +148,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     conditions = [] if defined is None else [defined]
     conditions += [f"isfinite({limit})" for limit in limits if limit.startswith("left")]
     conditions.append("(!moves | dl2c_all_finite(y, NX))")
+    doubts = [f"doubt{j}" for j, w in enumerate(plan.edges) if w.kind != "equal" and len(w.margin) > 2]
     body += [
         "",
         "DL2C_UNROLL",
@@ -162,6 +159,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
         f"const bool inside = !moves | {_ends_inside(k, plan.flow)};",
         *(f"y[{v}] = dl2c_select(moves, y[{v}], x[{v}]);" for v in _moving(plan)),
         "*duration = dl2c_select(moves, end, 0.0);",
+        *([f"if ({' | '.join(doubts)}) return DL2C_DOUBTFUL;"] if doubts else []),
         "return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;",
     ]
     head = f"static inline int64_t flow{k}_motion(const real *x, const real *p, real *y, real *duration)"
@@ -220,8 +218,11 @@ def _exit(k: int, j: int, edge: Edge, leaves: Leaves) -> list[str]:
         return [f"const real exit{j} = dl2c_exit_equal();"]
     stem = f"flow{k}_domain_margin{j}"
     terms = _coefficients(stem, edge.margin, f"{place(edge.span)}  {edge.span.text}, margin", leaves)
-    padded = [*terms, "0.0", "0.0"][:3]
-    return wrapped(f"const real exit{j} = {EXITS[edge.kind]}({', '.join(padded)});")
+    padded = ", ".join([*terms, "0.0", "0.0"][:3])
+    lines = wrapped(f"const real exit{j} = {EXITS[edge.kind]}({padded});")
+    if len(terms) > 2:
+        lines += wrapped(f"const bool doubt{j} = dl2c_doubtful({padded});")
+    return lines
 
 
 def _settled(k: int, plan: ExactPlan, leaves: Leaves) -> list[str]:

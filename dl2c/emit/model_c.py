@@ -6,7 +6,6 @@ of initial states; tables; the runtime, compiled with the model as one unit.
 """
 
 from dl2c.emit.flow_c import flow_functions
-from dl2c.emit.hull_c import calm_function
 from dl2c.emit.inputs_c import input_functions
 from dl2c.emit.judge_c import judge_functions
 from dl2c.emit.judging_c import judging_functions
@@ -64,14 +63,11 @@ def model_c(environment: Environment) -> str:
 
 
 def _track_functions(environment: Environment, leaves: Leaves) -> list[str]:
-    """What following flows track by track needs."""
-    plans = dict(enumerate(environment.flows))
-    tracked = [k for k, plan in plans.items() if plan.kernel != "exact"]
-    sampled = {k: plan.margins for k, plan in plans.items() if plan.curves is None}
+    """What following flows track by track needs that have no solution in closed form."""
+    tracked = {k: plan.margins for k, plan in enumerate(environment.flows) if plan.kernel != "exact"}
     return [
         *([jacobian_function(environment, leaves, tracked)] if tracked else []),
-        *([calm_function(environment, leaves.builder)] if tracked else []),
-        *([lie_function(environment, leaves, sampled)] if sampled else []),
+        *([lie_function(environment, leaves, tracked)] if tracked else []),
     ]
 
 

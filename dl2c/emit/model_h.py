@@ -12,7 +12,7 @@ from dl2c.emit.paths_c import decides_in_lanes, flows_in_lanes, steps_in_lanes
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import root_count
 from dl2c.emit.sampler_c import free_names
-from dl2c.emit.watch_c import margin_count, margin_degree
+from dl2c.emit.watch_c import margin_count, searched
 from dl2c.ir.model import Symbol
 from dl2c.ir.watch import watches_of
 from dl2c.paths.path import Decision, Input, Paths
@@ -65,7 +65,6 @@ def _sizes(environment: Environment) -> str:
         "DL2C_TARGETED": int(sampling is not None and environment.options.initial_distribution == "target"),
         "NBLOCK": 0 if sampling is None else len(sampling.blocks),
         "NMARGIN": max(1, margin_count(environment)),
-        "NDEGREE": max(1, margin_degree(environment)),
         "NWATCH": len(watches_of(model)),
         "NCRITICAL": critical_count(environment),
         "DL2C_LOOPS": int(model.loops),
@@ -93,12 +92,12 @@ def _kernels(environment: Environment) -> str:
     """Which parts of the runtime the flows need, and the tolerances of the solver."""
     options = environment.options
     kernels = {f.kernel for f in environment.flows}
-    sampled = any(f.kernel == "exact" and f.curves is None for f in environment.flows)
     needs = {
         "SOLVED": "cvodes" in kernels,
         "DOPRI": "dopri5" in kernels,
+        "LINEAR": "linear" in kernels,
         "TRACKED": bool(kernels - {"exact"}),
-        "SAMPLED": sampled or bool(kernels - {"exact"}),
+        "SEARCHED": searched(environment),
     }
     text = "".join(f"#define DL2C_{name}_FLOWS {int(value)}\n" for name, value in needs.items())
     if needs["SOLVED"] or needs["DOPRI"]:

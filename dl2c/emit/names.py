@@ -25,7 +25,7 @@ C_WORDS = frozenset(
         *("tgamma", "trunc", "y0", "y1", "yn"),
         *("BUFSIZ", "DBL_MAX", "EOF", "I", "INFINITY", "NAN", "NULL", "errno", "linux", "stderr", "stdin"),
         *("stdout", "unix"),
-        *("NBLOCK", "NBOX", "NCHART", "NCHOICE", "NCRITICAL", "NDECISION", "NDEGREE", "NDRAW", "NENVCHOICE"),
+        *("NBLOCK", "NBOX", "NCHART", "NCHOICE", "NCRITICAL", "NDECISION", "NDRAW", "NENVCHOICE"),
         *("NENVINPUT", "NFACT", "NFLOW", "NFREE", "NINPUT", "NMARGIN", "NMASK", "NOBS", "NP", "NPATH"),
         *("NPOINT", "NPRED", "NROOT", "NSTEPDRAW", "NU", "NWATCH", "NX", "p", "real", "u", "x", "y"),
     ]
@@ -69,11 +69,11 @@ def after(symbol: Symbol) -> str:
 
 RUNTIME_FILES = frozenset(
     [
-        *("actions", "admissible", "ahead", "batch", "block", "convoy", "curve", "dense", "dl2c"),
+        *("actions", "admissible", "ahead", "batch", "block", "convoy", "dense", "dl2c"),
         *("dopri5", "events", "flow_cvodes", "flow_exact", "hull", "judge", "lanes", "linear"),
-        *("model", "move", "numbers", "numeric", "pieces", "rng", "roots", "sampler", "snapshot"),
+        *("model", "move", "numbers", "numeric", "pieces", "rng", "sampler", "snapshot"),
         *("state", "step", "stretch", "sundials", "sundials_system", "sundials_wheel", "target"),
-        *("threads", "travel"),
+        *("taylor", "threads", "travel"),
     ]
 )
 """Headers of the runtime, which a model's own header must not hide."""

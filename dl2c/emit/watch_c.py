@@ -1,19 +1,20 @@
-"""What is watched along flows, in C: margins, their polynomials, and conditions over their signs.
+"""What is watched along flows, in C: margins, their Taylor models, and conditions over their signs.
 
-Margin j of a flow is positive inside its atom. `model_polynomials` writes the coefficients
-of all margins as polynomials of the time since the flow began, `model_margins` their values
-in a state, `model_condition` decides a formula from signs alone: 0 is the domain, then for watch w
-1 + 3w what must stay, 2 + 3w what is due, 3 + 3w the goal. `model_quiet` is a quick proof that
-no watch fails.
+Margin j of a flow is positive inside its atom. `model_margin` is its value in a state, `model_taylor`
+has models of all margins along a stretch, `model_condition` decides a formula from signs alone: 0 is
+the domain, then for watch w 1 + 3w what must stay, 2 + 3w what is due, 3 + 3w the goal. `model_quiet`
+is a quick proof that no watch fails.
 """
 
 from dl2c.emit.cfile import function, place, table, wrapped
+from dl2c.emit.enclosed_c import Enclosed
+from dl2c.emit.hull_c import calm_function
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.names import after
+from dl2c.emit.names import after, index
 from dl2c.emit.plan import Environment
-from dl2c.ir.kernel import FlowPlan
+from dl2c.ir.kernel import FlowPlan, constant_along
 from dl2c.ir.logic import conjunction
-from dl2c.ir.margins import margin_of, size_of
+from dl2c.ir.margins import margin_of
 from dl2c.ir.model import TRUE, And, Compare, Flow, Formula, Or, Symbol, Term, Truth
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.printer import print_formula, print_term
@@ -26,15 +27,25 @@ SPANS = ("constant", "line", "parabola")
 
 def watch_functions(environment: Environment, leaves: Leaves) -> list[str]:
     """All functions of this file that the flows need."""
-    sampled = any(plan.curves is None for plan in environment.flows)
-    tracked = any(plan.kernel != "exact" for plan in environment.flows)
     return [
-        _polynomials(environment, leaves),
-        *([_sampled("margins", "margin", environment, leaves)] if sampled or tracked else []),
-        *([_sampled("sizes", "size", environment, leaves)] if sampled or tracked else []),
+        *(_search_functions(environment, leaves) if searched(environment) else []),
         _holds(environment),
         _quiet(environment, leaves),
-        *([_project(environment, leaves)] if tracked else []),
+    ]
+
+
+def searched(environment: Environment) -> bool:
+    """Whether some flow is followed track by track, or may have to be."""
+    return any(plan.kernel != "exact" or plan.margins for plan in environment.flows)
+
+
+def _search_functions(environment: Environment, leaves: Leaves) -> list[str]:
+    return [
+        _margin(environment, leaves),
+        _taylor(environment, leaves),
+        calm_function(environment, leaves),
+        _solution(environment, leaves),
+        _project(environment, leaves),
     ]
 
 
@@ -56,12 +67,6 @@ def margin_count(environment: Environment) -> int:
     return max((len(plan.margins) for plan in environment.flows), default=0)
 
 
-def margin_degree(environment: Environment) -> int:
-    """The highest degree in time of a margin that is a polynomial."""
-    curves = [c for plan in environment.flows if plan.curves is not None for c in plan.curves]
-    return max((len(c) - 1 for c in curves), default=0)
-
-
 def _durations(environment: Environment) -> list[str]:
     """For every flow the input that decides how long it lasts, -1 for none."""
     keys = [i.key for i in environment.paths.inputs]
@@ -77,52 +82,64 @@ def _kind(plan: FlowPlan) -> str:
             return "DL2C_DOPRI"
         case "linear":
             return "DL2C_LINEAR"
-        case "exact" if plan.curves is None:
-            return "DL2C_QUICK_SAMPLED"
-        case _:
-            return "DL2C_POLYNOMIAL" if plan.quick is None else "DL2C_QUICK"
+        case "exact":
+            return "DL2C_SOLUTION" if plan.quick is None else "DL2C_QUICK"
 
 
-def _polynomials(environment: Environment, leaves: Leaves) -> str:
+def _margin(environment: Environment, leaves: Leaves) -> str:
     body: list[str] = []
     for k, plan in enumerate(environment.flows):
-        if plan.curves is None or not plan.margins:
-            continue
         lines: list[str] = []
-        for j, curve in enumerate(plan.curves):
-            about = f"{place(plan.flow.span)}  {print_term(plan.margins[j])}, coefficient of tau^"
-            for i, coefficient in enumerate(curve):
-                value = leaves.term(f"flow{k}_watch_curve{j}_c{i}", coefficient, f"{about}{i}")
-                lines += wrapped(f"c[{j}][{i}] = {value};")
-            lines.append(f"degree[{j}] = {len(curve) - 1};")
+        for j, margin in enumerate(plan.margins):
+            about = f"{place(plan.flow.span)}  margin of {print_term(margin)}"
+            lines += wrapped(f"if (margin == {j}) return {leaves.term(f'flow{k}_margin{j}', margin, about)};")
         body += _selected(k, lines)
     return function(
-        f"static inline void model_polynomials(int flow, {STATE}, real (*c)[NDEGREE + 1], int32_t *degree)",
-        body,
-        "Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE + 1)",
+        f"static inline real model_margin(int flow, int margin, {STATE})",
+        [*body, "return 0.0;"],
+        "A margin in a state.",
     )
 
 
-def _sampled(name: str, short: str, environment: Environment, leaves: Leaves) -> str:
-    """`model_margins` or `model_sizes`."""
+def _taylor(environment: Environment, leaves: Leaves) -> str:
     body: list[str] = []
     for k, plan in enumerate(environment.flows):
-        if plan.curves is not None:
+        terms = Enclosed(
+            "taylor",
+            f"flow{k}_margins",
+            lambda t, flow=plan.flow: not constant_along(t, flow),
+            leaves,
+            f"{place(plan.flow.span)}  does not move",
+        )
+        results = [f"g[{j}] = {terms.term(margin)};" for j, margin in enumerate(plan.margins)]
+        body += _selected(k, [*terms.lines, *results])
+    return function(
+        f"static void model_taylor(int flow, const dl2c_taylor *z, {STATE}, dl2c_taylor *g)",
+        body,
+        "Models of all margins where the state moves like z; what does not move is taken from x.   "
+        "g: (NMARGIN)",
+    )
+
+
+def _solution(environment: Environment, leaves: Leaves) -> str:
+    """Coefficients by powers of the time, of variables that move."""
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        if plan.solution is None:
             continue
         lines: list[str] = []
-        for j, margin in enumerate(plan.margins):
-            about = f"{place(plan.flow.span)}  {short} of {print_term(margin)}"
-            term = margin if short == "margin" else size_of(margin)
-            lines += wrapped(f"g[{j}] = {leaves.term(f'flow{k}_watch_{short}{j}', term, about)};")
-        body += _selected(k, lines)
-    about = {
-        "margins": "Margins in a state, for flows along which they are no polynomials.   g: (NMARGIN)",
-        "sizes": "How large the numbers are that these margins are made of.   g: (NMARGIN)",
-    }
+        for variable, coefficients in plan.solution.variables.items():
+            for i, coefficient in enumerate(coefficients[1:], 1):
+                about = f"{variable}(tau), coefficient of tau^{i}"
+                value = leaves.term(f"flow{k}_{variable}_c{i}", coefficient, about)
+                lines += wrapped(f"c[{index(Symbol(variable, 'variable'))}][{i}] = {value};")
+        degree = max((len(c) - 1 for c in plan.solution.variables.values()), default=0)
+        body += _selected(k, [*lines, f"return {degree};"])
     return function(
-        f"static inline void model_{name}(int flow, {STATE}, real *g)",
-        body,
-        about[name],
+        f"static int model_solution(int flow, {STATE}, real (*c)[DL2C_TRACK_DEGREE + 1])",
+        [*body, "return 0;"],
+        "Motion from x as polynomials of the time; returns their degree.   c: (NX), the constant "
+        "coefficients are there",
     )
 
 

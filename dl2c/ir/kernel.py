@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 from dl2c.ir.exact import ExactPlan, Snap, plan
 from dl2c.ir.flow import NotPolynomial, Solution, moving, solve
 from dl2c.ir.logic import conjunction, conjuncts, negation, operands
-from dl2c.ir.margins import Moves, TooManyCases, margin_of, margins_of, smooth
+from dl2c.ir.margins import Moves, TooManyCases, cleared, margin_of, margins_of, smooth
 from dl2c.ir.model import (
     ZERO,
     Add,
@@ -41,7 +41,7 @@ NO_DEGREE = 1000
 """Stands for the degree of a term that is no polynomial."""
 
 MAX_MARGIN_DEGREE = 24
-"""Margins of higher degree in time are sampled (DL2C_MAX_DEGREE in cgen/runtime/roots.h)."""
+"""The roots of margins of higher degree in time are not isolated in exact arithmetic."""
 
 
 FEWER = "write the conditions with fewer of these"
@@ -55,10 +55,10 @@ class FlowPlan:
     which have degree two at most; None where there is no such simple one.
 
     `domain` and, for each watch, `stays`, `due`, `goal` are formulas over `margins` alone.
-    `curves` are the coefficients of the margins along the flow, None where they are sampled.
-    `quick` is the straight-line motion of simple flows. `snaps` says for a margin which
-    variable is set to its bound when the flow ends there. `written` are the domain and, for each
-    watch, what implies that it stays, before they were split into margins.
+    `curves` are, for exact arithmetic, coefficients along the flow of polynomials with the signs of the
+    margins; None where there are none. `quick` is the straight-line motion of simple flows. `snaps` says
+    for a margin which variable is set to its bound when the flow ends there. `written` are the domain
+    and, for each watch, what implies that it stays, before they were split into margins.
     """
 
     flow: Flow
@@ -104,18 +104,18 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
     except TooManyCases:
         return Refused("its conditions have too many cases of abs, min and max", flow.span, FEWER)
     margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
-    solved, why = _solved(flow, margins_of([domain]), margins, integrator)
+    solved, why = _solved(flow, integrator)
     kernel: Kernel = "exact" if solved is not None else "dopri5" if integrator == "dopri5" else "cvodes"
     if solved is None and integrator not in ("cvodes", "dopri5") and is_linear(flow):
         kernel, why = "linear", "its equations are linear: power series to the last digit"
     elif solved is None and integrator == "exact":
-        advice = "leave out `integrator=exact`, or make the flow and its domain polynomial in time"
+        advice = "leave out `integrator=exact`, or make the flow polynomial in time"
         return Refused(why, flow.span, advice)
     quick = plan(flow) if solved is not None else None
     still_margins = margins_of([still])
-    still_curves = None if solved is None else _curves(solved, still_margins)
+    still_curves = None if solved is None else _curves(solved, [cleared(m, moves) for m in still_margins])
     simple = still_curves is not None and all(len(c) <= QUICK_DEGREE + 1 for c in still_curves)
-    curves = None if solved is None else _curves(solved, margins)
+    curves = None if solved is None else _curves(solved, [cleared(m, moves) for m in margins])
     return FlowPlan(
         flow=flow,
         kernel=kernel,
@@ -142,19 +142,13 @@ def _smoothed(watch: Watch, moves: Moves) -> Watch:
     return replace(watch, stays=stays, due=due, goal=goal)
 
 
-def _solved(
-    flow: Flow, domain: Sequence[Term], margins: Sequence[Term], integrator: Integrator
-) -> tuple[Solution | None, str]:
+def _solved(flow: Flow, integrator: Integrator) -> tuple[Solution | None, str]:
     """The polynomial solution if it can be used, and the reason for the kernel that follows from it."""
     if integrator in ("cvodes", "dopri5"):
         return None, f"integrator={integrator} was asked for"
     solution = solve(flow)
     if isinstance(solution, NotPolynomial):
         return None, solution.reason
-    if _curves(solution, domain) is None:
-        return None, "a condition of its domain is not a polynomial of time along it"
-    if _curves(solution, margins) is None and not isinstance(plan(flow), ExactPlan):
-        return None, "a condition watched along it is not a polynomial of time"
     return solution, "its solution is a polynomial of time"
 
 

@@ -3,13 +3,10 @@
 Comes in: a formula in negation normal form. Goes out: an equivalent one (over the reals, an
 undefined atom being false) whose atoms are `margin >= 0`, `> 0`, `= 0` or `!= 0`, and whose
 margins are smooth wherever the other atoms of their conjunction hold: `abs`, `min` and `max`
-are split into cases, divisors that move are multiplied out, and divisors and square roots bring
-the condition that they are defined.
+are split into cases, and divisors and square roots bring the condition that they are defined.
 """
 
 from collections.abc import Callable
-from fractions import Fraction
-from functools import reduce
 from typing import TypeAlias
 
 from dl2c.ir.logic import (
@@ -36,7 +33,6 @@ from dl2c.ir.model import (
     Or,
     Pow,
     Sub,
-    Symbol,
     Term,
     Truth,
 )
@@ -87,9 +83,7 @@ def _atom(atom: Compare, moves: Moves, depth: int) -> Formula:
         raise TooManyCases
     found = _kink(atom.left, moves, 1)
     if found is None:
-        cleared = _above(atom.left, moves) if atom.op in ("=", "!=") else _cleared(atom.left, moves)
-        margin = Compare(atom.op, cleared, ZERO, span=atom.span)
-        return conjunction([*_defined(atom.left, moves), margin])
+        return conjunction([*_defined(atom.left, moves), atom])
     call, direction = found
     branches = _branches(call)
     cases = [Compare(atom.op, with_term(atom.left, call, b), ZERO, span=atom.span) for b in branches]
@@ -148,13 +142,7 @@ def _scaled(direction: int | None, positive: bool) -> int | None:
     return direction if positive else _opposite(direction)
 
 
-def _above(term: Term, moves: Moves) -> Term:
-    """A term that is zero where the term is, without divisors that move: n for n/d."""
-    above, _ = fraction(term, moves)
-    return above
-
-
-def _cleared(term: Term, moves: Moves) -> Term:
+def cleared(term: Term, moves: Moves) -> Term:
     """A term of the same sign, wherever the term has a value, without divisors that move: n*d for n/d."""
     above, below = fraction(term, moves)
     return above if below is None else Mul(above, below)
@@ -209,43 +197,6 @@ def _defined(term: Term, moves: Moves) -> list[Formula]:
         case _:
             pass
     return list(dict.fromkeys(found))
-
-
-def size_of(term: Term) -> Term:
-    """How large the numbers are that a term is made of: its rounding errors are 2^-50 times this at most."""
-    match term:
-        case Number() | Symbol():
-            return folded(Call("abs", (term,)))
-        case Neg(child):
-            return size_of(child)
-        case Add(left, right) | Sub(left, right):
-            return folded(Add(size_of(left), size_of(right)))
-        case Mul(left, right):
-            return folded(Mul(size_of(left), size_of(right)))
-        case Div(left, right):
-            ratio = Div(size_of(right), Call("abs", (right,)))
-            return folded(Mul(size_of(left), folded(Div(ratio, Call("abs", (right,))))))
-        case Pow(base, exponent):
-            return folded(Pow(size_of(base), exponent))
-        case Call("abs", (child,)):
-            return size_of(child)
-        case Call("min" | "max", (left, right)):
-            return folded(Add(size_of(left), size_of(right)))
-        case Call("sqrt", (child,)):
-            # From its slope, but near 0 no more than the root of what the argument is off by.
-            size, value = size_of(child), Call("abs", (term,))
-            near_zero = folded(Mul(Number(Fraction(2**25)), folded(Call("sqrt", (size,)))))
-            return Add(value, Call("min", (folded(Div(size, value)), near_zero)))
-        case Call("exp", (child,)):
-            return folded(Mul(term, folded(Add(ONE, size_of(child)))))
-        case Call(_, args):
-            sizes = [size_of(a) for a in args]
-            return folded(Mul(Add(ONE, Call("abs", (term,))), Add(ONE, _sum_of(sizes))))
-
-
-def _sum_of(terms: list[Term]) -> Term:
-    """Their sum, from left to right."""
-    return reduce(lambda a, b: folded(Add(a, b)), terms)
 
 
 def margins_of(formulas: list[Formula]) -> tuple[Term, ...]:

@@ -1,0 +1,373 @@
+/* SPDX-License-Identifier: MIT-0 */
+/*
+ * taylor.h -- Taylor models: a polynomial of degree 4 and a bound of how far the truth is from it.
+ *
+ * A model stands for a quantity along a stretch of motion, whose time u runs from -1 to 1. The
+ * quantity is within `r` of c[0] + c[1]*u + ... + c[4]*u^4, and so is what doubles compute for it
+ * at any double u, operation by operation as the term is written. Of `r`, `e` is what rounding
+ * adds; the rest is what the polynomial leaves out, which falls with the fifth power of the
+ * stretch's length. `hull` holds the quantity too. Where nothing is known `r` is infinite.
+ *
+ * Rounding: sums and products of n terms are off by less than n*2^-53 of the sum of their sizes,
+ * which DL2C_SLOP covers for all operations here; functions of libm by 2^-50 of their value at most.
+ * Beyond that numbers below 2^-900 count as zero. The same operations in the same order as
+ * dl2c/ir/taylor.py.
+ */
+#ifndef DL2C_TAYLOR_H
+#define DL2C_TAYLOR_H
+
+#include "hull.h"
+
+enum { DL2C_ORDER = 4 };
+
+typedef struct dl2c_taylor {
+  real c[DL2C_ORDER + 1];
+  real r, e;
+  dl2c_hull hull;
+} dl2c_taylor;
+
+/* Rounding of one operation on models, relative to the sizes of its operands. */
+#define DL2C_SLOP 0x1p-50
+/* Sums of bounds are rounded up by this factor. */
+#define DL2C_GROW (1.0 + 0x1p-49)
+
+/* A number known exactly. */
+static inline dl2c_taylor dl2c_taylor_number(real a)
+{
+  dl2c_taylor t = {.c = {a}, .hull = dl2c_hull_at(a)};
+  if (!isfinite(a)) t.r = t.e = (real)INFINITY;
+  return t;
+}
+
+/* How far the polynomial goes from its middle, without the middle. */
+static inline real dl2c_taylor_spread(const dl2c_taylor *a)
+{
+  return fabs(a->c[1]) + fabs(a->c[2]) + fabs(a->c[3]) + fabs(a->c[4]);
+}
+
+/* The largest value that the polynomial may have. */
+static inline real dl2c_taylor_size(const dl2c_taylor *a)
+{
+  return fabs(a->c[0]) + dl2c_taylor_spread(a);
+}
+
+/* The polynomial at u in [-1,1]. */
+static inline real dl2c_taylor_at(const dl2c_taylor *a, real u)
+{
+  return (((a->c[4] * u + a->c[3]) * u + a->c[2]) * u + a->c[1]) * u + a->c[0];
+}
+
+/*
+ * Along the stretch [middle - half, middle + half] of the polynomial b[0] + b[1]*s + ..., s in
+ * [0,1], whose last value is `end`. Changes b.   b: (degree + 1)
+ */
+static inline dl2c_taylor dl2c_taylor_of(real *b, int degree, real end, real middle, real half)
+{
+  bool still = true;
+  for (int i = 1; i <= degree; i++) still &= b[i] == 0.0;
+  if (still && end == b[0]) return dl2c_taylor_number(b[0]);
+  const real reach = middle + half;
+  real size = fabs(b[degree]);
+  real last = b[degree];
+  for (int i = degree - 1; i >= 0; i--) size = size * reach + fabs(b[i]);
+  for (int i = degree - 1; i >= 0; i--) last = last + b[i];
+  for (int i = 0; i < degree; i++)
+    for (int j = degree - 1; j >= i; j--) b[j] += middle * b[j + 1];
+  dl2c_taylor t = {.c = {b[0]}};
+  real power = half;
+  for (int i = 1; i <= degree; i++, power *= half) {
+    const real term = b[i] * power;
+    if (i <= DL2C_ORDER) t.c[i] = term;
+    else t.r += fabs(term);
+  }
+  t.e = (real)(degree + 1) * size * DL2C_SLOP;
+  if (reach >= 1.0) t.e += fabs(end - last);
+  t.r = (t.r + t.e) * DL2C_GROW;
+  const real beyond = dl2c_taylor_spread(&t) + t.r;
+  t.hull = dl2c_hull_out(dl2c_hull_of(t.c[0] - beyond, t.c[0] + beyond));
+  return t;
+}
+
+static inline dl2c_taylor dl2c_taylor_neg(const dl2c_taylor *a)
+{
+  dl2c_taylor t = *a;
+  for (int i = 0; i <= DL2C_ORDER; i++) t.c[i] = -a->c[i];
+  t.hull = dl2c_hull_neg(a->hull);
+  return t;
+}
+
+/* What rounding adds to a sum. */
+static inline void dl2c_taylor_summed(const dl2c_taylor *a, const dl2c_taylor *b, dl2c_taylor *t)
+{
+  const real slop = dl2c_taylor_size(t) * DL2C_SLOP + DL2C_TINY;
+  t->r = (a->r + b->r + slop) * DL2C_GROW;
+  t->e = (a->e + b->e + slop) * DL2C_GROW;
+}
+
+static inline dl2c_taylor dl2c_taylor_add(const dl2c_taylor *a, const dl2c_taylor *b)
+{
+  dl2c_taylor t;
+  for (int i = 0; i <= DL2C_ORDER; i++) t.c[i] = a->c[i] + b->c[i];
+  dl2c_taylor_summed(a, b, &t);
+  t.hull = dl2c_hull_out(dl2c_hull_add(a->hull, b->hull));
+  return t;
+}
+
+static inline dl2c_taylor dl2c_taylor_sub(const dl2c_taylor *a, const dl2c_taylor *b)
+{
+  dl2c_taylor t;
+  for (int i = 0; i <= DL2C_ORDER; i++) t.c[i] = a->c[i] - b->c[i];
+  dl2c_taylor_summed(a, b, &t);
+  t.hull = dl2c_hull_out(dl2c_hull_sub(a->hull, b->hull));
+  return t;
+}
+
+/* The product without its hull. */
+static inline dl2c_taylor dl2c_taylor_product(const dl2c_taylor *a, const dl2c_taylor *b)
+{
+  dl2c_taylor t = {.r = 0.0};
+  real over = 0.0;
+  for (int i = 0; i <= DL2C_ORDER; i++)
+    for (int j = 0; j <= DL2C_ORDER; j++) {
+      const real term = a->c[i] * b->c[j];
+      if (i + j <= DL2C_ORDER) t.c[i + j] += term;
+      else over += fabs(term);
+    }
+  const real first = dl2c_taylor_size(a);
+  const real second = dl2c_taylor_size(b);
+  const real slop = first * second * DL2C_SLOP + DL2C_TINY;
+  t.r = (over + first * b->r + a->r * (second + b->r) + slop) * DL2C_GROW;
+  t.e = (first * b->e + a->e * (second + b->e) + slop) * DL2C_GROW;
+  return t;
+}
+
+static inline dl2c_taylor dl2c_taylor_mul(const dl2c_taylor *a, const dl2c_taylor *b)
+{
+  dl2c_taylor t = dl2c_taylor_product(a, b);
+  t.hull = dl2c_hull_out(dl2c_hull_mul(a->hull, b->hull));
+  return t;
+}
+
+static inline dl2c_taylor dl2c_taylor_square(const dl2c_taylor *a)
+{
+  dl2c_taylor t = dl2c_taylor_product(a, a);
+  t.hull = dl2c_hull_out(dl2c_hull_square(a->hull));
+  return t;
+}
+
+/* The largest deviation of a quantity from its middle. */
+static inline real dl2c_taylor_deviation(const dl2c_taylor *a)
+{
+  return (dl2c_taylor_spread(a) + a->r) * DL2C_GROW;
+}
+
+/*
+ * A function of a model, by the function's own Taylor polynomial about the model's middle.
+ *   f: (5) its coefficients   tail: what it leaves out   noise: by how much the coefficients are
+ *   off, beyond 2^-46 of the first   hull: of the result
+ */
+static inline dl2c_taylor dl2c_taylor_compose(const dl2c_taylor *a, const real *f, real tail,
+                                              real noise, dl2c_hull hull)
+{
+  dl2c_taylor rest = *a;
+  rest.c[0] = 0.0;
+  dl2c_taylor t = {.c = {f[DL2C_ORDER]}};
+  for (int k = DL2C_ORDER - 1; k >= 0; k--) {
+    t = dl2c_taylor_product(&t, &rest);
+    t.c[0] += f[k];
+  }
+  const real rounding = (16.0 * fabs(f[0]) + dl2c_taylor_size(&t)) * DL2C_SLOP;
+  const real slop = rounding + noise + DL2C_TINY;
+  t.r = (t.r + tail + slop) * DL2C_GROW;
+  t.e = (t.e + slop) * DL2C_GROW;
+  if (!isfinite(t.r)) t.r = t.e = (real)INFINITY;
+  t.hull = dl2c_hull_out(hull);
+  return t;
+}
+
+/* Known by its hull alone. */
+static inline dl2c_taylor dl2c_taylor_unknown(dl2c_hull hull)
+{
+  dl2c_taylor t = {.r = (real)INFINITY, .e = (real)INFINITY};
+  t.hull = dl2c_hull_out(hull);
+  return t;
+}
+
+/* How large q^5 / (1 - q) is: the rest of a geometric series, 0 <= q < 1. */
+static inline real dl2c_geometric_rest(real q) { return q * q * q * q * q / (1.0 - q); }
+
+/* 1/a. Unknown unless a keeps away from zero. */
+static inline dl2c_taylor dl2c_taylor_inverse(const dl2c_taylor *a)
+{
+  const dl2c_hull hull = dl2c_hull_div(dl2c_hull_at(1.0), a->hull);
+  const real middle = a->c[0];
+  if (!(fabs(middle) > DL2C_TINY)) return dl2c_taylor_unknown(hull);
+  const real q = dl2c_taylor_deviation(a) / fabs(middle);
+  if (!(q < 0.999)) return dl2c_taylor_unknown(hull);
+  real f[DL2C_ORDER + 1];
+  f[0] = 1.0 / middle;
+  for (int k = 1; k <= DL2C_ORDER; k++) f[k] = -f[k - 1] / middle;
+  return dl2c_taylor_compose(a, f, fabs(f[0]) * dl2c_geometric_rest(q), 0.0, hull);
+}
+
+static inline dl2c_taylor dl2c_taylor_div(const dl2c_taylor *a, const dl2c_taylor *b)
+{
+  const dl2c_taylor inverse = dl2c_taylor_inverse(b);
+  dl2c_taylor t = dl2c_taylor_product(a, &inverse);
+  if (!isfinite(t.r)) t.r = t.e = (real)INFINITY;
+  t.hull = dl2c_hull_out(dl2c_hull_div(a->hull, b->hull));
+  return t;
+}
+
+static inline dl2c_taylor dl2c_taylor_sqrt(const dl2c_taylor *a)
+{
+  const dl2c_hull hull = dl2c_hull_sqrt(a->hull);
+  const real middle = a->c[0];
+  if (!(middle > DL2C_TINY)) return dl2c_taylor_unknown(hull);
+  const real q = dl2c_taylor_deviation(a) / middle;
+  if (!(q < 0.999)) return dl2c_taylor_unknown(hull);
+  const real root = sqrt(middle);
+  real f[DL2C_ORDER + 1];
+  f[0] = root;
+  f[1] = root / (2.0 * middle);
+  f[2] = -f[1] / (4.0 * middle);
+  f[3] = -f[2] / (2.0 * middle);
+  f[4] = -f[3] * 5.0 / (8.0 * middle);
+  return dl2c_taylor_compose(a, f, 0.03125 * root * dl2c_geometric_rest(q), 0.0, hull);
+}
+
+static inline dl2c_taylor dl2c_taylor_abs(const dl2c_taylor *a)
+{
+  if (a->hull.low >= 0.0) return *a;
+  if (a->hull.high <= 0.0) return dl2c_taylor_neg(a);
+  return dl2c_taylor_unknown(dl2c_hull_abs(a->hull));
+}
+
+static inline dl2c_taylor dl2c_taylor_min(const dl2c_taylor *a, const dl2c_taylor *b)
+{
+  if (a->hull.high < b->hull.low) return *a;
+  if (b->hull.high < a->hull.low) return *b;
+  return dl2c_taylor_unknown(dl2c_hull_min(a->hull, b->hull));
+}
+
+static inline dl2c_taylor dl2c_taylor_max(const dl2c_taylor *a, const dl2c_taylor *b)
+{
+  if (a->hull.low > b->hull.high) return *a;
+  if (b->hull.low > a->hull.high) return *b;
+  return dl2c_taylor_unknown(dl2c_hull_max(a->hull, b->hull));
+}
+
+static inline dl2c_taylor dl2c_taylor_exp(const dl2c_taylor *a)
+{
+  const dl2c_hull hull = dl2c_hull_exp(a->hull);
+  const real d = dl2c_taylor_deviation(a);
+  if (!(d < 1.0 && fabs(a->c[0]) < 700.0)) return dl2c_taylor_unknown(hull);
+  const real value = exp(a->c[0]);
+  const real f[] = {value, value, value / 2.0, value / 6.0, value / 24.0};
+  return dl2c_taylor_compose(a, f, value * 0.023 * (d * d * d * d * d), 0.0, hull);
+}
+
+/* Sine and cosine from their values in the middle. */
+static inline dl2c_taylor dl2c_taylor_wave(const dl2c_taylor *a, real value, real slope,
+                                           dl2c_hull hull)
+{
+  const real d = dl2c_taylor_deviation(a);
+  if (!(d < 4.0)) return dl2c_taylor_unknown(hull);
+  const real f[] = {value, slope, -value / 2.0, -slope / 6.0, value / 24.0};
+  const real noise = 8.0 * DL2C_SLOP * (1.0 + d * (1.0 + d));
+  return dl2c_taylor_compose(a, f, d * d * d * d * d / 120.0, noise, hull);
+}
+static inline dl2c_taylor dl2c_taylor_sin(const dl2c_taylor *a)
+{
+  return dl2c_taylor_wave(a, sin(a->c[0]), cos(a->c[0]), dl2c_hull_sin(a->hull));
+}
+static inline dl2c_taylor dl2c_taylor_cos(const dl2c_taylor *a)
+{
+  return dl2c_taylor_wave(a, cos(a->c[0]), -sin(a->c[0]), dl2c_hull_cos(a->hull));
+}
+static inline dl2c_taylor dl2c_taylor_tan(const dl2c_taylor *a)
+{
+  const dl2c_taylor above = dl2c_taylor_sin(a);
+  const dl2c_taylor below = dl2c_taylor_cos(a);
+  dl2c_taylor t = dl2c_taylor_div(&above, &below);
+  t.hull = dl2c_hull_out(dl2c_hull_tan(a->hull));
+  return t;
+}
+
+/* Of these two the fourth derivative is below 4.8 everywhere. */
+static inline dl2c_taylor dl2c_taylor_tanh(const dl2c_taylor *a)
+{
+  const real d = dl2c_taylor_deviation(a);
+  const real value = tanh(a->c[0]);
+  const real slope = 1.0 - value * value;
+  const real f[] = {value, slope, -value * slope, slope * (3.0 * (value * value) - 1.0) / 3.0, 0.0};
+  const real noise = 8.0 * DL2C_SLOP * (1.0 + d);
+  return dl2c_taylor_compose(a, f, 0.2 * (d * d * d * d), noise, dl2c_hull_tanh(a->hull));
+}
+static inline dl2c_taylor dl2c_taylor_arctan(const dl2c_taylor *a)
+{
+  const real d = dl2c_taylor_deviation(a);
+  const real middle = a->c[0];
+  const real slope = 1.0 / (1.0 + middle * middle);
+  const real third = slope * slope * slope * (3.0 * (middle * middle) - 1.0) / 3.0;
+  const real f[] = {atan(middle), slope, -middle * (slope * slope), third, 0.0};
+  const real noise = 8.0 * DL2C_SLOP * (1.0 + d);
+  return dl2c_taylor_compose(a, f, 0.2 * (d * d * d * d), noise, dl2c_hull_arctan(a->hull));
+}
+
+/* The third derivative of arcsin grows with the size of its argument. */
+static inline dl2c_taylor dl2c_taylor_arcsin(const dl2c_taylor *a)
+{
+  const dl2c_hull hull = dl2c_hull_arcsin(a->hull);
+  const real d = dl2c_taylor_deviation(a);
+  const real middle = a->c[0];
+  const real far = fabs(middle) + d;
+  if (!(far < 0.999999)) return dl2c_taylor_unknown(hull);
+  const real room = (1.0 - far) * (1.0 + far);
+  const real slope = 1.0 / sqrt((1.0 - middle) * (1.0 + middle));
+  const real f[] = {asin(middle), slope, 0.5 * middle * (slope * slope * slope), 0.0, 0.0};
+  const real rest = d * d * d * (1.0 + 2.0 * (far * far)) / (5.9 * (room * room * sqrt(room)));
+  return dl2c_taylor_compose(a, f, rest, 8.0 * DL2C_SLOP * (1.0 + slope * d), hull);
+}
+
+static inline dl2c_taylor dl2c_taylor_log(const dl2c_taylor *a)
+{
+  const real middle = a->c[0];
+  if (!(middle > DL2C_TINY)) return dl2c_taylor_unknown(dl2c_hull_unknown());
+  const real q = dl2c_taylor_deviation(a) / middle;
+  if (!(q < 0.999)) return dl2c_taylor_unknown(dl2c_hull_unknown());
+  real f[DL2C_ORDER + 1];
+  real power = 1.0 / middle;
+  f[0] = log(middle);
+  for (int k = 1; k <= DL2C_ORDER; k++, power = -power / middle) f[k] = power / (real)k;
+  return dl2c_taylor_compose(a, f, 0.2 * dl2c_geometric_rest(q), 16.0 * DL2C_SLOP,
+                             dl2c_hull_unknown());
+}
+
+/* A power of a positive base. */
+static inline dl2c_taylor dl2c_taylor_pow(const dl2c_taylor *a, const dl2c_taylor *b)
+{
+  const dl2c_taylor log_base = dl2c_taylor_log(a);
+  const dl2c_taylor exponent = dl2c_taylor_product(b, &log_base);
+  dl2c_taylor t = dl2c_taylor_exp(&exponent);
+  t.hull = dl2c_hull_out(dl2c_hull_pow(a->hull, b->hull));
+  return t;
+}
+
+/* The sign that a quantity has all along; 0 if it may have several. */
+static inline int dl2c_taylor_sign(const dl2c_taylor *a)
+{
+  if (a->hull.low > 0.0) return 1;
+  if (a->hull.high < 0.0) return -1;
+  const real side = a->c[0] < 0.0 ? -1.0 : 1.0;
+  const real slope = fabs(a->c[1]);
+  const real bend = side * a->c[2];
+  const real least = bend > 0.0 && slope < 2.0 * bend
+                         ? side * a->c[0] - slope * slope / (4.0 * bend)
+                         : side * a->c[0] - slope + bend;
+  const real rest = fabs(a->c[3]) + fabs(a->c[4]) + a->r;
+  const real slop = dl2c_taylor_size(a) * DL2C_SLOP;
+  return least > rest + slop ? (int)side : 0;
+}
+
+#endif

@@ -1,0 +1,67 @@
+"""Terms in C over what encloses the state: intervals (hull.h) or Taylor models (taylor.h).
+
+Printed from terms as they are written, each different subterm once. What does not move along a flow
+is computed in doubles. The operations are those of dl2c/ir/taylor.py and hull.py, in their order.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from dl2c.emit.cfile import wrapped
+from dl2c.emit.leaf import Leaves
+from dl2c.emit.names import index
+from dl2c.ir.logic import operands
+from dl2c.ir.model import Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
+
+OPERATIONS = {Neg: "neg", Add: "add", Sub: "sub", Mul: "mul", Div: "div"}
+
+
+@dataclass(slots=True)
+class Enclosed:
+    """Statements that compute terms along one flow; `stem` begins the names of their leaf functions.
+
+    `kind` is the type without `dl2c_`: hulls go by value, Taylor models by address.
+    """
+
+    kind: str
+    stem: str
+    moves: Callable[[Term], bool]
+    leaves: Leaves
+    place: str
+    lines: list[str] = field(default_factory=list[str])
+    made: dict[Term, str] = field(default_factory=dict[Term, str])
+
+    def term(self, term: Term) -> str:
+        """The expression of a term: the name of what a statement made, or a variable's place."""
+        if isinstance(term, Symbol) and self.moves(term):
+            return f"z[{index(term)}]"
+        if term not in self.made:
+            text = self._text(term)
+            name = f"part{len(self.made)}"
+            self.lines += wrapped(f"const dl2c_{self.kind} {name} = {text};")
+            self.made[term] = name
+        return self.made[term]
+
+    def _text(self, term: Term) -> str:
+        if not self.moves(term):
+            value = self.leaves.term(f"{self.stem}_still{len(self.made)}", term, self.place)
+            return f"dl2c_{self.kind}_{'at' if self.kind == 'hull' else 'number'}({value})"
+        match term:
+            case Pow(base, 1):
+                return self.term(base)
+            case Pow(base, exponent) if exponent % 2 == 0:
+                return self._call("square", (Pow(base, exponent // 2) if exponent > 2 else base,))
+            case Pow(base, exponent):
+                return self._call("mul", (base, Pow(base, exponent - 1)))
+            case Mul(left, right) if left == right:
+                return self._call("square", (left,))
+            case Call(function, args):
+                return self._call(function, args)
+            case Number() | Symbol():
+                raise AssertionError("numbers do not move, and symbols have places")
+            case _:
+                return self._call(OPERATIONS[type(term)], operands(term))
+
+    def _call(self, operation: str, args: tuple[Term, ...]) -> str:
+        address = "" if self.kind == "hull" else "&"
+        return f"dl2c_{self.kind}_{operation}({', '.join(f'{address}{self.term(a)}' for a in args)})"
