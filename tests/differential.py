@@ -57,8 +57,6 @@ def environment_of(model: ir.Model) -> Environment | None:
     plans = [plan_flow(f, watches_of(model), "exact") for f in model.flows]
     if not 0 < len(paths.paths) <= MAX_PATHS or not all(isinstance(p, FlowPlan) for p in plans):
         return None
-    if any(p.curves is None for p in plans if isinstance(p, FlowPlan)):
-        return None
     return Environment(
         model, paths, tuple(p for p in plans if isinstance(p, FlowPlan)), None, Options(), "test"
     )

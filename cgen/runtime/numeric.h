@@ -207,7 +207,7 @@ static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, uint8_t
     stretch.track = &tracks[k];
     halt = dl2c_look_along(&stretch, true, watch, &place, sign);
   }
-  if (halt == DL2C_GIVES_UP) return DL2C_UNSOLVED;
+  if (halt == DL2C_GIVES_UP) return DL2C_UNDEFINED;
   if (halt == DL2C_NO_HALT) place = 1.0;
   const real time = halt == DL2C_NO_HALT ? stop : dl2c_time_at(stretch.track, place);
   return dl2c_arrive(&stretch, before, place, halt != DL2C_CUT, time, sign, y, duration);

@@ -22,15 +22,15 @@ typedef struct dl2c_stretch {
   const real *x, *p;
   const dl2c_track *track;
   real low, width; /* the part, within [0, 1] */
-  int32_t looks;   /* how many parts of the flow were looked at */
+  int32_t looks;   /* how many parts of the track were looked at */
   bool begun;      /* some part lies behind, */
   bool known;      /* and so do these signs: */
   int8_t here[NMARGIN];  /* at its start, */
   int8_t since[NMARGIN]; /* and just after */
 } dl2c_stretch;
 
-/* A flow that needs more looks counts as failed. */
-enum { DL2C_LOOKS = 1 << 18 };
+/* A track that needs more looks counts as one whose events cannot be found. */
+enum { DL2C_LOOKS = 1 << 14 };
 /* Stretches are not halved below this part of a track. */
 #define DL2C_NARROWEST 0x1p-50
 /* An error is that of rounding where it is at most so many times as large. */
@@ -193,11 +193,17 @@ static void dl2c_cross_at(const dl2c_stretch *stretch, int j, real place, int af
 
 /*
  * What a margin does on a stretch. Returns whether that is known; else the stretch should be halved.
+ * One without a value counts as zero: conditions that say so stand beside it.
  *   last: its sign at the end
  */
 static bool dl2c_margin_events(const dl2c_stretch *stretch, int j, const dl2c_taylor *g,
                                dl2c_events *events, int8_t *last)
 {
+  if (g->none || !isfinite(g->c[0])) {
+    dl2c_keeps(stretch, j, 0, events);
+    *last = 0;
+    return true;
+  }
   const int came = stretch->since[j];
   const int always = dl2c_taylor_sign(g);
   if (always != 0) {
@@ -289,6 +295,7 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
   bool calm = false;
   stretch->low = 0.0;
   stretch->width = 1.0;
+  stretch->looks = 0;
   memset(sign, 1, NMARGIN);
   if (FLOW_MARGINS[stretch->flow] == 0) return DL2C_NO_HALT;
   dl2c_track_hull(stretch->track, hull);

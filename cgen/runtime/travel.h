@@ -97,7 +97,7 @@ static inline dl2c_motion dl2c_flow_straight(int flow, dl2c_travel *travel, cons
     return motion;
   const real length = travel->duration;
   const real stop = dl2c_watch_motion(flow, x, p, length, travel->watch);
-  if (stop < 0.0) return DL2C_UNSOLVED;
+  if (stop < 0.0) return DL2C_UNDEFINED;
   return stop < length ? dl2c_stop(flow, x, p, stop, y, &travel->duration) : motion;
 }
 

@@ -13,7 +13,7 @@ from dl2c.emit.names import index
 from dl2c.ir.logic import operands
 from dl2c.ir.model import Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
 
-OPERATIONS = {Neg: "neg", Add: "add", Sub: "sub", Mul: "mul", Div: "div"}
+OPERATIONS: dict[type, str] = {Neg: "neg", Add: "add", Sub: "sub", Mul: "mul", Div: "div"}
 
 
 @dataclass(slots=True)

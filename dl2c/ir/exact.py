@@ -31,7 +31,7 @@ from dl2c.source import Span
 MAX_ROOT_DEGREE = 2
 """Events are roots of polynomials of at most this degree."""
 
-RETREATS = 27
+RETREATS = 7
 """How often a rounded end point may step back into the domain, each time four times as far."""
 
 
@@ -144,13 +144,16 @@ def course(flow: Flow, solution: Solution, env: Environment, exact: bool) -> Cou
     return Course(flow, env, curves, remaining, exact)
 
 
-def advance(plan: ExactPlan, env: Environment, exact: bool = False) -> Motion:
-    """Follow the flow as long as its domain allows. Assumes the domain holds in `env`.
+def advance(plan: ExactPlan, env: Environment, exact: bool = False) -> Motion | None:
+    """Follow the flow as long as its domain allows; None where rounding may decide where it ends.
 
-    Raises `Undefined` where a coefficient, the horizon or the end state has no finite value.
+    Assumes the domain holds in `env`. Raises `Undefined` where a coefficient, the horizon or the end state
+    has no finite value.
     """
     run = course(plan.flow, plan.solution, env, exact)
     margins = [[evaluate(c, env, exact) for c in e.margin] for e in plan.edges]
+    if not exact and any(e.kind != "equal" and doubtful(m) for e, m in zip(plan.edges, margins, strict=True)):
+        return None
     end = run.horizon
     exits = [exit_time(e.kind, *_padded(m)) for e, m in zip(plan.edges, margins, strict=True)]
     for leave in exits:
@@ -164,28 +167,41 @@ def advance(plan: ExactPlan, env: Environment, exact: bool = False) -> Motion:
     return landed(run, end, [snap for k in hits if (snap := plan.edges[k].snap) is not None])
 
 
-def landed(run: Course, end: Value, snaps: Sequence[Snap]) -> Motion:
-    """The state at the end of a flow; clocks that ran out and bounds that were met hold exactly."""
-    values = {x: horner(c, end) for x, c in run.curves.items()}
+def doubtful(margin: Sequence[Value]) -> bool:
+    """Whether rounding may decide if and where a margin is zero: it nearly has a double zero ahead."""
+    c0, c1, c2 = _padded(margin)
+    ahead = -c1 if c0 < 0 else c1
+    return c2 != 0 and ahead < 0 and abs(c1 * c1 - 4 * c2 * c0) <= c1 * c1 * 2.0**-20
+
+
+def landed(run: Course, end: Value, snaps: Sequence[Snap]) -> Motion | None:
+    """The state at the end of a flow; None where rounding puts it far outside the domain."""
+    values = settled(run, {x: horner(c, end) for x, c in run.curves.items()}, end, snaps)
+    return Motion(values, end) if inside(run, values) else retreated(run, end)
+
+
+def settled(run: Course, values: dict[str, Value], end: Value, snaps: Sequence[Snap]) -> dict[str, Value]:
+    """With clocks that ran out and bounds that were met, which hold exactly."""
+    values = dict(values)
     for horizon, left in zip(run.flow.horizons, run.remaining, strict=True):
         if left == end:
             values[horizon.clock] = evaluate(horizon.bound, run.env, run.exact)
     for snap in snaps:
         values[snap.variable] = evaluate(snap.target, run.env, run.exact)
-    return Motion(values, end) if inside(run, values) else retreated(run, end)
+    return values
 
 
-def retreated(run: Course, end: Value) -> Motion:
-    """Rounding put the end point outside the domain: step back until it is inside."""
+def retreated(run: Course, end: Value) -> Motion | None:
+    """Rounding put the end point outside the domain: step back until it is inside; None if that is far."""
     for k in range(RETREATS):
         earlier = end - end * literal(Fraction(4**k, 2**52), run.exact)
         values = {x: horner(c, earlier) for x, c in run.curves.items()}
         if inside(run, values):
             return Motion(values, earlier)
-    return Motion({}, literal(Fraction(0), run.exact))
+    return None
 
 
-def stopped(run: Course, end: Value) -> Motion:
+def stopped(run: Course, end: Value) -> Motion | None:
     """The state at a time before the flow would end by itself."""
     if end <= 0:
         return Motion({}, literal(Fraction(0), run.exact))
@@ -217,7 +233,7 @@ def exit_time(kind: str, c0: Value, c1: Value, c2: Value) -> Value | None:
     return (-(c1 + root) / 2) / c2
 
 
-def _padded(margin: list[Value]) -> tuple[Value, Value, Value]:
+def _padded(margin: Sequence[Value]) -> tuple[Value, Value, Value]:
     zero = margin[0] * 0
     c = [*margin, zero, zero]
     return c[0], c[1], c[2]

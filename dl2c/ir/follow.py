@@ -1,35 +1,33 @@
 """Following a flow from a state: its domain, what is watched along it, how long it lasts.
 
-The reference of the compiled kernels for flows with polynomial solutions (semantics 4 and 6),
-in doubles or exactly. Motions and margins that are polynomials are followed by the operations
-of cgen/runtime in the same order, so results in doubles are equal to the last bit; margins
-that are not polynomials are sampled.
+The reference of the compiled kernels for flows with polynomial solutions (semantics 4 and 6), in
+doubles or exactly. In doubles these are the operations of cgen/runtime/travel.h and numeric.h in the
+same order, so results are equal to the last bit; exactly, margins that are no polynomials of time are
+sampled.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
+from typing import cast
 
-from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, literal
-from dl2c.ir.exact import Course, Motion, advance, before, course, horner, landed, stopped
+from dl2c.ir.enclosed import in_doubles
+from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal, truth
+from dl2c.ir.events import Crossing, Events, exit_of, watched
+from dl2c.ir.exact import Course, Motion, advance, before, course, horner, inside, landed, settled, stopped
 from dl2c.ir.kernel import FlowPlan
-from dl2c.ir.logic import holds
-from dl2c.ir.model import And, Compare, Formula, Or, Symbol, Term, Truth
-from dl2c.ir.roots import Crossing, Exit, crossings, curve_of, first_exit, sign_after
-
-Signs = Sequence[int]
+from dl2c.ir.model import And, Compare, Formula, Or, Symbol, Truth
+from dl2c.ir.polynomial import Coefficients
+from dl2c.ir.roots import crossings, curve_of, sign_after
+from dl2c.ir.search import Halt, Search, Track
 
 SAMPLES = 512
-"""Places at which margins that are not polynomials are looked at."""
+"""Places at which margins that are not polynomials are looked at in exact arithmetic."""
 
-
-@dataclass(frozen=True, slots=True)
-class Events:
-    """Signs of all margins over a stretch of time: at its start, just after, and where they change."""
-
-    at_start: list[int]
-    after_start: list[int]
-    crossings: list[Crossing]
+STEPS_BACK = 21
+"""A retreat steps back so often, each time four times as far, from 2^-52 to 2^-12 of the place."""
+RETREAT_FINE = 2.0**-40
+"""One that went further than this is halved until it is known as well as this."""
 
 
 def follow(
@@ -38,103 +36,219 @@ def follow(
     """Follow a flow for a part (0 to 1) of the longest time that its domain allows.
 
     `waiting` are the watches still to be kept an eye on. Assumes that the domain holds in `env`.
-    Raises `Undefined` where a coefficient, the horizon or the end state has no finite value.
+    Raises `Undefined` where a coefficient, the horizon or the end state has no finite value, or where the
+    search for events takes too long.
     """
     assert plan.solution is not None
-    motion = _longest(plan, env, exact)
     run = course(plan.flow, plan.solution, env, exact)
-    if part < 1:
-        motion = stopped(run, motion.duration * part)
-    if not waiting:
+    if exact:
+        return _exactly(plan, run, part, waiting)
+    motion = _straight(plan, run, part, waiting) if plan.quick is not None else None
+    if motion is not None:
         return motion
-    return _watched(plan, run, motion, waiting)
+    cap: Value = float("inf")
+    if part < 1:
+        cap = _searched(plan, run, cap, ()).duration * part
+    return _searched(plan, run, cap, waiting)
 
 
-def _longest(plan: FlowPlan, env: Environment, exact: bool) -> Motion:
-    """As long as the domain allows."""
-    if plan.quick is not None:
-        return advance(plan.quick, env, exact)
-    assert plan.solution is not None and plan.curves is not None
-    run = course(plan.flow, plan.solution, env, exact)
-    end = run.horizon
-    if end <= 0:
-        return Motion({}, literal(Fraction(0), exact))
-    events = _events(plan, run, end)
-    found = _exit(plan.domain, plan.margins, events, exact)
-    if found.found:
-        end = found.at * end
-        if end <= 0:
-            return Motion({}, literal(Fraction(0), exact))
-        end = end if found.holds else before(end)
-    return landed(run, end, [snap for k, snap in plan.snaps if found.sign_at[k] == 0])
+# Straight-line motion -----------------------------------------------------------
 
 
-def _watched(plan: FlowPlan, run: Course, motion: Motion, waiting: Sequence[int]) -> Motion:
-    """The motion with what happened on its way; shorter where a violation cuts it."""
+def _straight(plan: FlowPlan, run: Course, part: Value, waiting: Sequence[int]) -> Motion | None:
+    """Motion whose end is the root of a polynomial; None where that takes a closer look."""
+    assert plan.quick is not None
+    motion = advance(plan.quick, run.env, run.exact)
+    if motion is not None and part < 1:
+        motion = stopped(run, motion.duration * part)
+    if motion is None or not waiting or _quiet(plan, run, motion):
+        return motion
     length = motion.duration
-    events = _events(plan, run, length)
-    exits = {w: _exit(plan.watches[w].stays, plan.margins, events, run.exact) for w in waiting}
-    cuts = [e.at for w, e in exits.items() if e.found and plan.watches[w].cuts]
-    stop = min(cuts, default=None)
-    failed: list[int] = []
-    met: list[int] = []
-    for w, found in exits.items():
-        watch = plan.watches[w]
-        if not found.found or not _reached(found, stop, watch.cuts):
-            continue
-        signs = found.sign_after if found.holds else found.sign_at
-        if holds_over(watch.goal, plan.margins, signs):
-            met.append(w)
-        elif holds_over(watch.due, plan.margins, signs):
-            failed.append(w)
-    if stop is not None and stop < 1:
-        motion = stopped(run, stop * length)
-    return replace(motion, failed=tuple(failed), met=tuple(met))
+    track = _track(run, float(length)) if length > 0 else _rest(run)
+    search = Search(plan, run.env, track, waiting)
+    halt = search.along(bounded=False)
+    if isinstance(halt, Halt) and 0.0 + track.length * halt.place < length:
+        motion = stopped(run, 0.0 + track.length * halt.place)
+    return None if motion is None else replace(motion, failed=tuple(search.failed), met=tuple(search.met))
 
 
-def _reached(found: Exit, stop: Value | None, cuts: bool) -> bool:
-    """Whether the flow still went on where a watch failed."""
-    if stop is None or found.at < stop:
-        return True
-    return found.at == stop and (cuts or not found.holds)
+def _quiet(plan: FlowPlan, run: Course, motion: Motion) -> bool:
+    """Whether the motion plainly changes no watch that matters (`model_quiet` of the compiled code)."""
+    if plan.still is None:
+        return False
+    spans = [_span([in_doubles(c, run.env) for c in curve], motion.duration) for curve in plan.still_curves]
+    end = {**run.env, **{Symbol(x, "variable"): v for x, v in motion.values.items()}}
+    return _stays(plan.still, plan, spans) and all(truth(w.at_end, end) for w in plan.watches)
 
 
-def _exit(formula: Formula, margins: Sequence[Term], events: Events, exact: bool) -> Exit:
-    def over(signs: Signs) -> bool:
-        return holds_over(formula, margins, signs)
+def _span(c: Sequence[Value], length: Value) -> tuple[Value, Value, Value]:
+    """Bernstein coefficients of a margin of degree two at most, which enclose it."""
+    if len(c) == 1:
+        return c[0], c[0], c[0]
+    if len(c) == 2:
+        return c[0], c[0], c[1] * length + c[0]
+    half = c[1] * length / 2.0
+    middle = half + c[0]
+    return c[0], middle, c[2] * (length * length) + half + middle
 
-    return first_exit(events.crossings, events.at_start, events.after_start, over, exact)
 
-
-def holds_over(formula: Formula, margins: Sequence[Term], signs: Signs) -> bool:
-    """The truth of a formula over margins whose signs are given."""
+def _stays(formula: Formula, plan: FlowPlan, spans: Sequence[tuple[Value, Value, Value]]) -> bool:
     match formula:
         case Truth(value):
             return value
         case Compare(op, left):
-            return holds(op, signs[margins.index(left)], 0)
+            span = spans[plan.still_margins.index(left)]
+            if op == "!=":
+                return all(b > 0 for b in span) or all(b < 0 for b in span)
+            return all(b > 0 if op == ">" else b == 0 if op == "=" else b >= 0 for b in span)
         case And(children):
-            return all(holds_over(c, margins, signs) for c in children)
+            return all(_stays(c, plan, spans) for c in children)
         case Or(children):
-            return any(holds_over(c, margins, signs) for c in children)
+            return any(_stays(c, plan, spans) for c in children)
+
+
+# Searched motion ----------------------------------------------------------------
+
+
+def _track(run: Course, stop: float) -> Track:
+    """The whole motion over [0, stop]. Raises `Undefined` where it has an undefined or infinite value."""
+    degree = max((len(c) - 1 for c in run.curves.values()), default=0)
+    curves: dict[str, list[float]] = {}
+    for x, coefficients in run.curves.items():
+        scaled = [float(coefficients[0])]
+        scale = stop
+        for k in range(1, degree + 1):
+            scaled.append(float(coefficients[k]) * scale if k < len(coefficients) else 0.0)
+            scale *= stop
+        curves[x] = scaled
+    end = {x: float(horner(c, stop)) for x, c in run.curves.items()}
+    return Track(stop, curves, end)
+
+
+def _rest(run: Course) -> Track:
+    """A track that stays, for what is watched where a flow has no time."""
+    start = {x: float(c[0]) for x, c in run.curves.items()}
+    return Track(0.0, {x: [v] for x, v in start.items()}, start)
+
+
+def _searched(plan: FlowPlan, run: Course, cap: Value, waiting: Sequence[int]) -> Motion:
+    """Motion for `cap` at most, whose events are searched."""
+    stop = min(run.horizon, cap)
+    if not stop > 0:
+        search = Search(plan, run.env, _rest(run), waiting)
+        search.along(bounded=False)
+        return Motion({}, 0.0, tuple(search.failed), tuple(search.met))
+    track = _track(run, float(stop))
+    search = Search(plan, run.env, track, waiting)
+    halt = search.along(bounded=True)
+    if isinstance(halt, Halt):
+        time = 0.0 + track.length * halt.place
+        motion = _arrived(plan, run, track, halt.place, time, None if halt.cut else halt.signs)
+    else:
+        motion = _arrived(plan, run, track, 1.0, float(stop), halt)
+    return replace(motion, failed=tuple(search.failed), met=tuple(search.met))
+
+
+def _arrived(
+    plan: FlowPlan, run: Course, track: Track, place: float, time: float, signs: Sequence[int] | None
+) -> Motion:
+    """The end of a flow at a place of its track; `signs` of margins there tell which bounds were met.
+
+    Where that is outside the domain by rounding, a slightly earlier one.
+    """
+    values = cast("dict[str, Value]", track.at(place))
+    if signs is not None:
+        values = settled(run, values, time, [snap for k, snap in plan.snaps if signs[k] == 0])
+    if not all(in_range(v) for v in values.values()):
+        raise Undefined("overflow")
+    if inside(run, values):
+        return Motion(values, time)
+    earlier = _back(run, track, place)
+    if earlier is not None:
+        return earlier
+    if not place < RETREAT_FINE:
+        raise Undefined("no state inside the domain")
+    return Motion({}, 0.0)
+
+
+def _back(run: Course, track: Track, place: float) -> Motion | None:
+    """Steps back from a place of a track until the state is inside the domain."""
+
+    def arrives(part: float) -> Motion | None:
+        at = place - place * part
+        values = cast("dict[str, Value]", track.at(at))
+        return Motion(values, 0.0 + track.length * at) if inside(run, values) else None
+
+    outside, within = 0.0, 2.0**-52
+    for _ in range(STEPS_BACK):
+        if (found := arrives(within)) is None:
+            outside, within = within, within * 4.0
+            continue
+        while within - outside > RETREAT_FINE:
+            middle = 0.5 * (outside + within)
+            if (nearer := arrives(middle)) is None:
+                outside = middle
+            else:
+                within, found = middle, nearer
+        return found
+    return None
+
+
+# Exact arithmetic ---------------------------------------------------------------
+
+
+def _exactly(plan: FlowPlan, run: Course, part: Value, waiting: Sequence[int]) -> Motion:
+    motion = _longest(plan, run)
+    if part < 1:
+        motion = _inside(stopped(run, motion.duration * part))
+    if not waiting:
+        return motion
+    length = motion.duration
+    events = _events(plan, run, length)
+    stop, failed, met = watched(plan, waiting, events, literal(Fraction(1), run.exact), run.exact)
+    if stop is not None and stop < 1:
+        motion = _inside(stopped(run, stop * length))
+    return replace(motion, failed=failed, met=met)
+
+
+def _inside(motion: Motion | None) -> Motion:
+    assert motion is not None, "nothing is rounded far outside a domain"
+    return motion
+
+
+def _longest(plan: FlowPlan, run: Course) -> Motion:
+    """As long as the domain allows."""
+    if plan.quick is not None:
+        return _inside(advance(plan.quick, run.env, run.exact))
+    end = run.horizon
+    if end <= 0:
+        return Motion({}, literal(Fraction(0), run.exact))
+    events = _events(plan, run, end)
+    found = exit_of(plan.domain, plan.margins, events, run.exact)
+    if found.found:
+        end = found.at * end
+        if end <= 0:
+            return Motion({}, literal(Fraction(0), run.exact))
+        end = end if found.holds else before(end)
+    return _inside(landed(run, end, [snap for k, snap in plan.snaps if found.sign_at[k] == 0]))
 
 
 def _events(plan: FlowPlan, run: Course, length: Value) -> Events:
     if plan.curves is None:
         return scan(lambda tau: _margins_at(plan, run, tau), length)
     coefficients = [_coefficients(cs, run) for cs in plan.curves]
-    curves = [curve_of(cs, length) for cs in coefficients]
+    curves = [curve_of(cs, Fraction(length)) for cs in coefficients]
     at_start = [_sign(cs[0]) for cs in coefficients]
     after = [sign_after(c) for c in curves] if length > 0 else at_start
     return Events(at_start, after, crossings(curves, after) if length > 0 else [])
 
 
-def _coefficients(terms: Sequence[Term], run: Course) -> list[Value]:
+def _coefficients(terms: Coefficients, run: Course) -> list[Fraction]:
     """One margin along the flow; zero where it has no value, which its conditions find out."""
     try:
-        return [evaluate(c, run.env, run.exact) for c in terms]
+        return [Fraction(evaluate(c, run.env, run.exact)) for c in terms]
     except Undefined:
-        return [literal(Fraction(0), run.exact)]
+        return [Fraction(0)]
 
 
 def _margins_at(plan: FlowPlan, run: Course, tau: Value) -> list[Value | None]:
