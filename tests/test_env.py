@@ -136,7 +136,7 @@ def test_one_row_is_requested_and_read_as_a_batch_of_one(action_map: str) -> Non
         row = rng.choice(numbers, 5).astype(rng.choice(["f", "d"]))
         found = requested(batch, lambda row=row: quick(row))
         wanted = requested(batch, lambda row=row: write(code, batch, row[None]))
-        assert found == wanted or (np.isnan(row).any() and found[0] == wanted[0] == ValueError), row
+        assert found == wanted or (np.isnan(row).any() and found[0] is wanted[0] is ValueError), row
         batch.executed_choices[:] = rng.integers(0, (3, 1, 4))
         batch.executed_inputs[:] = rng.normal(size=2)
         alone, together = read(), executed(code, batch.executed_choices, batch.executed_inputs)[0]
