@@ -133,8 +133,9 @@ static real dl2c_model_zero(const dl2c_stretch *stretch, const dl2c_taylor *g, i
 }
 
 /*
- * The last double before a margin, whose model is monotone, has left the side on which it was:
- * in steps of 1, 2, 4, ... doubles from where the model is zero. Places are within (0,1].
+ * Where a margin, whose model is monotone, leaves the side on which it was: a place where doubles make
+ * it zero, if one is met in steps of 1, 2, 4, ... doubles from where the model is zero, else the last
+ * double before. Places are within (0,1].
  */
 static real dl2c_change(const dl2c_stretch *stretch, int margin, const dl2c_taylor *g, int before)
 {
@@ -152,7 +153,8 @@ static real dl2c_change(const dl2c_stretch *stretch, int margin, const dl2c_tayl
     else if (direction < 0 && near == low && far - step > near) number = far - step;
     number = number <= near ? near + 1 : number >= far ? far - 1 : number;
     const int sign = dl2c_sign_at(stretch, margin, dl2c_from_ordinal(number));
-    const bool still = sign == before || sign == 0;
+    if (sign == 0) return dl2c_from_ordinal(number);
+    const bool still = sign == before;
     near = still ? number : near;
     far = still ? far : number;
     if (direction == 0) direction = still ? 1 : -1;
@@ -161,20 +163,25 @@ static real dl2c_change(const dl2c_stretch *stretch, int margin, const dl2c_tayl
   return dl2c_from_ordinal(near > low ? near : far);
 }
 
-/* Where a model that is nearly zero has its extremum; the middle if it has none. */
+/* Where a model that is nearly zero is nearest to it: at its extremum, else at an end. */
 static real dl2c_touch(const dl2c_stretch *stretch, const dl2c_taylor *g)
 {
   const real *c = g->c;
   real near = -1.0;
   real far = 1.0;
   const bool rises = c[1] - 2.0 * c[2] + 3.0 * c[3] - 4.0 * c[4] > 0.0;
+  const bool falls = c[1] + 2.0 * c[2] + 3.0 * c[3] + 4.0 * c[4] > 0.0;
+  if (rises == falls)
+    return fabs(dl2c_taylor_at(g, 1.0)) > fabs(dl2c_taylor_at(g, -1.0)) && stretch->low > 0.0
+               ? stretch->low
+               : stretch->low + stretch->width;
   for (int k = 0; k < 40; k++) {
     const real u = near + 0.5 * (far - near);
     const bool same = (((4.0 * c[4] * u + 3.0 * c[3]) * u + 2.0 * c[2]) * u + c[1] > 0.0) == rises;
     near = same ? u : near;
     far = same ? far : u;
   }
-  return stretch->low + stretch->width * (0.5 + 0.5 * (near < 0.999 ? near : 0.0));
+  return stretch->low + stretch->width * (0.5 + 0.5 * near);
 }
 
 /* Notes the sign of a margin over a stretch, as far as it does not change. */
@@ -225,16 +232,14 @@ static bool dl2c_margin_events(const dl2c_stretch *stretch, int j, const dl2c_ta
     if (first * end < 0 && !fine && !(g->r * stretch->width <= slope * DL2C_CLOSE)) return false;
     dl2c_keeps(stretch, j, first != 0 ? first : end, events);
     if (first * end < 0) dl2c_cross_at(stretch, j, dl2c_change(stretch, j, g, first), end, events);
+    if (first != 0 && !sure_last) dl2c_cross(events, 1.0, j, first);
     events->at_end[j] = !sure_last;
     *last = (int8_t)(sure_last ? end : first);
     return true;
   }
   if (!narrow && !(fine && dl2c_taylor_size(g) <= 2.0 * g->r)) return false;
-  const real from = c[1] - 2.0 * c[2] + 3.0 * c[3] - 4.0 * c[4];
-  const real to = c[1] + 2.0 * c[2] + 3.0 * c[3] + 4.0 * c[4];
   dl2c_keeps(stretch, j, came, events);
-  if (came != 0 && (narrow || from * to < 0.0))
-    dl2c_cross_at(stretch, j, dl2c_touch(stretch, g), came, events);
+  if (came != 0) dl2c_cross_at(stretch, j, dl2c_touch(stretch, g), came, events);
   events->at_end[j] = true;
   *last = (int8_t)came;
   return true;

@@ -31,7 +31,7 @@ typedef struct dl2c_taylor {
 /* Rounding of one operation on models, relative to the sizes of its operands. */
 #define DL2C_SLOP 0x1p-50
 /* Sums of bounds are rounded up by this factor. */
-#define DL2C_GROW (1.0 + 0x1p-49)
+#define DL2C_ROUND_UP (1.0 + 0x1p-49)
 
 /* A number known exactly. */
 static inline dl2c_taylor dl2c_taylor_number(real a)
@@ -84,7 +84,7 @@ static inline dl2c_taylor dl2c_taylor_of(real *b, int degree, real end, real mid
   }
   t.e = (real)(degree + 1) * size * DL2C_SLOP;
   if (reach >= 1.0) t.e += fabs(end - last);
-  t.r = (t.r + t.e) * DL2C_GROW;
+  t.r = (t.r + t.e) * DL2C_ROUND_UP;
   const real beyond = dl2c_taylor_spread(&t) + t.r;
   t.hull = dl2c_hull_out(dl2c_hull_of(t.c[0] - beyond, t.c[0] + beyond));
   return t;
@@ -102,8 +102,8 @@ static inline dl2c_taylor dl2c_taylor_neg(const dl2c_taylor *a)
 static inline void dl2c_taylor_summed(const dl2c_taylor *a, const dl2c_taylor *b, dl2c_taylor *t)
 {
   const real slop = dl2c_taylor_size(t) * DL2C_SLOP + DL2C_TINY;
-  t->r = (a->r + b->r + slop) * DL2C_GROW;
-  t->e = (a->e + b->e + slop) * DL2C_GROW;
+  t->r = (a->r + b->r + slop) * DL2C_ROUND_UP;
+  t->e = (a->e + b->e + slop) * DL2C_ROUND_UP;
   t->none = a->none | b->none;
 }
 
@@ -139,8 +139,8 @@ static inline dl2c_taylor dl2c_taylor_product(const dl2c_taylor *a, const dl2c_t
   const real first = dl2c_taylor_size(a);
   const real second = dl2c_taylor_size(b);
   const real slop = first * second * DL2C_SLOP + DL2C_TINY;
-  t.r = (over + first * b->r + a->r * (second + b->r) + slop) * DL2C_GROW;
-  t.e = (first * b->e + a->e * (second + b->e) + slop) * DL2C_GROW;
+  t.r = (over + first * b->r + a->r * (second + b->r) + slop) * DL2C_ROUND_UP;
+  t.e = (first * b->e + a->e * (second + b->e) + slop) * DL2C_ROUND_UP;
   return t;
 }
 
@@ -161,7 +161,7 @@ static inline dl2c_taylor dl2c_taylor_square(const dl2c_taylor *a)
 /* The largest deviation of a quantity from its middle. */
 static inline real dl2c_taylor_deviation(const dl2c_taylor *a)
 {
-  return (dl2c_taylor_spread(a) + a->r) * DL2C_GROW;
+  return (dl2c_taylor_spread(a) + a->r) * DL2C_ROUND_UP;
 }
 
 /*
@@ -181,8 +181,8 @@ static inline dl2c_taylor dl2c_taylor_compose(const dl2c_taylor *a, const real *
   }
   const real rounding = (16.0 * fabs(f[0]) + dl2c_taylor_size(&t)) * DL2C_SLOP;
   const real slop = rounding + noise + DL2C_TINY;
-  t.r = (t.r + tail + slop) * DL2C_GROW;
-  t.e = (t.e + slop) * DL2C_GROW;
+  t.r = (t.r + tail + slop) * DL2C_ROUND_UP;
+  t.e = (t.e + slop) * DL2C_ROUND_UP;
   if (!isfinite(t.r)) t.r = t.e = (real)INFINITY;
   t.hull = dl2c_hull_out(hull);
   return t;

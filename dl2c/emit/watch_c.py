@@ -54,12 +54,16 @@ def watch_tables(environment: Environment) -> list[str]:
     cuts = [str(int(w.cuts)) for w in watches_of(environment.model)]
     kinds = [_kind(plan) for plan in environment.flows]
     counts = [str(len(plan.margins)) for plan in environment.flows]
-    return [
-        table("uint8_t", "WATCH_CUTS", f"[{max(1, len(cuts))}]", cuts or ["0"]),
+    tables = [
         table("uint8_t", "FLOW_KERNEL", f"[{max(1, len(kinds))}]", kinds or ["0"]),
         table("int32_t", "FLOW_DURATION", f"[{max(1, len(kinds))}]", _durations(environment) or ["-1"]),
-        table("int32_t", "FLOW_MARGINS", f"[{max(1, len(counts))}]", counts or ["0"]),
     ]
+    if searched(environment):
+        tables += [
+            table("uint8_t", "WATCH_CUTS", f"[{max(1, len(cuts))}]", cuts or ["0"]),
+            table("int32_t", "FLOW_MARGINS", f"[{max(1, len(counts))}]", counts or ["0"]),
+        ]
+    return tables
 
 
 def margin_count(environment: Environment) -> int:

@@ -222,13 +222,13 @@ class Search:
                 return None
             if first * end < 0:
                 self._cross(j, self._change(j, g, first), end, events)
+            if first and not sure_last:
+                self._cross(j, self.low + self.width, first, events)
             return self._keeps(j, first or end, events, not sure_last, end if sure_last else first)
         if not narrow and not (fine and g.size <= 2.0 * g.r):
             return None
-        start = c[1] - 2.0 * c[2] + 3.0 * c[3] - 4.0 * c[4]
-        to = c[1] + 2.0 * c[2] + 3.0 * c[3] + 4.0 * c[4]
-        if came != 0 and (narrow or start * to < 0):
-            self._cross(j, self._touch(g, start > 0), came, events)
+        if came != 0:
+            self._cross(j, self._touch(g), came, events)
         return self._keeps(j, came, events, True, came)
 
     def _keeps(self, j: int, sign: int, events: Events, ends_at_zero: bool, last: int) -> int:
@@ -241,7 +241,8 @@ class Search:
         events.crossings.append(Crossing((place - self.low) / self.width, j, after))
 
     def _change(self, margin: int, g: Taylor, sign: int) -> float:
-        """The last double before a margin, whose model is monotone, has left the side on which it was."""
+        """Where a margin, whose model is monotone, leaves the side on which it was: a place where doubles
+        make it zero, if one is met, else the last double before."""
         low, high = ordinal(self.low), ordinal(self.low + self.width)
         near, far = low, high
         start = ordinal(self._model_zero(g, sign))
@@ -255,7 +256,10 @@ class Search:
             elif direction < 0 and near == low and far - step > near:
                 number = far - step
             number = near + 1 if number <= near else far - 1 if number >= far else number
-            still = self._sign_at(margin, from_ordinal(number)) in (sign, 0)
+            found = self._sign_at(margin, from_ordinal(number))
+            if found == 0:
+                return from_ordinal(number)
+            still = found == sign
             near, far = (number, far) if still else (near, number)
             direction = direction or (1 if still else -1)
             step = 2 * step or 1
@@ -269,15 +273,20 @@ class Search:
             near, far = (middle, far) if same else (near, middle)
         return self.low + self.width * (0.5 + 0.5 * near)
 
-    def _touch(self, g: Taylor, rises: bool) -> float:
-        """Where a model that is nearly zero has its extremum; the middle if it has none."""
+    def _touch(self, g: Taylor) -> float:
+        """Where a model that is nearly zero is nearest to it: at its extremum, else at an end."""
         c = g.c
+        rises = c[1] - 2.0 * c[2] + 3.0 * c[3] - 4.0 * c[4] > 0
+        falls = c[1] + 2.0 * c[2] + 3.0 * c[3] + 4.0 * c[4] > 0
+        if rises == falls:
+            at_low = abs(g.at(1.0)) > abs(g.at(-1.0)) and self.low > 0
+            return self.low if at_low else self.low + self.width
         near, far = -1.0, 1.0
         for _ in range(40):
             u = near + 0.5 * (far - near)
             same = (((4.0 * c[4] * u + 3.0 * c[3]) * u + 2.0 * c[2]) * u + c[1] > 0) == rises
             near, far = (u, far) if same else (near, u)
-        return self.low + self.width * (0.5 + 0.5 * (near if near < 0.999 else 0.0))
+        return self.low + self.width * (0.5 + 0.5 * near)
 
 
 def _plainly(formula: Formula, terms: Enclosed[Hull]) -> bool:

@@ -14,7 +14,7 @@ from dl2c.ir.hull import TINY, UNKNOWN, Hull, value
 ORDER = 4
 SLOP = 2.0**-50
 """Rounding of one operation on models, relative to the sizes of its operands."""
-GROW = 1.0 + 2.0**-49
+ROUND_UP = 1.0 + 2.0**-49
 """Sums of bounds are rounded up by this factor."""
 
 ZEROS = (0.0,) * (ORDER + 1)
@@ -46,7 +46,7 @@ class Taylor:
     @property
     def deviation(self) -> float:
         """The largest deviation of the quantity from its middle."""
-        return (self.spread + self.r) * GROW
+        return (self.spread + self.r) * ROUND_UP
 
     def at(self, u: float) -> float:
         c = self.c
@@ -85,7 +85,7 @@ def of_polynomial(b: Sequence[float], end: float, middle: float, half: float) ->
     e = (degree + 1) * size * SLOP
     if reach >= 1:
         e += abs(end - last)
-    made = Taylor(tuple(c), (r + e) * GROW, e, UNKNOWN)
+    made = Taylor(tuple(c), (r + e) * ROUND_UP, e, UNKNOWN)
     beyond = made.spread + made.r
     return replace(made, hull=hull.out(hull.hull_of(c[0] - beyond, c[0] + beyond)))
 
@@ -98,7 +98,7 @@ def _summed(c: Sequence[float], a: Taylor, b: Taylor, enclosed: Hull) -> Taylor:
     """A sum with what rounding adds to it."""
     made = Taylor(tuple(c), 0.0, 0.0, hull.out(enclosed), a.none or b.none)
     slop = made.size * SLOP + TINY
-    return replace(made, r=(a.r + b.r + slop) * GROW, e=(a.e + b.e + slop) * GROW)
+    return replace(made, r=(a.r + b.r + slop) * ROUND_UP, e=(a.e + b.e + slop) * ROUND_UP)
 
 
 def add(a: Taylor, b: Taylor) -> Taylor:
@@ -121,8 +121,8 @@ def _product(a: Taylor, b: Taylor, enclosed: Hull = UNKNOWN) -> Taylor:
                 over += abs(term)
     first, second = a.size, b.size
     slop = first * second * SLOP + TINY
-    r = (over + first * b.r + a.r * (second + b.r) + slop) * GROW
-    e = (first * b.e + a.e * (second + b.e) + slop) * GROW
+    r = (over + first * b.r + a.r * (second + b.r) + slop) * ROUND_UP
+    e = (first * b.e + a.e * (second + b.e) + slop) * ROUND_UP
     return Taylor(tuple(c), r, e, hull.out(enclosed), a.none or b.none)
 
 
@@ -154,7 +154,7 @@ def compose(a: Taylor, f: Sequence[float], tail: float, noise: float, enclosed: 
         t = replace(t, c=(t.c[0] + f[k], *t.c[1:]))
     rounding = (16.0 * abs(f[0]) + t.size) * SLOP
     slop = rounding + noise + TINY
-    r, e = (t.r + tail + slop) * GROW, (t.e + slop) * GROW
+    r, e = (t.r + tail + slop) * ROUND_UP, (t.e + slop) * ROUND_UP
     return _known(replace(t, r=r, e=e, hull=hull.out(enclosed)))
 
 
