@@ -17,7 +17,7 @@ from ir_builder import formula, term
 from random_odes import Start, flows_model
 
 from dl2c.ir.evaluate import truth
-from dl2c.ir.kernel import FlowPlan, is_linear, plan_flow
+from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.logic import conjunction
 from dl2c.ir.model import FALSE, ONE, TRUE, Compare, Flow, Horizon, Symbol
 from dl2c.ir.watch import Watch
@@ -316,22 +316,14 @@ def test_a_root_that_is_small_where_it_ends_a_flow_and_large_after(integrator: A
     assert arrival.state["x"] == pytest.approx(-math.sqrt(8), rel=1e-10)
 
 
-def test_a_flow_that_only_sampling_can_watch_is_not_left_to_straight_lines() -> None:
-    """A polynomial flow with a disjunction, beside a watch that is no polynomial."""
+def test_the_kernel_is_chosen_by_motion_alone() -> None:
+    """Conditions of any form are watched along motion that is solved."""
     flow = Flow((("x", term("y")), ("y", ONE)), d := formula("x <= 1 or y >= 0"), d, (), Fraction(1))
     watch = Watch(0, "safety", w := formula("sin(x) >= -1/2"), TRUE, FALSE, w, TRUE, True)
     plan = plan_flow(flow, [watch])
     assert isinstance(plan, FlowPlan)
-    assert (plan.kernel, plan.reason.split(":")[0]) == ("linear", "its equations are linear")
-    assert is_linear(flow)
-    wild = replace(flow, equations=(("x", term("y*y")), ("y", ONE)))
-    plan = plan_flow(wild, [watch])
-    assert isinstance(plan, FlowPlan)
-    assert (plan.kernel, plan.reason) == (
-        "cvodes",
-        "a condition watched along it is not a polynomial of time",
-    )
+    assert (plan.kernel, plan.quick, plan.curves) == ("exact", None, None)
     straight = replace(flow, watched=(d := formula("x <= 1")), domain=d)
     plan = plan_flow(straight, [watch])
     assert isinstance(plan, FlowPlan)
-    assert plan.kernel == "exact" and plan.curves is None
+    assert plan.kernel == "exact" and plan.quick is not None

@@ -33,8 +33,6 @@ typedef struct dl2c_stretch {
 enum { DL2C_LOOKS = 1 << 14 };
 /* Stretches are not halved below this part of a track. */
 #define DL2C_NARROWEST 0x1p-50
-/* An error is that of rounding where it is at most so many times as large. */
-#define DL2C_FINE 8.0
 /* A change of sign is bracketed well enough within this part of a track. */
 #define DL2C_CLOSE 0x1p-44
 
@@ -206,7 +204,7 @@ static void dl2c_cross_at(const dl2c_stretch *stretch, int j, real place, int af
 static bool dl2c_margin_events(const dl2c_stretch *stretch, int j, const dl2c_taylor *g,
                                dl2c_events *events, int8_t *last)
 {
-  if (g->none || !isfinite(g->c[0])) {
+  if ((g->lacks & DL2C_LACKS_VALUE) != 0 || !isfinite(g->c[0])) {
     dl2c_keeps(stretch, j, 0, events);
     *last = 0;
     return true;
@@ -218,7 +216,7 @@ static bool dl2c_margin_events(const dl2c_stretch *stretch, int j, const dl2c_ta
     *last = (int8_t)always;
     return true;
   }
-  const bool narrow = stretch->width <= DL2C_NARROWEST;
+  const bool narrow = stretch->width <= DL2C_NARROWEST || g->lacks != 0;
   const bool fine = (isfinite(g->r) && g->r <= DL2C_FINE * g->e) || narrow;
   const real *c = g->c;
   const real slope = fabs(c[1]) - 2.0 * fabs(c[2]) - 3.0 * fabs(c[3]) - 4.0 * fabs(c[4]);

@@ -6,8 +6,8 @@
  * quantity is within `r` of c[0] + c[1]*u + ... + c[4]*u^4, and so is what doubles compute for it
  * at any double u, operation by operation as the term is written. Of `r`, `e` is what rounding
  * adds; the rest is what the polynomial leaves out, which falls with the fifth power of the
- * stretch's length. `hull` holds the quantity too. Where nothing is known `r` is infinite; `none` says
- * that the quantity has no value anywhere on the stretch.
+ * stretch's length. `hull` holds the quantity too. Where nothing is known `r` is infinite, and `lacks`
+ * may say why.
  *
  * Rounding: sums and products of n terms are off by less than n*2^-53 of the sum of their sizes,
  * which DL2C_SLOP covers for all operations here; functions of libm by 2^-50 of their value at most.
@@ -21,11 +21,20 @@
 
 enum { DL2C_ORDER = 4 };
 
+/* Why nothing is known of a quantity: flags. */
+enum {
+  DL2C_LACKS_DIGITS = 1, /* rounding decides whether it has a value: shorter stretches do not help */
+  DL2C_LACKS_VALUE = 2,  /* it has no value anywhere on the stretch */
+};
+
+/* An error is that of rounding where it is at most so many times as large. */
+#define DL2C_FINE 8.0
+
 typedef struct dl2c_taylor {
   real c[DL2C_ORDER + 1];
   real r, e;
   dl2c_hull hull;
-  bool none;
+  int32_t lacks;
 } dl2c_taylor;
 
 /* Rounding of one operation on models, relative to the sizes of its operands. */
@@ -36,8 +45,10 @@ typedef struct dl2c_taylor {
 /* A number known exactly. */
 static inline dl2c_taylor dl2c_taylor_number(real a)
 {
-  dl2c_taylor t = {.c = {a}, .hull = dl2c_hull_at(a), .none = !isfinite(a)};
-  if (t.none) t.r = t.e = (real)INFINITY;
+  dl2c_taylor t = {.c = {a}, .hull = dl2c_hull_at(a)};
+  if (isfinite(a)) return t;
+  t.r = t.e = (real)INFINITY;
+  t.lacks = DL2C_LACKS_VALUE;
   return t;
 }
 
@@ -104,7 +115,7 @@ static inline void dl2c_taylor_summed(const dl2c_taylor *a, const dl2c_taylor *b
   const real slop = dl2c_taylor_size(t) * DL2C_SLOP + DL2C_TINY;
   t->r = (a->r + b->r + slop) * DL2C_ROUND_UP;
   t->e = (a->e + b->e + slop) * DL2C_ROUND_UP;
-  t->none = a->none | b->none;
+  t->lacks = a->lacks | b->lacks;
 }
 
 static inline dl2c_taylor dl2c_taylor_add(const dl2c_taylor *a, const dl2c_taylor *b)
@@ -128,7 +139,7 @@ static inline dl2c_taylor dl2c_taylor_sub(const dl2c_taylor *a, const dl2c_taylo
 /* The product without its hull. */
 static inline dl2c_taylor dl2c_taylor_product(const dl2c_taylor *a, const dl2c_taylor *b)
 {
-  dl2c_taylor t = {.none = a->none | b->none};
+  dl2c_taylor t = {.lacks = a->lacks | b->lacks};
   real over = 0.0;
   for (int i = 0; i <= DL2C_ORDER; i++)
     for (int j = 0; j <= DL2C_ORDER; j++) {
@@ -189,11 +200,21 @@ static inline dl2c_taylor dl2c_taylor_compose(const dl2c_taylor *a, const real *
 }
 
 /* Known by its hull alone. */
-static inline dl2c_taylor dl2c_taylor_unknown(bool none, dl2c_hull hull)
+static inline dl2c_taylor dl2c_taylor_unknown(int32_t lacks, dl2c_hull hull)
 {
-  dl2c_taylor t = {.r = (real)INFINITY, .e = (real)INFINITY, .none = none};
+  dl2c_taylor t = {.r = (real)INFINITY, .e = (real)INFINITY, .lacks = lacks};
   t.hull = dl2c_hull_out(hull);
   return t;
+}
+
+/*
+ * What a function of a model lacks that does not have a value for all numbers near it. `some`: it may
+ * have one on the stretch.
+ */
+static inline int32_t dl2c_taylor_lacks(const dl2c_taylor *a, bool some)
+{
+  const bool rounding = isfinite(a->r) & (dl2c_taylor_spread(a) <= a->r) & (a->r <= DL2C_FINE * a->e);
+  return a->lacks | (rounding ? DL2C_LACKS_DIGITS : 0) | (some ? 0 : DL2C_LACKS_VALUE);
 }
 
 /* How large q^5 / (1 - q) is: the rest of a geometric series, 0 <= q < 1. */
@@ -203,11 +224,11 @@ static inline real dl2c_geometric_rest(real q) { return q * q * q * q * q / (1.0
 static inline dl2c_taylor dl2c_taylor_inverse(const dl2c_taylor *a)
 {
   const dl2c_hull hull = dl2c_hull_div(dl2c_hull_at(1.0), a->hull);
-  const bool none = a->none;
+  const int32_t lacks = dl2c_taylor_lacks(a, true);
   const real middle = a->c[0];
-  if (!(fabs(middle) > DL2C_TINY)) return dl2c_taylor_unknown(none, hull);
+  if (!(fabs(middle) > DL2C_TINY)) return dl2c_taylor_unknown(lacks, hull);
   const real q = dl2c_taylor_deviation(a) / fabs(middle);
-  if (!(q < 0.999)) return dl2c_taylor_unknown(none, hull);
+  if (!(q < 0.999)) return dl2c_taylor_unknown(lacks, hull);
   real f[DL2C_ORDER + 1];
   f[0] = 1.0 / middle;
   for (int k = 1; k <= DL2C_ORDER; k++) f[k] = -f[k - 1] / middle;
@@ -226,11 +247,11 @@ static inline dl2c_taylor dl2c_taylor_div(const dl2c_taylor *a, const dl2c_taylo
 static inline dl2c_taylor dl2c_taylor_sqrt(const dl2c_taylor *a)
 {
   const dl2c_hull hull = dl2c_hull_sqrt(a->hull);
-  const bool none = a->none | (a->hull.high < 0.0);
+  const int32_t lacks = dl2c_taylor_lacks(a, !(a->hull.high < 0.0));
   const real middle = a->c[0];
-  if (!(middle > DL2C_TINY)) return dl2c_taylor_unknown(none, hull);
+  if (!(middle > DL2C_TINY)) return dl2c_taylor_unknown(lacks, hull);
   const real q = dl2c_taylor_deviation(a) / middle;
-  if (!(q < 0.999)) return dl2c_taylor_unknown(none, hull);
+  if (!(q < 0.999)) return dl2c_taylor_unknown(lacks, hull);
   const real root = sqrt(middle);
   real f[DL2C_ORDER + 1];
   f[0] = root;
@@ -245,29 +266,29 @@ static inline dl2c_taylor dl2c_taylor_abs(const dl2c_taylor *a)
 {
   if (a->hull.low >= 0.0) return *a;
   if (a->hull.high <= 0.0) return dl2c_taylor_neg(a);
-  return dl2c_taylor_unknown(a->none, dl2c_hull_abs(a->hull));
+  return dl2c_taylor_unknown(a->lacks, dl2c_hull_abs(a->hull));
 }
 
 static inline dl2c_taylor dl2c_taylor_min(const dl2c_taylor *a, const dl2c_taylor *b)
 {
   if (a->hull.high < b->hull.low) return *a;
   if (b->hull.high < a->hull.low) return *b;
-  return dl2c_taylor_unknown(a->none | b->none, dl2c_hull_min(a->hull, b->hull));
+  return dl2c_taylor_unknown(a->lacks | b->lacks, dl2c_hull_min(a->hull, b->hull));
 }
 
 static inline dl2c_taylor dl2c_taylor_max(const dl2c_taylor *a, const dl2c_taylor *b)
 {
   if (a->hull.low > b->hull.high) return *a;
   if (b->hull.low > a->hull.high) return *b;
-  return dl2c_taylor_unknown(a->none | b->none, dl2c_hull_max(a->hull, b->hull));
+  return dl2c_taylor_unknown(a->lacks | b->lacks, dl2c_hull_max(a->hull, b->hull));
 }
 
 static inline dl2c_taylor dl2c_taylor_exp(const dl2c_taylor *a)
 {
   const dl2c_hull hull = dl2c_hull_exp(a->hull);
-  const bool none = a->none;
+  const int32_t lacks = dl2c_taylor_lacks(a, true);
   const real d = dl2c_taylor_deviation(a);
-  if (!(d < 1.0 && fabs(a->c[0]) < 700.0)) return dl2c_taylor_unknown(none, hull);
+  if (!(d < 1.0 && fabs(a->c[0]) < 700.0)) return dl2c_taylor_unknown(lacks, hull);
   const real value = exp(a->c[0]);
   const real f[] = {value, value, value / 2.0, value / 6.0, value / 24.0};
   return dl2c_taylor_compose(a, f, value * 0.023 * (d * d * d * d * d), 0.0, hull);
@@ -277,9 +298,9 @@ static inline dl2c_taylor dl2c_taylor_exp(const dl2c_taylor *a)
 static inline dl2c_taylor dl2c_taylor_wave(const dl2c_taylor *a, real value, real slope,
                                            dl2c_hull hull)
 {
-  const bool none = a->none;
+  const int32_t lacks = dl2c_taylor_lacks(a, true);
   const real d = dl2c_taylor_deviation(a);
-  if (!(d < 4.0)) return dl2c_taylor_unknown(none, hull);
+  if (!(d < 4.0)) return dl2c_taylor_unknown(lacks, hull);
   const real f[] = {value, slope, -value / 2.0, -slope / 6.0, value / 24.0};
   const real noise = 8.0 * DL2C_SLOP * (1.0 + d * (1.0 + d));
   return dl2c_taylor_compose(a, f, d * d * d * d * d / 120.0, noise, hull);
@@ -326,11 +347,12 @@ static inline dl2c_taylor dl2c_taylor_arctan(const dl2c_taylor *a)
 static inline dl2c_taylor dl2c_taylor_arcsin(const dl2c_taylor *a)
 {
   const dl2c_hull hull = dl2c_hull_arcsin(a->hull);
-  const bool none = a->none | (a->hull.low > 1.0) | (a->hull.high < -1.0);
+  const int32_t lacks =
+      dl2c_taylor_lacks(a, !(a->hull.low > 1.0) & !(a->hull.high < -1.0));
   const real d = dl2c_taylor_deviation(a);
   const real middle = a->c[0];
   const real far = fabs(middle) + d;
-  if (!(far < 0.999999)) return dl2c_taylor_unknown(none, hull);
+  if (!(far < 0.999999)) return dl2c_taylor_unknown(lacks, hull);
   const real room = (1.0 - far) * (1.0 + far);
   const real slope = 1.0 / sqrt((1.0 - middle) * (1.0 + middle));
   const real f[] = {asin(middle), slope, 0.5 * middle * (slope * slope * slope), 0.0, 0.0};
@@ -340,11 +362,11 @@ static inline dl2c_taylor dl2c_taylor_arcsin(const dl2c_taylor *a)
 
 static inline dl2c_taylor dl2c_taylor_log(const dl2c_taylor *a)
 {
-  const bool none = a->none | (a->hull.high <= 0.0);
+  const int32_t lacks = dl2c_taylor_lacks(a, !(a->hull.high <= 0.0));
   const real middle = a->c[0];
-  if (!(middle > DL2C_TINY)) return dl2c_taylor_unknown(none, dl2c_hull_unknown());
+  if (!(middle > DL2C_TINY)) return dl2c_taylor_unknown(lacks, dl2c_hull_unknown());
   const real q = dl2c_taylor_deviation(a) / middle;
-  if (!(q < 0.999)) return dl2c_taylor_unknown(none, dl2c_hull_unknown());
+  if (!(q < 0.999)) return dl2c_taylor_unknown(lacks, dl2c_hull_unknown());
   real f[DL2C_ORDER + 1];
   real power = 1.0 / middle;
   f[0] = log(middle);

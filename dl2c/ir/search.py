@@ -23,8 +23,6 @@ LOOKS = 1 << 14
 """A track that needs more looks counts as one whose events cannot be found."""
 NARROWEST = 2.0**-50
 """Stretches are not halved below this part of a track."""
-FINE = 8.0
-"""An error is that of rounding where it is at most so many times as large."""
 CLOSE = 2.0**-44
 """A change of sign is bracketed well enough within this part of a track."""
 TRACK_ROUNDING = 2.0**-46
@@ -203,14 +201,14 @@ class Search:
 
     def _margin_events(self, j: int, g: Taylor, events: Events) -> int | None:
         """Adds what a margin does on the stretch; returns its sign at the end, None where that is open."""
-        if g.none or not math.isfinite(g.c[0]):
+        if g.lacks & taylor.LACKS_VALUE or not math.isfinite(g.c[0]):
             return self._keeps(j, 0, events, False, 0)
         came = self.since[j]
         always = taylor.sign(g)
         if always:
             return self._keeps(j, always, events, False, always)
-        narrow = self.width <= NARROWEST
-        fine = (math.isfinite(g.r) and g.r <= FINE * g.e) or narrow
+        narrow = self.width <= NARROWEST or g.lacks != 0
+        fine = (math.isfinite(g.r) and g.r <= taylor.FINE * g.e) or narrow
         c = g.c
         slope = abs(c[1]) - 2.0 * abs(c[2]) - 3.0 * abs(c[3]) - 4.0 * abs(c[4])
         first_value, last_value = g.at(-1.0), g.at(1.0)

@@ -12,6 +12,12 @@ from dl2c.ir import hull
 from dl2c.ir.hull import TINY, UNKNOWN, Hull, value
 
 ORDER = 4
+LACKS_DIGITS = 1
+"""Rounding decides whether the quantity has a value: shorter stretches do not help."""
+LACKS_VALUE = 2
+"""It has no value anywhere on the stretch."""
+FINE = 8.0
+"""An error is that of rounding where it is at most so many times as large."""
 SLOP = 2.0**-50
 """Rounding of one operation on models, relative to the sizes of its operands."""
 ROUND_UP = 1.0 + 2.0**-49
@@ -24,13 +30,13 @@ INF = math.inf
 @dataclass(frozen=True, slots=True)
 class Taylor:
     """The polynomial's coefficients `c`; `r` bounds how far it is from the quantity, and `e` is what
-    rounding has in that; `hull` holds the quantity too. `none`: it has no value anywhere."""
+    rounding has in that; `hull` holds the quantity too. `lacks` are flags."""
 
     c: tuple[float, ...]
     r: float
     e: float
     hull: Hull
-    none: bool = False
+    lacks: int = 0
 
     @property
     def spread(self) -> float:
@@ -55,8 +61,8 @@ class Taylor:
 
 def number(a: float) -> Taylor:
     """A number known exactly."""
-    off = 0.0 if math.isfinite(a) else INF
-    return Taylor((a, 0.0, 0.0, 0.0, 0.0), off, off, hull.hull_of(a, a), not math.isfinite(a))
+    off, lacks = (0.0, 0) if math.isfinite(a) else (INF, LACKS_VALUE)
+    return Taylor((a, 0.0, 0.0, 0.0, 0.0), off, off, hull.hull_of(a, a), lacks)
 
 
 def of_polynomial(b: Sequence[float], end: float, middle: float, half: float) -> Taylor:
@@ -96,7 +102,7 @@ def neg(a: Taylor) -> Taylor:
 
 def _summed(c: Sequence[float], a: Taylor, b: Taylor, enclosed: Hull) -> Taylor:
     """A sum with what rounding adds to it."""
-    made = Taylor(tuple(c), 0.0, 0.0, hull.out(enclosed), a.none or b.none)
+    made = Taylor(tuple(c), 0.0, 0.0, hull.out(enclosed), a.lacks | b.lacks)
     slop = made.size * SLOP + TINY
     return replace(made, r=(a.r + b.r + slop) * ROUND_UP, e=(a.e + b.e + slop) * ROUND_UP)
 
@@ -123,7 +129,7 @@ def _product(a: Taylor, b: Taylor, enclosed: Hull = UNKNOWN) -> Taylor:
     slop = first * second * SLOP + TINY
     r = (over + first * b.r + a.r * (second + b.r) + slop) * ROUND_UP
     e = (first * b.e + a.e * (second + b.e) + slop) * ROUND_UP
-    return Taylor(tuple(c), r, e, hull.out(enclosed), a.none or b.none)
+    return Taylor(tuple(c), r, e, hull.out(enclosed), a.lacks | b.lacks)
 
 
 def mul(a: Taylor, b: Taylor) -> Taylor:
@@ -139,9 +145,16 @@ def _known(a: Taylor) -> Taylor:
     return a if math.isfinite(a.r) else replace(a, r=INF, e=INF)
 
 
-def unknown(none: bool, enclosed: Hull) -> Taylor:
+def unknown(lacks: int, enclosed: Hull) -> Taylor:
     """Known by its hull alone."""
-    return Taylor(ZEROS, INF, INF, hull.out(enclosed), none)
+    return Taylor(ZEROS, INF, INF, hull.out(enclosed), lacks)
+
+
+def _lacks(a: Taylor, some: bool = True) -> int:
+    """What a function of a model lacks that does not have a value for all numbers near it; `some`: it may
+    have one on the stretch."""
+    rounding = math.isfinite(a.r) and a.spread <= a.r and a.r <= FINE * a.e
+    return a.lacks | (LACKS_DIGITS if rounding else 0) | (0 if some else LACKS_VALUE)
 
 
 def compose(a: Taylor, f: Sequence[float], tail: float, noise: float, enclosed: Hull) -> Taylor:
@@ -166,10 +179,10 @@ def _inverse(a: Taylor) -> Taylor:
     enclosed = hull.div((1.0, 1.0), a.hull)
     middle = a.c[0]
     if not abs(middle) > TINY:
-        return unknown(a.none, enclosed)
+        return unknown(_lacks(a), enclosed)
     q = a.deviation / abs(middle)
     if not q < 0.999:
-        return unknown(a.none, enclosed)
+        return unknown(_lacks(a), enclosed)
     f = [1.0 / middle]
     for _ in range(ORDER):
         f.append(-f[-1] / middle)
@@ -184,10 +197,10 @@ def sqrt(a: Taylor) -> Taylor:
     enclosed = hull.sqrt(a.hull)
     middle = a.c[0]
     if not middle > TINY:
-        return unknown(a.none or a.hull[1] < 0, enclosed)
+        return unknown(_lacks(a, not a.hull[1] < 0), enclosed)
     q = a.deviation / middle
     if not q < 0.999:
-        return unknown(a.none or a.hull[1] < 0, enclosed)
+        return unknown(_lacks(a, not a.hull[1] < 0), enclosed)
     root = math.sqrt(middle)
     slope = root / (2.0 * middle)
     second = -slope / (4.0 * middle)
@@ -199,26 +212,26 @@ def sqrt(a: Taylor) -> Taylor:
 def absolute(a: Taylor) -> Taylor:
     if a.hull[0] >= 0:
         return a
-    return neg(a) if a.hull[1] <= 0 else unknown(a.none, hull.absolute(a.hull))
+    return neg(a) if a.hull[1] <= 0 else unknown(a.lacks, hull.absolute(a.hull))
 
 
 def minimum(a: Taylor, b: Taylor) -> Taylor:
     if a.hull[1] < b.hull[0]:
         return a
-    return b if b.hull[1] < a.hull[0] else unknown(a.none or b.none, hull.minimum(a.hull, b.hull))
+    return b if b.hull[1] < a.hull[0] else unknown(a.lacks | b.lacks, hull.minimum(a.hull, b.hull))
 
 
 def maximum(a: Taylor, b: Taylor) -> Taylor:
     if a.hull[0] > b.hull[1]:
         return a
-    return b if b.hull[0] > a.hull[1] else unknown(a.none or b.none, hull.maximum(a.hull, b.hull))
+    return b if b.hull[0] > a.hull[1] else unknown(a.lacks | b.lacks, hull.maximum(a.hull, b.hull))
 
 
 def exp(a: Taylor) -> Taylor:
     enclosed = hull.exp(a.hull)
     d = a.deviation
     if not (d < 1 and abs(a.c[0]) < 700):
-        return unknown(a.none, enclosed)
+        return unknown(_lacks(a), enclosed)
     v = math.exp(a.c[0])
     return compose(a, (v, v, v / 2.0, v / 6.0, v / 24.0), v * 0.023 * (d * d * d * d * d), 0.0, enclosed)
 
@@ -227,7 +240,7 @@ def _wave(a: Taylor, v: float, slope: float, enclosed: Hull) -> Taylor:
     """Sine and cosine from their values in the middle."""
     d = a.deviation
     if not d < 4:
-        return unknown(a.none, enclosed)
+        return unknown(_lacks(a), enclosed)
     noise = 8.0 * SLOP * (1.0 + d * (1.0 + d))
     f = (v, slope, -v / 2.0, -slope / 6.0, v / 24.0)
     return compose(a, f, d * d * d * d * d / 120.0, noise, enclosed)
@@ -270,7 +283,7 @@ def arcsin(a: Taylor) -> Taylor:
     middle = a.c[0]
     far = abs(middle) + d
     if not far < 0.999999:
-        return unknown(a.none or a.hull[0] > 1 or a.hull[1] < -1, enclosed)
+        return unknown(_lacks(a, not (a.hull[0] > 1 or a.hull[1] < -1)), enclosed)
     room = (1.0 - far) * (1.0 + far)
     slope = 1.0 / math.sqrt((1.0 - middle) * (1.0 + middle))
     f = (math.asin(middle), slope, 0.5 * middle * (slope * slope * slope), 0.0, 0.0)
@@ -279,13 +292,13 @@ def arcsin(a: Taylor) -> Taylor:
 
 
 def _log(a: Taylor) -> Taylor:
-    none = a.none or a.hull[1] <= 0
+    lacks = _lacks(a, not a.hull[1] <= 0)
     middle = a.c[0]
     if not middle > TINY:
-        return unknown(none, UNKNOWN)
+        return unknown(lacks, UNKNOWN)
     q = a.deviation / middle
     if not q < 0.999:
-        return unknown(none, UNKNOWN)
+        return unknown(lacks, UNKNOWN)
     f = [math.log(middle)]
     power = 1.0 / middle
     for k in range(1, ORDER + 1):
