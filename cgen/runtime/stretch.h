@@ -35,6 +35,8 @@ enum { DL2C_LOOKS = 1 << 14 };
 #define DL2C_NARROWEST 0x1p-50
 /* A change of sign is bracketed well enough within this part of a track. */
 #define DL2C_CLOSE 0x1p-44
+/* Events that are at most so many doubles apart are one. */
+enum { DL2C_TOGETHER = 16 };
 
 /* The time since the flow began at a place of the track. */
 static real dl2c_time_at(const dl2c_track *track, real place)
@@ -189,11 +191,17 @@ static void dl2c_keeps(const dl2c_stretch *stretch, int j, int sign, dl2c_events
   events->after_start[j] = (int8_t)sign;
 }
 
-/* A crossing at a place of the track. */
+/* A crossing at a place of the track, or where others are that are not apart from it. */
 static void dl2c_cross_at(const dl2c_stretch *stretch, int j, real place, int after,
                           dl2c_events *events)
 {
-  dl2c_cross(events, (place - stretch->low) / stretch->width, j, after);
+  real at = (place - stretch->low) / stretch->width;
+  for (int k = 0; k < events->count; k++) {
+    const real other = stretch->low + stretch->width * events->crossings[k].at;
+    const int64_t apart = dl2c_ordinal(other) - dl2c_ordinal(place);
+    if (apart >= -DL2C_TOGETHER && apart <= DL2C_TOGETHER) at = events->crossings[k].at;
+  }
+  dl2c_cross(events, at, j, after);
 }
 
 /*
@@ -230,16 +238,17 @@ static bool dl2c_margin_events(const dl2c_stretch *stretch, int j, const dl2c_ta
     if (first * end < 0 && !fine && !(g->r * stretch->width <= slope * DL2C_CLOSE)) return false;
     dl2c_keeps(stretch, j, first != 0 ? first : end, events);
     if (first * end < 0) dl2c_cross_at(stretch, j, dl2c_change(stretch, j, g, first), end, events);
-    if (first != 0 && !sure_last) dl2c_cross(events, 1.0, j, first);
+    if (first != 0 && !sure_last)
+      dl2c_cross_at(stretch, j, stretch->low + stretch->width, 0, events);
     events->at_end[j] = !sure_last;
-    *last = (int8_t)(sure_last ? end : first);
+    *last = (int8_t)end;
     return true;
   }
   if (!narrow && !(fine && dl2c_taylor_size(g) <= 2.0 * g->r)) return false;
   dl2c_keeps(stretch, j, came, events);
-  if (came != 0) dl2c_cross_at(stretch, j, dl2c_touch(stretch, g), came, events);
+  if (came != 0) dl2c_cross_at(stretch, j, dl2c_touch(stretch, g), 0, events);
   events->at_end[j] = true;
-  *last = (int8_t)came;
+  *last = 0;
   return true;
 }
 

@@ -5,6 +5,7 @@ what is certain.
 """
 
 import math
+from bisect import insort
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -25,6 +26,8 @@ NARROWEST = 2.0**-50
 """Stretches are not halved below this part of a track."""
 CLOSE = 2.0**-44
 """A change of sign is bracketed well enough within this part of a track."""
+TOGETHER = 16
+"""Events that are at most so many doubles apart are one."""
 TRACK_ROUNDING = 2.0**-46
 
 
@@ -176,7 +179,6 @@ class Search:
             if sign is None:
                 return None
             last.append(sign)
-        events.crossings.sort(key=lambda c: (c.at, c.margin))
         self.here, self.since = list(last), list(last)
         return events
 
@@ -221,13 +223,13 @@ class Search:
             if first * end < 0:
                 self._cross(j, self._change(j, g, first), end, events)
             if first and not sure_last:
-                self._cross(j, self.low + self.width, first, events)
-            return self._keeps(j, first or end, events, not sure_last, end if sure_last else first)
+                self._cross(j, self.low + self.width, 0, events)
+            return self._keeps(j, first or end, events, not sure_last, end)
         if not narrow and not (fine and g.size <= 2.0 * g.r):
             return None
         if came != 0:
-            self._cross(j, self._touch(g), came, events)
-        return self._keeps(j, came, events, True, came)
+            self._cross(j, self._touch(g), 0, events)
+        return self._keeps(j, came, events, True, 0)
 
     def _keeps(self, j: int, sign: int, events: Events, ends_at_zero: bool, last: int) -> int:
         events.at_start.append(self.here[j] if sign == self.since[j] else 0)
@@ -236,7 +238,13 @@ class Search:
         return last
 
     def _cross(self, j: int, place: float, after: int, events: Events) -> None:
-        events.crossings.append(Crossing((place - self.low) / self.width, j, after))
+        """A crossing at a place, or where others are that are not apart from it."""
+        at = (place - self.low) / self.width
+        for other in events.crossings:
+            near = self.low + self.width * float(other.at)
+            if abs(ordinal(near) - ordinal(place)) <= TOGETHER:
+                at = other.at
+        insort(events.crossings, Crossing(at, j, after), key=lambda c: (c.at, c.margin))
 
     def _change(self, margin: int, g: Taylor, sign: int) -> float:
         """Where a margin, whose model is monotone, leaves the side on which it was: a place where doubles
