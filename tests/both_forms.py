@@ -18,7 +18,7 @@ from dl2c.ir.follow import follow
 from dl2c.ir.interp import Interpreter
 from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.transition import Request, Start, Step
-from dl2c.ir.watch import watches_of
+from dl2c.ir.watch import watches_along
 from dl2c.pipeline import resolve_options, step_model
 
 
@@ -56,8 +56,8 @@ class Both:
             self.env = dl2c.make(model, **options)
         self.limit = self.env.manifest.options["max_episode_steps"] or math.inf
         self.model, self.paths = step_model(source_of(model), resolve_options(options))
-        watches = watches_of(self.model)
-        plans = [plan_flow(flow, watches) for flow in self.model.flows]
+        flows = enumerate(self.model.flows)
+        plans = [plan_flow(flow, watches_along(self.model, k)) for k, flow in flows]
         assert all(isinstance(p, FlowPlan) and p.kernel == "exact" for p in plans)
         self.plans = [p for p in plans if isinstance(p, FlowPlan)]
         self.steps = 0
@@ -89,7 +89,7 @@ class Both:
             info.get("is_success"),
         )
         self.steps += 1
-        assert seen == self._interpreted(before, action, info["postcondition"])
+        assert seen == self._interpreted(before, action)
         return seen
 
     def first(self, action: Any = 0, **state: float) -> Seen:
@@ -97,7 +97,7 @@ class Both:
         self.begin(**state)
         return self.step(action)
 
-    def _interpreted(self, before: dict[str, float], action: int, postcondition: bool) -> Seen:
+    def _interpreted(self, before: dict[str, float], action: int) -> Seen:
         constants = {c.name: before[c.name] for c in self.model.constants}
         state = {v.name: before[v.name] for v in self.model.variables}
 
@@ -108,10 +108,10 @@ class Both:
         late = self.steps >= self.limit
         interpreter = Interpreter(self.model, constants, flow)
         step = interpreter.step(Start(state), Request(choices), late=late)
-        return _seen(step, late, postcondition)
+        return _seen(step, late)
 
 
-def _seen(step: Step, late: bool, postcondition: bool) -> Seen:
+def _seen(step: Step, late: bool) -> Seen:
     """The interpreter's step as a user sees it."""
     over = late and not (step.terminated or step.truncated)
     ended = over or step.terminated or step.truncated
@@ -125,7 +125,7 @@ def _seen(step: Step, late: bool, postcondition: bool) -> Seen:
         status,
         "time_limit" if over else step.reason,
         float(step.duration),
-        postcondition,
+        step.postcondition,
         status == "success" if ended else None,
     )
 

@@ -14,7 +14,7 @@
 #include <stdint.h>
 
 #define DL2C_ABI_VERSION 4
-#define DL2C_STREAM_VERSION 3
+#define DL2C_STREAM_VERSION 4
 
 #ifdef DL2C_SHARED
 #define DL2C_API __attribute__((visibility("default")))

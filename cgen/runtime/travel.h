@@ -79,21 +79,25 @@ static dl2c_motion dl2c_stop(int flow, const real *x, const real *p, real end, r
   return DL2C_SETTLED;
 }
 
-/* Moves x along a flow with polynomial margins as long as its domain allows. */
-static dl2c_motion dl2c_roam(int flow, const real *x, const real *p, real *y, real *duration)
+/*
+ * Moves x along a flow with polynomial margins as long as its domain allows, at most for the time
+ * `limit`.   ended: whether the domain ended it
+ */
+static dl2c_motion dl2c_roam_within(int flow, const real *x, const real *p, real limit, real *y,
+                                    real *duration, bool *ended)
 {
   memcpy(y, x, sizeof(real) * NX);
   *duration = 0.0;
-  real horizon;
-  if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
-  if (!(horizon > 0.0)) return DL2C_SETTLED;
+  *ended = false;
+  if (!(limit > 0.0)) return DL2C_SETTLED;
   dl2c_events events;
   dl2c_breach failure = {0};
-  dl2c_see_curves(flow, x, p, horizon, &events);
+  dl2c_see_curves(flow, x, p, limit, &events);
   dl2c_fails(flow, 0, &events, &failure);
-  real end = horizon;
+  real end = limit;
   if (failure.exit.found) {
-    end = failure.exit.at * horizon;
+    *ended = true;
+    end = failure.exit.at * limit;
     if (!(end > 0.0)) return DL2C_SETTLED;
     if (!failure.exit.holds) end = dl2c_before(end);
   }
@@ -103,6 +107,19 @@ static dl2c_motion dl2c_roam(int flow, const real *x, const real *p, real *y, re
   *duration = end;
   if (!model_inside(flow, y, p)) dl2c_retreat(flow, x, p, end, y, duration);
   return DL2C_SETTLED;
+}
+
+/* The same for as long as its clocks let it last, or without one until its domain ends it. */
+static dl2c_motion dl2c_roam(int flow, const real *x, const real *p, real *y, real *duration)
+{
+  real horizon;
+  bool ended;
+  if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
+  if (FLOW_REACH[flow] > 0.0
+      && dl2c_roam_within(flow, x, p, FLOW_REACH[flow], y, duration, &ended) == DL2C_SETTLED
+      && ended)
+    return DL2C_SETTLED;
+  return dl2c_roam_within(flow, x, p, horizon, y, duration, &ended);
 }
 
 /* As long as the domain allows, for flows with a solution. */

@@ -5,7 +5,7 @@ dL text it stands for; functions of the flows, of the paths, of rewards and obse
 of initial states; tables; the runtime, compiled with the model as one unit.
 """
 
-from dl2c.emit.flow_c import flow_functions
+from dl2c.emit.flow_c import flow_functions, flow_tables
 from dl2c.emit.hull_c import calm_function
 from dl2c.emit.inputs_c import input_functions
 from dl2c.emit.judge_c import judge_functions
@@ -52,7 +52,12 @@ def model_c(environment: Environment) -> str:
         *sampler_functions(environment, leaves),
         *(text for unit in [environment.monitor] if unit for text in judging_functions(unit)),
     ]
-    tables = [*path_tables(environment), *watch_tables(environment), *sampler_tables(environment)]
+    tables = [
+        *path_tables(environment),
+        *flow_tables(environment),
+        *watch_tables(environment),
+        *sampler_tables(environment),
+    ]
     sections = [
         _head(environment),
         *leaves.texts,

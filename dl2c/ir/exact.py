@@ -137,6 +137,12 @@ class Course:
         return min([*self.remaining, *([literal(cap, self.exact)] if cap is not None else [])])
 
 
+    @property
+    def reach(self) -> Value | None:
+        """The time in which the domain may end it, where it has no clock."""
+        return None if self.flow.reach is None else literal(self.flow.reach, self.exact)
+
+
 def course(flow: Flow, solution: Solution, env: Environment, exact: bool) -> Course:
     """Raises `Undefined` where a coefficient or the horizon has no finite value."""
     curves = {x: [evaluate(c, env, exact) for c in cs] for x, cs in solution.variables.items()}
@@ -151,8 +157,10 @@ def advance(plan: ExactPlan, env: Environment, exact: bool = False) -> Motion:
     """
     run = course(plan.flow, plan.solution, env, exact)
     margins = [[evaluate(c, env, exact) for c in e.margin] for e in plan.edges]
-    end = run.horizon
     exits = [exit_time(e.kind, *_padded(m)) for e, m in zip(plan.edges, margins, strict=True)]
+    end = run.horizon
+    if run.reach is not None and _meets(run, exits, run.reach):
+        end = run.reach
     for leave in exits:
         if leave is not None and leave < end:
             end = leave
@@ -162,6 +170,15 @@ def advance(plan: ExactPlan, env: Environment, exact: bool = False) -> Motion:
     if any(plan.edges[k].kind in ("open", "apart") for k in hits):
         end = before(end)
     return landed(run, end, [snap for k in hits if (snap := plan.edges[k].snap) is not None])
+
+
+def _meets(run: Course, exits: Sequence[Value | None], reach: Value) -> bool:
+    """Whether the domain ends the flow in that time, in a state of finite numbers."""
+    first = min((leave for leave in exits if leave is not None and leave <= reach), default=None)
+    try:
+        return first is not None and all(in_range(horner(c, first)) for c in run.curves.values())
+    except Undefined:
+        return False
 
 
 def landed(run: Course, end: Value, snaps: Sequence[Snap]) -> Motion:

@@ -56,17 +56,29 @@ def _longest(plan: FlowPlan, env: Environment, exact: bool) -> Motion:
         return advance(plan.quick, env, exact)
     assert plan.solution is not None and plan.curves is not None
     run = course(plan.flow, plan.solution, env, exact)
-    end = run.horizon
+    if run.reach is not None:
+        try:
+            motion, ended = _within(plan, run, run.reach)
+        except Undefined:
+            ended = False
+        if ended:
+            return motion
+    return _within(plan, run, run.horizon)[0]
+
+
+def _within(plan: FlowPlan, run: Course, limit: Value) -> tuple[Motion, bool]:
+    """As long as the domain allows, at most for this time; and whether the domain ended it."""
+    end, exact = limit, run.exact
     if end <= 0:
-        return Motion({}, literal(Fraction(0), exact))
+        return Motion({}, literal(Fraction(0), exact)), False
     events = _events(plan, run, end)
     found = _exit(plan.domain, plan.margins, events, exact)
     if found.found:
         end = found.at * end
         if end <= 0:
-            return Motion({}, literal(Fraction(0), exact))
+            return Motion({}, literal(Fraction(0), exact)), True
         end = end if found.holds else before(end)
-    return landed(run, end, [snap for k, snap in plan.snaps if found.sign_at[k] == 0])
+    return landed(run, end, [snap for k, snap in plan.snaps if found.sign_at[k] == 0]), found.found
 
 
 def _watched(plan: FlowPlan, run: Course, motion: Motion, waiting: Sequence[int]) -> Motion:

@@ -69,6 +69,18 @@ def judge(model: Model, env: Environment, exact: bool = False, happened: Happene
     return Outcome(reward, cost, winner.action, winner.status, name, undefined)
 
 
+def shapes(model: Model, env: Environment, exact: bool = False) -> Value:
+    """The shapes of all predicates together, which is what a step without a run earns."""
+    reward: Value = literal(Fraction(0), exact)
+    for predicate in model.predicates:
+        if predicate.shape is not None:
+            try:
+                reward = reward + evaluate(predicate.shape, env, exact)
+            except Undefined:
+                pass
+    return reward
+
+
 _Rank: TypeAlias = tuple[int, int, int, bool]
 
 

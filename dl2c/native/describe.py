@@ -27,7 +27,7 @@ from dl2c.paths.path import END
 from dl2c.sampling.plan import SamplingPlan
 
 ABI_VERSION = 4
-STREAM_VERSION = 3
+STREAM_VERSION = 4
 """Of cgen/include/dl2c.h; a test holds them together."""
 
 
