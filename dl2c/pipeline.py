@@ -229,7 +229,9 @@ def _deprecated(problem: Problem) -> tuple[Diagnostic, ...]:
     """Values of `@episode` that have a new name."""
     written = problem.episode.options if problem.episode else ()
     return tuple(
-        warning("deprecated-option", "this value is deprecated", span, "", f"write `{DEPRECATED[name, value]}`")
+        warning(
+            "deprecated-option", "this value is deprecated", span, "", f"write `{DEPRECATED[name, value]}`"
+        )
         for name, value, span in written
         if isinstance(value, str) and (name, value) in DEPRECATED
     )

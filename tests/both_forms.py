@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 import dl2c
 from dl2c.env.opening import source_of
 from dl2c.ir.follow import follow
@@ -72,7 +74,8 @@ class Both:
     def step(self, action: Any = 0) -> Seen:
         """One step of the episode in both forms."""
         before = self.env.state
-        observation, reward, terminated, truncated, info = self.env.step(action)
+        asked = np.array(action) if isinstance(action, tuple) else action
+        observation, reward, terminated, truncated, info = self.env.step(asked)
         assert observation.shape == self.env.observation_space.shape
         assert not (terminated and truncated)
         after = {v.name: self.env.state[v.name] for v in self.model.variables}
@@ -97,14 +100,15 @@ class Both:
         self.begin(**state)
         return self.step(action)
 
-    def _interpreted(self, before: dict[str, float], action: int) -> Seen:
+    def _interpreted(self, before: dict[str, float], action: Any) -> Seen:
         constants = {c.name: before[c.name] for c in self.model.constants}
         state = {v.name: before[v.name] for v in self.model.variables}
 
         def flow(k: int, env: Any, exact: bool, part: Any, waiting: Any) -> Any:
             return follow(self.plans[k], env, exact, part, waiting)
 
-        choices = {d.key: action for d in self.paths.decisions}
+        keys = [d.key for d in self.paths.decisions]
+        choices = dict(zip(keys, action if isinstance(action, tuple) else (action,) * len(keys), strict=True))
         late = self.steps >= self.limit
         interpreter = Interpreter(self.model, constants, flow)
         step = interpreter.step(Start(state), Request(choices), late=late)

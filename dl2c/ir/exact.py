@@ -136,7 +136,6 @@ class Course:
         cap = self.flow.cap
         return min([*self.remaining, *([literal(cap, self.exact)] if cap is not None else [])])
 
-
     @property
     def reach(self) -> Value | None:
         """The time in which the domain may end it, where it has no clock."""

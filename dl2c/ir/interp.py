@@ -125,9 +125,7 @@ class Interpreter:
             else:
                 return None
 
-    def _enabled(
-        self, block: Block, trial: Trial, ventured: bool = False
-    ) -> Iterator[Mapping[str, int]]:
+    def _enabled(self, block: Block, trial: Trial, ventured: bool = False) -> Iterator[Mapping[str, int]]:
         """The decisions of every run that passes all tests up to its first flow, or may do so: a run
         is not followed beyond a while loop that an input may have decided, nor without end. Deep masks
         follow it beyond flows, where chance has not `ventured` to decide something on the way.

@@ -4,6 +4,7 @@ The reference of the compiled `model_judge`. Comes in: the state after a step, a
 on the way that this state does not show. Numbers are doubles or exact rationals.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
@@ -74,10 +75,8 @@ def shapes(model: Model, env: Environment, exact: bool = False) -> Value:
     reward: Value = literal(Fraction(0), exact)
     for predicate in model.predicates:
         if predicate.shape is not None:
-            try:
+            with suppress(Undefined):
                 reward = reward + evaluate(predicate.shape, env, exact)
-            except Undefined:
-                pass
     return reward
 
 

@@ -1,8 +1,9 @@
 """What is watched along the flows of a step beside their domains (semantics 6).
 
-A @safety predicate must hold at every instant of a flow at which a step may end: of a flow after which
-its run executes nothing, or of every flow where that is asked for. The obligation `D -> P` of a @progress predicate P fails at the first instant
-at which D holds, unless P held before, or holds then.
+A @safety predicate must hold at every instant at which a step may end: along a flow after which
+its run executes nothing; along every flow where that is asked for. The obligation `D -> P` of a
+@progress predicate P fails at the first such instant at which D holds, unless P held before, or
+holds then.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -88,9 +89,7 @@ def watches_along(model: Model, flow: int) -> tuple[Watch, ...]:
     found = watches_of(model)
     if model.everywhere or flow in set(last_flows(model.body)):
         return found
-    return tuple(
-        replace(w, stays=TRUE, due=FALSE, goal=FALSE, plainly=TRUE, at_end=TRUE) for w in found
-    )
+    return tuple(replace(w, stays=TRUE, due=FALSE, goal=FALSE, plainly=TRUE, at_end=TRUE) for w in found)
 
 
 def surely_positive(model: Model) -> Callable[[Term], bool]:
