@@ -74,7 +74,7 @@ class Both:
     def step(self, action: Any = 0) -> Seen:
         """One step of the episode in both forms."""
         before = self.env.state
-        asked = np.array(action) if isinstance(action, tuple) else action
+        asked = np.array(action) if np.ndim(action) else action
         observation, reward, terminated, truncated, info = self.env.step(asked)
         assert observation.shape == self.env.observation_space.shape
         assert not (terminated and truncated)

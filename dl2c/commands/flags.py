@@ -20,7 +20,7 @@ HELP = {
     "loop": "Which of several top-level loops is the episode's, counted from 1.",
     "default_bound": "LO:HI, limits of names that neither a bound nor the precondition limits.",
     "dt": "Longest time of a continuous evolution, in seconds.",
-    "max_flow": "Seconds in which the domain may end a flow without a clock or dt, in a problem without a loop.",
+    "max_flow": "Seconds in which its domain may end a flow without a clock, in a problem without a loop.",
     "duration": "Flows last as long as they may, a random part of that, or one the agent chooses.",
     "safety_check": "Watch safety along the last motion of a step, after steps only, or along all motion.",
     "initial_distribution": "How initial states are drawn: uniformly, or near random targets, in C or by Z3.",

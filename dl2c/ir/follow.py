@@ -7,6 +7,7 @@ that are not polynomials are sampled.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -57,12 +58,10 @@ def _longest(plan: FlowPlan, env: Environment, exact: bool) -> Motion:
     assert plan.solution is not None and plan.curves is not None
     run = course(plan.flow, plan.solution, env, exact)
     if run.reach is not None:
-        try:
+        with suppress(Undefined):
             motion, ended = _within(plan, run, run.reach)
-        except Undefined:
-            ended = False
-        if ended:
-            return motion
+            if ended:
+                return motion
     return _within(plan, run, run.horizon)[0]
 
 

@@ -155,7 +155,7 @@ def _notes(environment: Environment) -> tuple[str, ...]:
     ]
     if paths.deep and any(p.flow is not None for p in step):
         notes.append(
-            "the action mask follows runs to their end, but not beyond inputs, chance and the flows after them"
+            "the action mask follows runs to their end, but not beyond inputs, nor beyond flows after chance"
         )
     elif any(p.flow is not None for p in step):
         notes.append(
