@@ -89,7 +89,9 @@ class SupportEnv(gym.Env):
         if not blocked or self.on_blocked == "fallback":
             choices, inputs = {**choices, **path.taken}, values
             duration, failed, met, reason = self._move(path.flow, moved)
-        verdict = unmoved(self.state) if reason else judged(self.state, failed, met, late)
+        verdict = judged(self.state, failed, met, late)
+        if reason:
+            verdict = unmoved(self.state)
         self._time += duration
         self._stalled = 0 if duration > 0 else self._stalled + 1
         terminated, truncated, status, reason = self._ending(verdict, reason, late)
