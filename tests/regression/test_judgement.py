@@ -12,11 +12,12 @@ from typing import Any
 import pytest
 from both_forms import Both, quick_builds, theorem
 from kyx_builder import model_text
+from test_gym_module import environment_of, imported
 
 import dl2c
 from dl2c.lint.check import examine
 from dl2c.options import Options, with_options
-from dl2c.pipeline import resolve_options
+from dl2c.pipeline import emit, resolve_options
 from dl2c.report.falsify import falsify
 from dl2c.source import Source
 from dl2c.training.rollout import rollout
@@ -183,6 +184,24 @@ def test_a_step_without_a_run_earns_shapes_in_a_loop_and_else_nothing(loops: boo
     model.begin(x=2)
     seen = model.step(3)
     assert (seen.reward, seen.cost) == (5 + 50, 0), "a complete run is judged as ever"
+
+
+@pytest.mark.parametrize("loops", [True, False])
+@pytest.mark.parametrize("on_blocked", ["truncate", "terminate"])
+def test_plain_python_judges_steps_without_a_run_alike(loops: bool, on_blocked: str, tmp_path: Path) -> None:
+    text = theorem(SHAPED, "{ ?x < 0; ++ x := 1 / (x - 2); ++ x := 0; }", "x <= 1")
+    text = text.replace("x = x", "x <= 9") if loops else text.replace("}*]", "}]")
+    options = {"on_blocked": on_blocked, "blocked_penalty": -0.25}
+    given = resolve_options(options)
+    plain = environment_of(imported(emit(Source("model.kyx", text), "gym", given, True), tmp_path))()
+    compiled = dl2c.make(text, **options)
+    for action in range(3):
+        for env in (plain, compiled):
+            env.reset(options={"state": {"x": 2.0, "v": 0.0, "a": 0.0, "t": 0.0}})
+        _, *first, found = plain.step(action)
+        _, *second, wanted = compiled.step(action)
+        assert first == second
+        assert all(found[k] == wanted[k] for k in ("status", "reason", "cost", "postcondition", "blocked"))
 
 
 def test_interpreter_and_compiled_code_agree_on_steps_without_a_run() -> None:
