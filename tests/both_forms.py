@@ -108,7 +108,8 @@ class Both:
             return follow(self.plans[k], env, exact, part, waiting)
 
         keys = [d.key for d in self.paths.decisions]
-        choices = dict(zip(keys, action if isinstance(action, tuple) else (action,) * len(keys), strict=True))
+        made: list[int] = np.broadcast_to(action, len(keys)).tolist()
+        choices = dict(zip(keys, made, strict=True))
         late = self.steps >= self.limit
         interpreter = Interpreter(self.model, constants, flow)
         step = interpreter.step(Start(state), Request(choices), late=late)

@@ -191,7 +191,7 @@ def test_a_step_without_a_run_earns_shapes_in_a_loop_and_else_nothing(loops: boo
 def test_plain_python_judges_steps_without_a_run_alike(loops: bool, on_blocked: str, tmp_path: Path) -> None:
     text = theorem(SHAPED, "{ ?x < 0; ++ x := 1 / (x - 2); ++ x := 0; }", "x <= 1")
     text = text.replace("x = x", "x <= 9") if loops else text.replace("}*]", "}]")
-    options = {"on_blocked": on_blocked, "blocked_penalty": -0.25}
+    options: dict[str, Any] = {"on_blocked": on_blocked, "blocked_penalty": -0.25}
     given = resolve_options(options)
     plain = environment_of(imported(emit(Source("model.kyx", text), "gym", given, True), tmp_path))()
     compiled = dl2c.make(text, **options)
