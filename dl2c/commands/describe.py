@@ -30,7 +30,8 @@ def describe(manifest: Manifest) -> None:
     console.print(f"action space       {action_space(encoding(manifest))}", markup=False)
     console.print(f"initial states     {manifest.certificate}", markup=False)
     if manifest.choices:
-        console.print(f"action mask        {MASKS[manifest.options['mask_depth']]}", markup=False)
+        depth = manifest.options.get("mask_depth", "flow")
+        console.print(f"action mask        {MASKS[depth]}", markup=False)
     for title, columns, rows in (
         ("Observation", ("entry", "low", "high", "unit", "meaning"), _quantities(manifest.observations)),
         ("Constants", ("name", "low", "high", "unit", "meaning", "fixed"), _constants(manifest)),
