@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from fractions import Fraction
 from typing import Any, Literal, TypeAlias, cast, get_args
+from warnings import warn
 
 OnBlocked: TypeAlias = Literal["fallback", "truncate", "terminate"]
 ActionFormat: TypeAlias = Literal["auto", "dict", "box", "discrete", "multidiscrete"]
@@ -17,7 +18,8 @@ ActionMap: TypeAlias = Literal["project", "squash"]
 ObservationDtype: TypeAlias = Literal["float32", "float64"]
 ObservationBounds: TypeAlias = Literal["declared", "unbounded"]
 Duration: TypeAlias = Literal["max", "sample", "agent"]
-SafetyCheck: TypeAlias = Literal["auto", "continuous", "step"]
+SafetyCheck: TypeAlias = Literal["continuous", "step", "flows"]
+MaskDepth: TypeAlias = Literal["flow", "step"]
 Integrator: TypeAlias = Literal["auto", "exact", "cvodes", "dopri5"]
 Stiff: TypeAlias = Literal["auto", "true", "false"]
 Provider: TypeAlias = Literal["casadi", "system"]
@@ -35,14 +37,17 @@ MOST_REPEATS = 1000
 DEFAULT_DT = Fraction(1, 10)
 """Seconds a flow lasts where the model gives no horizon."""
 
+DEPRECATED = {("safety_check", "auto"): "continuous"}
+"""Values of options that stand for others."""
+
 
 @dataclass(frozen=True, slots=True)
 class Options:
     """Every option of an environment; see semantics for what each one means.
 
-    `dt` None means: the model's own horizon, else `DEFAULT_DT`. `safety_check` "auto" is
-    "continuous" where every path of a step ends with its ODE, else "step". `rtol` and `atol` are the
-    tolerances of CVODES and dopri5. `constants` fixes episode constants by name, `default_bound` limits
+    `dt` None means: the model's own horizon; in a problem without a loop the end of the domain, if that
+    is met within `max_flow` seconds; else `DEFAULT_DT`. `rtol` and `atol` are the tolerances of CVODES
+    and dopri5. `constants` fixes episode constants by name, `default_bound` limits
     names on the sides on which nothing else does, `entry` selects an archive entry by its name or its
     number in the file (from 1), `loop` one of several top-level loops (from 1).
     """
@@ -52,6 +57,7 @@ class Options:
     constants: tuple[tuple[str, Fraction], ...] = ()
     default_bound: tuple[Fraction, Fraction] | None = None
     dt: Fraction | None = None
+    max_flow: Fraction = Fraction(1000)
     tolerance: Fraction = Fraction(1, 10**9)
     progress_failure: ProgressFailure = "due"
     observe_constants: bool = True
@@ -60,11 +66,12 @@ class Options:
     action_format: ActionFormat = "auto"
     action_map: ActionMap = "project"
     on_blocked: OnBlocked = "fallback"
+    mask_depth: MaskDepth = "flow"
     blocked_penalty: float = 0.0
     max_episode_steps: int = 1000
     stall_limit: int = 0
     duration: Duration = "max"
-    safety_check: SafetyCheck = "auto"
+    safety_check: SafetyCheck = "continuous"
     initial_distribution: InitialDistribution = "uniform"
     integrator: Integrator = "auto"
     stiff: Stiff = "auto"
@@ -93,8 +100,16 @@ def with_options(options: Options, given: Mapping[str, Any]) -> Options:
     for name, value in given.items():
         if name not in known:
             raise UnknownOption(f"no option `{name}`; the options are {', '.join(sorted(known))}")
+        if instead := deprecation(name, value):
+            warn(instead, DeprecationWarning, stacklevel=2)
         changes[name] = _converted(name, value, known[name].type)
     return replace(options, **changes, given=frozenset((*options.given, *changes)))
+
+
+def deprecation(name: str, value: Any) -> str:
+    """What to use instead of a value that is deprecated; "" of others."""
+    instead = DEPRECATED.get((name, value)) if isinstance(value, str) else None
+    return f"`{name}={value}` is deprecated: use `{name}={instead}`, its new name" if instead else ""
 
 
 def under(options: Options, episode: Mapping[str, Any]) -> Options:
@@ -117,7 +132,7 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return None if value is None else _range(name, value)
         case "dt":
             return None if value is None else _positive(name, _exact(name, value))
-        case "rtol" | "atol":
+        case "max_flow" | "rtol" | "atol":
             return _positive(name, _exact(name, value))
         case "stiff" if isinstance(value, bool):
             return str(value).lower()
@@ -141,6 +156,7 @@ def _converted(name: str, value: Any, kind: Any) -> Any:
             return value
         case _:
             allowed = get_args(kind)
+            value = DEPRECATED.get((name, value), value) if isinstance(value, str) else value
             if value not in allowed:
                 raise UnknownOption(f"`{name}` takes {', '.join(map(repr, allowed))}, not {value!r}")
             return value

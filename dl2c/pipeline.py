@@ -18,7 +18,7 @@ from dl2c.ir.lower import lower
 from dl2c.ir.model import LARGEST_STATE, TRUE
 from dl2c.ir.printer import print_model
 from dl2c.native.cache import build_key, cached
-from dl2c.options import Options, UnknownOption, under, with_options
+from dl2c.options import DEPRECATED, Options, UnknownOption, under, with_options
 from dl2c.parse.annotations import EpisodeAnnotation
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_archive, print_formula
@@ -114,7 +114,7 @@ def checked_entry(entry: Entry, options: Options) -> Checked:
         say("resolving names")
         problem, options = _completed_problem(entry, options)
         environment, warnings = _environment(problem, options, say)
-    return Checked(problem, environment, in_source_order(warnings))
+    return Checked(problem, environment, in_source_order((*warnings, *_deprecated(problem))))
 
 
 def check_model(source: Source, options: Options) -> tuple[Diagnostic, ...]:
@@ -196,7 +196,8 @@ def drawn_model_of(entry: Entry, options: Options) -> "Model":
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:
     """Parse and resolve; `@episode` completes the options."""
     archive, warnings = parse_archive(source)
-    return *_completed_problem(entry_of(archive, options), options), warnings
+    problem, options = _completed_problem(entry_of(archive, options), options)
+    return problem, options, (*warnings, *_deprecated(problem))
 
 
 def _completed_problem(entry: Entry, options: Options) -> tuple[Problem, Options]:
@@ -215,12 +216,25 @@ def _completed(options: Options, episode: EpisodeAnnotation) -> Options:
         if name == "allow":
             continue
         try:
-            options = under(options, {names.get(name, name): value})
+            current = DEPRECATED.get((name, str(value)), value)
+            options = under(options, {names.get(name, name): current})
         except UnknownOption as problem:
             found.append(error("bad-option", f"`@episode`: {problem}", span, help="correct the value"))
     if found:
         raise CompileError(found)
     return options
+
+
+def _deprecated(problem: Problem) -> tuple[Diagnostic, ...]:
+    """Values of `@episode` that have a new name."""
+    written = problem.episode.options if problem.episode else ()
+    return tuple(
+        warning(
+            "deprecated-option", "this value is deprecated", span, "", f"write `{DEPRECATED[name, value]}`"
+        )
+        for name, value, span in written
+        if isinstance(value, str) and (name, value) in DEPRECATED
+    )
 
 
 def entry_of(archive: Archive, options: Options) -> Entry:
@@ -250,7 +264,7 @@ def _environment(
     """Everything that code is generated from, and warnings."""
     from dl2c.emit.plan import Environment
     from dl2c.ir.kernel import FlowPlan, Refused, plan_flow
-    from dl2c.ir.watch import watches_of
+    from dl2c.ir.watch import watches_along
     from dl2c.paths.enumerate import enumerate_paths
     from dl2c.sampling.plan import NoSampler, plan_sampling
     from dl2c.smt.precondition import decide
@@ -259,8 +273,7 @@ def _environment(
     model, drawn = _lowered(problem, options)
     say("enumerating paths")
     paths = enumerate_paths(model, options.default_bound)
-    watches = watches_of(model)
-    plans = [plan_flow(f, watches, options.integrator) for f in model.flows]
+    plans = [plan_flow(f, watches_along(model, k), options.integrator) for k, f in enumerate(model.flows)]
     refused = [_refused(p) for p in plans if isinstance(p, Refused)]
     if refused:
         raise CompileError(refused)

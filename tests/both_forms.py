@@ -12,13 +12,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 import dl2c
 from dl2c.env.opening import source_of
 from dl2c.ir.follow import follow
 from dl2c.ir.interp import Interpreter
 from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.transition import Request, Start, Step
-from dl2c.ir.watch import watches_of
+from dl2c.ir.watch import watches_along
 from dl2c.pipeline import resolve_options, step_model
 
 
@@ -56,8 +58,8 @@ class Both:
             self.env = dl2c.make(model, **options)
         self.limit = self.env.manifest.options["max_episode_steps"] or math.inf
         self.model, self.paths = step_model(source_of(model), resolve_options(options))
-        watches = watches_of(self.model)
-        plans = [plan_flow(flow, watches) for flow in self.model.flows]
+        flows = enumerate(self.model.flows)
+        plans = [plan_flow(flow, watches_along(self.model, k)) for k, flow in flows]
         assert all(isinstance(p, FlowPlan) and p.kernel == "exact" for p in plans)
         self.plans = [p for p in plans if isinstance(p, FlowPlan)]
         self.steps = 0
@@ -72,7 +74,8 @@ class Both:
     def step(self, action: Any = 0) -> Seen:
         """One step of the episode in both forms."""
         before = self.env.state
-        observation, reward, terminated, truncated, info = self.env.step(action)
+        asked = np.array(action) if np.ndim(action) else action
+        observation, reward, terminated, truncated, info = self.env.step(asked)
         assert observation.shape == self.env.observation_space.shape
         assert not (terminated and truncated)
         after = {v.name: self.env.state[v.name] for v in self.model.variables}
@@ -89,7 +92,7 @@ class Both:
             info.get("is_success"),
         )
         self.steps += 1
-        assert seen == self._interpreted(before, action, info["postcondition"])
+        assert seen == self._interpreted(before, action)
         return seen
 
     def first(self, action: Any = 0, **state: float) -> Seen:
@@ -97,21 +100,23 @@ class Both:
         self.begin(**state)
         return self.step(action)
 
-    def _interpreted(self, before: dict[str, float], action: int, postcondition: bool) -> Seen:
+    def _interpreted(self, before: dict[str, float], action: Any) -> Seen:
         constants = {c.name: before[c.name] for c in self.model.constants}
         state = {v.name: before[v.name] for v in self.model.variables}
 
         def flow(k: int, env: Any, exact: bool, part: Any, waiting: Any) -> Any:
             return follow(self.plans[k], env, exact, part, waiting)
 
-        choices = {d.key: action for d in self.paths.decisions}
+        keys = [d.key for d in self.paths.decisions]
+        made: list[int] = np.broadcast_to(action, len(keys)).tolist()
+        choices = dict(zip(keys, made, strict=True))
         late = self.steps >= self.limit
         interpreter = Interpreter(self.model, constants, flow)
         step = interpreter.step(Start(state), Request(choices), late=late)
-        return _seen(step, late, postcondition)
+        return _seen(step, late)
 
 
-def _seen(step: Step, late: bool, postcondition: bool) -> Seen:
+def _seen(step: Step, late: bool) -> Seen:
     """The interpreter's step as a user sees it."""
     over = late and not (step.terminated or step.truncated)
     ended = over or step.terminated or step.truncated
@@ -125,7 +130,7 @@ def _seen(step: Step, late: bool, postcondition: bool) -> Seen:
         status,
         "time_limit" if over else step.reason,
         float(step.duration),
-        postcondition,
+        step.postcondition,
         status == "success" if ended else None,
     )
 

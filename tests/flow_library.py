@@ -15,7 +15,7 @@ from dl2c.emit.names import file_stem
 from dl2c.emit.plan import Environment
 from dl2c.ir.kernel import FlowPlan, Integrator, plan_flow
 from dl2c.ir.model import Model
-from dl2c.ir.watch import watches_of
+from dl2c.ir.watch import watches_along
 from dl2c.native.binding import Batch, Library, Sizes
 from dl2c.native.code import cgen_dir
 from dl2c.native.compile import declarations
@@ -65,7 +65,7 @@ class Compiled:
 
 
 def plans(model: Model, integrator: Integrator) -> list[FlowPlan | None]:
-    found = [plan_flow(f, watches_of(model), integrator) for f in model.flows]
+    found = [plan_flow(f, watches_along(model, k), integrator) for k, f in enumerate(model.flows)]
     return [p if isinstance(p, FlowPlan) else None for p in found]
 
 

@@ -50,6 +50,11 @@ CASES: tuple[tuple[str, Parts, Parts], ...] = (
     ("constant-test", ((CTRL, "a := *; ?-A <= a & a <= A; ?a <= 2 * A;"),), ()),
     ("constant-test", ((CTRL, "if (v^2 < 0) {a := A;} else {a := -A;}"),), ((CTRL, "if (v < 1) {a := A;}"),)),
     ("constant-test", (("t <= ep & v", "t <= ep & v < 0 & v"),), (("t <= ep & v", "t <= ep & x <= 20 & v"),)),
+    (
+        "deprecated-option",
+        (("Problem", "/* @episode: safety_check=auto */ Problem"),),
+        (("Problem", "/* @episode: safety_check=continuous */ Problem"),),
+    ),
     ("dead-alternative", (("a := -A;}", "?A < 1; a := -A;}"),), (("a := -A;}", "?A < 2; a := -A;}"),)),
     ("dead-alternative", ((CTRL, CTRL + " ?a > 0;"),), ((CTRL, CTRL + " ?a > -2;"),)),
     (

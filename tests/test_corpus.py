@@ -145,6 +145,8 @@ class Pair:
         plan = self.environment.flows[k]
         if plan.kernel == "exact" and plan.curves is not None:
             return follow(plan, env, exact, part, waiting)
+        if plan.flow.reach is not None:
+            raise Ill
         start = {s: float(v) for s, v in env.items() if v is not None}
         try:
             verdict = judge(plan.flow, start)

@@ -236,6 +236,8 @@ CHOSEN = {
     "tolerance": "1e-7",
     "progress_failure": "literal",
     "dt": "0.25",
+    "max_flow": "12.5",
+    "mask_depth": "step",
     "on_blocked": "truncate",
     "blocked_penalty": "-0.5",
     "max_episode_steps": 7,

@@ -4,6 +4,9 @@ import pytest
 from both_forms import Both, theorem
 from kyx_builder import lowered
 
+from dl2c.ir.model import TRUE, Model
+from dl2c.ir.watch import watches_along
+
 UP_AND_DOWN = "t := 0; {x' = v, v' = a, t' = 1 & t <= 1}"
 """From x = 0, v = 1 with a = -2: x = t - t^2, which is 3/16 at t = 1/4 and 3/4, 1/4 at t = 1/2, 0 at 1."""
 START = {"x": 0.0, "v": 1.0, "a": -2.0}
@@ -56,36 +59,44 @@ def test_safety_of_the_step_looks_at_its_end_only() -> None:
 
 
 @pytest.mark.parametrize(
-    ("body", "continuous"),
+    ("body", "last"),
     [
-        (UP_AND_DOWN, True),
-        ("{a := 1; ++ a := 2;}" + UP_AND_DOWN, True),
-        ("{ {x' = 1 & x <= 9} ++ v := 1; {x' = v & x <= 9} }", True),
-        ("if (x > 0) { {x' = 1 & x <= 9} } else { {x' = 2 & x <= 9} }", True),
-        ("{x' = 1 & x <= 9} t := 0; {x' = 2 & x <= 9}", True),
-        ("t := 0;", False),
-        ("{x' = 1 & x <= 9} v := 0;", False),
-        ("{x' = 1 & x <= 9} ?x > 0;", False),
-        ("{ {x' = 1 & x <= 9} ++ v := 1; }", False),
-        ("if (x > 0) { {x' = 1 & x <= 9} }", False),
+        (UP_AND_DOWN, {0}),
+        ("{a := 1; ++ a := 2;}" + UP_AND_DOWN, {0}),
+        ("{ {x' = 1 & x <= 9} ++ v := 1; {x' = v & x <= 9} }", {0, 1}),
+        ("if (x > 0) { {x' = 1 & x <= 9} } else { {x' = 2 & x <= 9} }", {0, 1}),
+        ("{x' = 1 & x <= 9} t := 0; {x' = 2 & x <= 9}", {1}),
+        ("t := 0;", set[int]()),
+        ("{x' = 1 & x <= 9} v := 0;", set[int]()),
+        ("{x' = 1 & x <= 9} ?x > 0;", set[int]()),
+        ("{ {x' = 1 & x <= 9} ++ v := 1; }", {0}),
+        ("if (x > 0) { {x' = 1 & x <= 9} }", {0}),
+        ("{ {x' = 1 & x <= 9} ++ {x' = 2 & x <= 9} v := 1; }", {0}),
+        ("{x' = 1 & x <= 9} { ?x > 0; ++ v := 1; }", set[int]()),
     ],
 )
-def test_safety_is_continuous_where_every_path_ends_with_its_flow(body: str, continuous: bool) -> None:
-    definitions = below("x <= 3/16")
-    for chosen, wanted in (("auto", continuous), ("step", False), ("continuous", True)):
-        problem = f"x = 0 -> [{{ {body} }}*] below(x)"
-        options = {"safety_check": chosen}
-        model = lowered(problem, definitions, "Real x; Real v; Real a; Real t;", options=options)
-        assert model.continuous is wanted
+def test_safety_is_watched_along_flows_with_which_a_step_may_end(body: str, last: set[int]) -> None:
+    def model_under(chosen: str) -> Model:
+        problem, options = f"x = 0 -> [{{ {body} }}*] below(x)", {"safety_check": chosen}
+        return lowered(problem, below("x <= 3/16"), "Real x; Real v; Real a; Real t;", options=options)
+
+    flows = range(body.count("'") - body.count("t' =") - body.count("v' ="))
+    for chosen, wanted in (("continuous", last), ("step", set[int]()), ("flows", set(flows))):
+        model = model_under(chosen)
+        assert {k for k in flows if any(w.stays != TRUE for w in watches_along(model, k))} == wanted
+    with pytest.warns(DeprecationWarning, match="use `safety_check=continuous`"):
+        assert model_under("auto") == model_under("continuous")
 
 
 def test_after_a_cut_the_rest_of_the_body_runs() -> None:
     """Assignments, and flows of their own length; nothing of the rest is skipped."""
     body = UP_AND_DOWN + " n := n + 1; m := 0; {w' = 2, m' = 1 & m <= 3}"
-    model = Both(theorem(below("x <= 3/16"), body, variables="n m w"), tolerance=0)
-    seen = model.first(**START)
+    text = theorem(below("x <= 3/16"), body, variables="n m w")
+    seen = Both(text, tolerance=0, safety_check="flows").first(**START)
     assert seen.state == {"x": 3 / 16, "v": 0.5, "a": -2, "t": 0.25, "n": 1, "m": 3, "w": 6}
     assert (seen.duration, seen.cost, seen.ending) == (3.25, 1, ("terminated", "failure", "below"))
+    seen = Both(text, tolerance=0).first(**START)
+    assert (seen.duration, seen.state["x"], seen.cost, seen.ended) == (4, 0, 0, False)
 
 
 def test_a_violation_on_the_second_of_two_flows() -> None:
@@ -98,8 +109,8 @@ def test_a_violation_on_the_second_of_two_flows() -> None:
 
 def test_a_violation_on_the_first_of_two_flows_is_remembered() -> None:
     body = UP_AND_DOWN + " m := 0; {w' = 2, m' = 1 & m <= 1}"
-    model = Both(theorem(below("x <= 3/16", "continue:failure"), body, variables="m w"), tolerance=0)
-    seen = model.first(**START)
+    text = theorem(below("x <= 3/16", "continue:failure"), body, variables="m w")
+    seen = Both(text, tolerance=0, safety_check="flows").first(**START)
     assert (seen.duration, seen.state["x"], seen.reward, seen.cost) == (2, 0, -3, 1)
 
 
@@ -160,7 +171,7 @@ def test_a_violation_at_the_first_instant_alone() -> None:
 def test_a_flow_without_time_is_watched_at_its_one_instant() -> None:
     """The domain ends the flow at once. x is good again after it."""
     body = "x := x + 10; {x' = 1 & x <= 10} x := x - 10;"
-    model = Both(theorem(below("x <= 5", "continue:failure"), body), safety_check="continuous")
+    model = Both(theorem(below("x <= 5", "continue:failure"), body), safety_check="flows")
     seen = model.first(x=0)
     assert (seen.duration, seen.state["x"], seen.reward, seen.cost) == (0, 0, -3, 1)
     assert Both(theorem(below("x <= 5"), body)).first(x=0).cost == 0, "the step ends with no flow"

@@ -34,7 +34,7 @@ def toy_manifest(counts: tuple[int, ...] = (3,), inputs: int = 0, **options: Any
         source="toy.kyx",
         dl2c_version="0",
         abi_version=4,
-        stream_version=3,
+        stream_version=4,
         key="",
         variables=(Quantity("x", -10.0, 20.0, unit="m"),),
         constants=(Quantity("k", 0.0, 0.3),),

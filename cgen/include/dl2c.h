@@ -14,7 +14,7 @@
 #include <stdint.h>
 
 #define DL2C_ABI_VERSION 4
-#define DL2C_STREAM_VERSION 3
+#define DL2C_STREAM_VERSION 4
 
 #ifdef DL2C_SHARED
 #define DL2C_API __attribute__((visibility("default")))
@@ -119,7 +119,8 @@ typedef struct dl2c_buffers {
                              the number of the violated condition, negative */
   int32_t *cost;          /* (n) violated @safety predicates */
   uint8_t *blocked;       /* (n) the requested run blocked */
-  uint8_t *postcondition; /* (n) the problem's Q on the state after the step */
+  uint8_t *postcondition; /* (n) the problem's Q on the state after the step; 1 where a step
+                             without a loop has no run */
   uint8_t *saturated;     /* (n) some observation was clipped to its bounds */
   uint8_t *reset;         /* (n) this observation begins an episode */
   double *duration;       /* (n) time the step's flows took */

@@ -15,14 +15,38 @@ static inline void dl2c_see(const dl2c_trial *trial, int path, uint8_t *seen)
   }
 }
 
+/* Whether a path decides by chance what the run has not decided yet. */
+static inline bool dl2c_ventures(const dl2c_trial *trial, int path)
+{
+  bool found = false;
+  for (int j = 0; NDECISION > NCHOICE && j < PATHS[path].nmet; j++)
+    found |= PATHS[path].met[j] >= NCHOICE && trial->taken[PATHS[path].met[j]] < 0;
+  return found;
+}
+
 /*
- * Whether some run passes every test up to its first flow; marks what such runs decide. A run is
- * not followed beyond a while loop that a new input may have decided, nor without end.
+ * Whether a run that goes on along a path counts as open without being followed: beyond its end, a
+ * new input, and a flow, unless masks are deep and chance has decided nothing on the way.
+ */
+static inline bool dl2c_surely(const dl2c_trial *trial, int path, bool ventured)
+{
+  const bool flows = PATHS[path].flow != DL2C_NO_FLOW;
+  bool sure = PATHS[path].target == DL2C_END || (flows && (!DL2C_LOOKS_DEEP || ventured));
+  for (int j = 0; NU > 0 && j < PATHS[path].ninput; j++)
+    sure |= !trial->given[PATHS[path].inputs[j].input];
+  return sure;
+}
+
+/*
+ * Whether some run passes every test up to its first flow, or where masks are deep up to its end;
+ * marks what such runs decide. A run is not followed beyond a while loop that a new input may have
+ * decided, nor without end.
+ *   ask: constants and solver   ventured: chance has decided something in the run
  *   enabled: (NPATH) open paths of the point where the run stands, used up   seen: (NMASK)
  */
-static bool dl2c_look(const real *p, dl2c_trial *trial, uint8_t *enabled, uint8_t *seen)
+static bool dl2c_look(const dl2c_request *ask, dl2c_trial *trial, bool ventured, uint8_t *enabled,
+                      uint8_t *seen)
 {
-  const dl2c_request nothing = {.p = p};
   bool found = false;
   for (;;) {
     const int first = POINT_START[trial->point];
@@ -32,24 +56,25 @@ static bool dl2c_look(const real *p, dl2c_trial *trial, uint8_t *enabled, uint8_
     bool goes_on = false;
     for (int k = first; k < end && !goes_on; k++) {
       if (!enabled[k - first]) continue;
-      bool sure = PATHS[k].flow != DL2C_NO_FLOW || PATHS[k].target == DL2C_END;
-      for (int j = 0; NU > 0 && j < PATHS[k].ninput; j++) sure |= !trial->given[PATHS[k].inputs[j].input];
+      const bool chance = ventured || dl2c_ventures(trial, k);
+      const bool sure = dl2c_surely(trial, k, chance);
       dl2c_trial ahead = *trial;
-      if (!sure) dl2c_follow(&nothing, &ahead, k);
+      if (!sure) dl2c_follow(ask, &ahead, k);
       if (sure || ahead.failure != DL2C_SOUND) {
         dl2c_see(trial, k, seen);
         found = true;
       } else if (open == 1) {
         *trial = ahead;
+        ventured = chance;
         goes_on = true;
       } else {
         uint8_t next[NPATH];
-        dl2c_open(&ahead, p, next);
-        found |= dl2c_look(p, &ahead, next, seen);
+        dl2c_open(&ahead, ask->p, next);
+        found |= dl2c_look(ask, &ahead, chance, next, seen);
       }
     }
     if (!goes_on) return found;
-    dl2c_open(trial, p, enabled);
+    dl2c_open(trial, ask->p, enabled);
   }
 }
 
@@ -68,20 +93,22 @@ static bool dl2c_starts(const dl2c_request *request, const dl2c_trial *trial)
   dl2c_trial ahead = *trial;
   ahead.point = 0;
   dl2c_open(&ahead, request->p, enabled);
-  if (DL2C_LOOKS_AHEAD) return dl2c_look(request->p, &ahead, enabled, seen);
+  const dl2c_request ask = {.p = request->p, .solver = request->solver};
+  if (DL2C_LOOKS_AHEAD) return dl2c_look(&ask, &ahead, false, enabled, seen);
   uint8_t open = 0;
   for (int k = 0; k < POINT_START[1]; k++) open |= enabled[k];
   return open;
 }
 
 /* Draws for a step and executes its leading statements. */
-static void dl2c_lead(dl2c_rng *rng, const real *x, const real *p, dl2c_start *start)
+static void dl2c_lead(struct dl2c_solver *solver, dl2c_rng *rng, const real *x, const real *p,
+                      dl2c_start *start)
 {
   for (int k = 0; k < NSTEPDRAW; k++) start->draws[k] = dl2c_rng_unit(rng);
   dl2c_begin_run(&start->trial, DL2C_POINT_LEAD, x);
   start->closed = false;
   if (DL2C_POINT_LEAD > 0) {
-    const dl2c_request request = {.p = p, .draws = start->draws};
+    const dl2c_request request = {.p = p, .draws = start->draws, .solver = solver};
     uint8_t enabled[NPATH];
     dl2c_trial trial = start->trial;
     dl2c_open(&trial, p, enabled);

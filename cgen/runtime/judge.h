@@ -102,6 +102,23 @@ DL2C_INLINE void dl2c_late(const dl2c_batch *b, int64_t first, int64_t count, ui
   for (int64_t i = 0; i < count; i++) late[i] = steps[i] >= longest;
 }
 
+/*
+ * A step without a complete run fires no predicate: where it kept the state, in a problem with a loop,
+ * there is the sum of the shapes; else nothing, and nothing was violated.
+ */
+DL2C_INLINE void dl2c_forgive(const dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+{
+  const uint8_t *attempt = s->attempt;
+  for (int64_t i = dl2c_next(attempt, 0, count); i < count; i = dl2c_next(attempt, i + 1, count)) {
+    real x[NX];
+    real p[NP + 1];
+    dl2c_load(b, first + i, x, p);
+    s->judged.reward[i] = DL2C_LOOPS ? model_shapes(x, p) : 0.0;
+    s->judged.cost[i] = 0;
+    if (!DL2C_LOOPS) s->facts[F_postcondition * DL2C_BLOCK + i] = 1;
+  }
+}
+
 /* Judges the states of a block and shows them. */
 DL2C_INLINE void dl2c_judge_block(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
 {
@@ -111,6 +128,7 @@ DL2C_INLINE void dl2c_judge_block(dl2c_batch *b, int64_t first, int64_t count, d
   dl2c_late(b, first, count, s->late);
   model_revise(count, s->watch, s->late, DL2C_BLOCK, s->facts);
   model_judge(x, p, b->stride, count, s->facts, DL2C_BLOCK, &s->judged);
+  dl2c_forgive(b, first, count, s);
   dl2c_lead_block(b, first, count, s->attempt);
   dl2c_open_lanes(b, first, count);
   dl2c_any_enabled(b, first, count, s->open);

@@ -10,8 +10,8 @@
  *   enum { NX, NP, NU, NINPUT, NENVINPUT, NDECISION, NCHOICE, NENVCHOICE, NMASK, NSTEPDRAW, NDRAW,
  *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NCHART, DL2C_WEIGHTED,
  *          DL2C_TARGETED, NBLOCK, NMARGIN, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
- *          DL2C_DECIDES_IN_LANES, DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_MAX_LOOP, DL2C_POINT_LEAD,
- *          DL2C_POINT_PREFIX };
+ *          DL2C_DECIDES_IN_LANES, DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_LOOKS_DEEP,
+ *          DL2C_WATCHES_ALL, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
  *   #define DL2C_FLOWS_IN_LANES 1                steps follow that flow abreast, of lanes that need more or less of it
  *   #define DL2C_MONITORED 1                     steps are judged by the model's monitor
@@ -40,6 +40,7 @@
  *   bool model_update(int path, x, p, u, real *y)                false: a value is undefined
  *   bool model_assign(int64_t path, x, p, u, real *y)            the same by selection, for lanes
  *   static const uint8_t FLOW_KERNEL[], WATCH_CUTS[]; static const int32_t FLOW_MARGINS[], FLOW_DURATION[];
+ *   static const real FLOW_REACH[];              how long its domain may take to end a flow without a clock, or 0
  *   int64_t model_motion(int flow, x, p, real *y, real *duration)   a dl2c_motion; flows of kernel QUICK
  *   void model_at(int flow, x, p, real tau, real *y)             moves x by the time tau into its copy y
  *   int model_solution(int flow, x, p, real (*c)[13])            by powers of the time; kernels QUICK, SOLUTION
@@ -60,6 +61,7 @@
  *   void model_facts(x, p, stride, count, row, uint8_t *facts)   conditions of predicates, F_postcondition
  *   void model_revise(count, watch, late, row, uint8_t *facts)   facts that a post-state does not show
  *   void model_judge(x, p, stride, count, facts, row, dl2c_judgement *judged)   rewards and endings
+ *   real model_shapes(x, p)                      of all predicates together; one without a value is 0
  *   bool model_precondition(x, p)
  *   void model_observe(x, p, stride, count, row, dl2c_obs *obs, uint8_t *saturated)   obs: (NOBS, row)
  *   void model_initial(int chart, const real *drawn, real *x, real *p)   a state from the drawn values

@@ -176,10 +176,11 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, const dl2c_track *be
 
 /*
  * Follows a flow from x for `cap` at most, with an eye on the watches that are open.
- *   watch: (NWATCH) updated   y: (NX) where it ends
+ *   reach: how long it may last instead of its horizon, 0 for no longer   watch: (NWATCH) updated
+ *   y: (NX) where it ends   ended: whether its domain ended it
  */
-static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, uint8_t *watch, real *y,
-                             real *duration)
+static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, real reach, uint8_t *watch,
+                             real *y, real *duration, bool *ended)
 {
   const int flow = motor->flow;
   const real *p = motor->p;
@@ -190,7 +191,9 @@ static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, uint8_t
   real place = 1.0;
   memcpy(y, x, sizeof(real) * NX);
   *duration = 0.0;
+  *ended = false;
   if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
+  if (reach > 0.0) horizon = reach;
   const real stop = horizon < cap ? horizon : cap;
   dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .track = &tracks[0]};
   if (!(stop > 0.0)) {
@@ -209,6 +212,7 @@ static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, uint8_t
   }
   if (halt == DL2C_GIVES_UP) return DL2C_UNDEFINED;
   if (halt == DL2C_NO_HALT) place = 1.0;
+  *ended = halt == DL2C_LEAVES;
   const real time = halt == DL2C_NO_HALT ? stop : dl2c_time_at(stretch.track, place);
   return dl2c_arrive(&stretch, before, place, halt != DL2C_CUT, time, sign, y, duration);
 }
@@ -223,14 +227,21 @@ static dl2c_motion dl2c_flow_tracks(int flow, dl2c_travel *travel, real *y)
   motor.p = travel->p;
   motor.solver = travel->solver;
   real cap = (real)INFINITY;
+  real reach = FLOW_REACH[flow];
+  uint8_t closed[NWATCH + 1];
+  bool ended;
+  memset(closed, DL2C_MET, sizeof closed);
+  if (reach > 0.0
+      && (dl2c_sail(&motor, x, cap, reach, closed, y, &travel->duration, &ended) != DL2C_SETTLED
+          || !ended))
+    reach = 0.0;
   if (travel->part < 1.0) {
-    uint8_t closed[NWATCH + 1];
-    memset(closed, DL2C_MET, sizeof closed);
-    const dl2c_motion longest = dl2c_sail(&motor, x, cap, closed, y, &travel->duration);
+    const dl2c_motion longest =
+        dl2c_sail(&motor, x, cap, reach, closed, y, &travel->duration, &ended);
     if (longest != DL2C_SETTLED) return longest;
     cap = travel->duration * travel->part;
   }
-  return dl2c_sail(&motor, x, cap, travel->watch, y, &travel->duration);
+  return dl2c_sail(&motor, x, cap, reach, travel->watch, y, &travel->duration, &ended);
 }
 
 #endif

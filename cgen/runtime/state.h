@@ -62,7 +62,7 @@ static void dl2c_stand(const dl2c_batch *b, int64_t i, dl2c_trial *trial, real *
   memcpy(trial->x, x, sizeof x);
 }
 
-/* Which paths of environment i lead to its first flow, and what they decide. */
+/* Which paths of environment i have a run as far as masks look, and what they decide. */
 static void dl2c_look_from(dl2c_batch *b, int64_t i)
 {
   dl2c_trial trial;
@@ -72,12 +72,13 @@ static void dl2c_look_from(dl2c_batch *b, int64_t i)
   const bool closed = NSTEPDRAW > 0 && b->start[i].closed;
   dl2c_stand(b, i, &trial, p);
   dl2c_open(&trial, p, enabled);
+  const dl2c_request ask = {.p = p, .solver = b->solver};
   memset(seen, 0, NMASK);
   for (int k = 0; k < DL2C_NSTART; k++) {
     uint8_t only[NPATH] = {0};
     dl2c_trial ahead = trial;
     only[k] = enabled[k];
-    b->enabled[k * b->stride + i] = !closed && dl2c_look(p, &ahead, only, seen);
+    b->enabled[k * b->stride + i] = !closed && dl2c_look(&ask, &ahead, false, only, seen);
   }
 }
 
@@ -177,8 +178,8 @@ static bool dl2c_begin(dl2c_batch *b, int64_t i, dl2c_rng *rng, const real *x, c
   memcpy(before, x, sizeof before);
   dl2c_start start;
   if (!dl2c_prefix(b->solver, rng, p, before)) return false;
-  dl2c_lead(rng, before, p, &start);
-  const dl2c_request request = {.p = p};
+  dl2c_lead(b->solver, rng, before, p, &start);
+  const dl2c_request request = {.p = p, .solver = b->solver};
   if (start.closed || !dl2c_starts(&request, &start.trial)) return false;
 
   for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];

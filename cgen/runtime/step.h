@@ -82,14 +82,22 @@ static inline real dl2c_share(const dl2c_request *request, dl2c_trial *trial, in
   return trial->value[input];
 }
 
-/* Moves y along a flow, and notes in the run what happened on the way. */
-static inline void dl2c_evolve(const dl2c_request *request, dl2c_trial *trial, int flow, real *y)
+/*
+ * Moves y along the flow of a path, and notes in the run what happened on the way. It is watched
+ * where the run may end with it, or everywhere if that was asked for.
+ */
+static inline void dl2c_evolve(const dl2c_request *request, dl2c_trial *trial,
+                               const dl2c_path *path, real *y)
 {
+  const int flow = path->flow;
+  uint8_t closed[NWATCH + 1];
+  const bool watched = DL2C_WATCHES_ALL || path->target == DL2C_END;
+  if (!watched) memset(closed, DL2C_MET, sizeof closed);
   dl2c_travel travel = {
       .p = request->p,
       .solver = request->solver,
       .part = dl2c_share(request, trial, flow),
-      .watch = trial->watch,
+      .watch = watched ? trial->watch : closed,
   };
   const dl2c_motion motion = dl2c_flow(flow, &travel, y);
   trial->duration += travel.duration;
@@ -222,7 +230,7 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
   if (trial->failure == DL2C_SOUND) dl2c_judge_control(trial, taken, y, request->p);
 #endif
   if (trial->failure == DL2C_SOUND && taken->flow != DL2C_NO_FLOW)
-    dl2c_evolve(request, trial, taken->flow, y);
+    dl2c_evolve(request, trial, taken, y);
   memcpy(trial->x, y, sizeof trial->x);
   trial->point = taken->target;
 }

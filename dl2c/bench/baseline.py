@@ -131,7 +131,8 @@ def _flow(model: Model, k: int, flow: Flow) -> str:
     moved = [name for name, _ in flow.equations]
     row = _row(f"X_{name}" for name in moved)
     ends = [f"{term_source(h.bound)} - X_{h.clock}" for h in flow.horizons]
-    ends += [repr(float(flow.cap))] if flow.cap is not None else []
+    longest = flow.reach or flow.cap
+    ends += [repr(float(longest))] if longest is not None else []
     lines = [
         f"until = min({', '.join(ends)})" if len(ends) > 1 else f"until = {ends[0]}",
         "if not until > 0.0: return x, 0.0",
@@ -152,10 +153,18 @@ def _flow(model: Model, k: int, flow: Flow) -> str:
     lines += [
         f"events = {_row(f'event_{i}' for i in range(len(events))) if events else None}",
         f"done = solve_ivp(rhs, (0.0, until), {row}, events=events, rtol={RTOL})",
+        *_again(flow, row),
         f"{row} = done.y[:, -1].tolist()",
         f"return {_row(_variables(model))}, float(done.t[-1])",
     ]
     return _function(model, f"flow_{k}", lines)
+
+
+def _again(flow: Flow, row: str) -> Iterator[str]:
+    """The shorter time of a flow without a clock that its domain did not end."""
+    if flow.reach is not None and flow.cap is not None:
+        short = f"(0.0, {float(flow.cap)!r})"
+        yield f"if done.status != 1: done = solve_ivp(rhs, {short}, {row}, events=events, rtol={RTOL})"
 
 
 def _entries(moved: Sequence[str], used: Sequence[Term | Formula]) -> list[str]:

@@ -13,6 +13,12 @@ PIPED_WIDTH = 160
 """Columns of output that is not a terminal's."""
 
 
+MASKS = {
+    "flow": "up to the first motion of a step (mask_depth=flow)",
+    "step": "to the end of a step (mask_depth=step)",
+}
+
+
 def describe(manifest: Manifest) -> None:
     """Print what `dl2c info` shows."""
     console = Console(highlight=False)
@@ -23,6 +29,9 @@ def describe(manifest: Manifest) -> None:
     console.print(f"observation space  Box({len(manifest.observations)}, {box.dtype})", markup=False)
     console.print(f"action space       {action_space(encoding(manifest))}", markup=False)
     console.print(f"initial states     {manifest.certificate}", markup=False)
+    if manifest.choices:
+        depth = manifest.options.get("mask_depth", "flow")
+        console.print(f"action mask        {MASKS[depth]}", markup=False)
     for title, columns, rows in (
         ("Observation", ("entry", "low", "high", "unit", "meaning"), _quantities(manifest.observations)),
         ("Constants", ("name", "low", "high", "unit", "meaning", "fixed"), _constants(manifest)),

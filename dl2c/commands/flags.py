@@ -10,7 +10,8 @@ import typer
 
 from dl2c.commands.completion import words
 from dl2c.commands.verbosity import FLAGS, with_parameters
-from dl2c.options import Options, UnknownOption
+from dl2c.options import DEPRECATED, Options, UnknownOption, deprecation
+from dl2c.progress import LOG
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
 
@@ -19,8 +20,9 @@ HELP = {
     "loop": "Which of several top-level loops is the episode's, counted from 1.",
     "default_bound": "LO:HI, limits of names that neither a bound nor the precondition limits.",
     "dt": "Longest time of a continuous evolution, in seconds.",
+    "max_flow": "Seconds in which its domain may end a flow without a clock, in a problem without a loop.",
     "duration": "Flows last as long as they may, a random part of that, or one the agent chooses.",
-    "safety_check": "Watch safety predicates along the motion, or after each step.",
+    "safety_check": "Watch safety along the last motion of a step, after steps only, or along all motion.",
     "initial_distribution": "How initial states are drawn: uniformly, or near random targets, in C or by Z3.",
     "integrator": "How a differential equation is solved.",
     "stiff": "Solve with the method for stiff equations; auto: as the model suggests.",
@@ -34,6 +36,7 @@ HELP = {
     "action_format": "How decisions become an action space.",
     "action_map": "How continuous actions meet their admissible set.",
     "on_blocked": "What happens to a step whose requested run blocks.",
+    "mask_depth": "Masks look up to the first motion of a step, or follow alternatives to its end.",
     "blocked_penalty": "Added to the reward of such a step.",
     "max_episode_steps": "Truncate episodes after so many steps; 0: never.",
     "stall_limit": "Truncate after so many zero-duration steps in a row; 0: never.",
@@ -62,6 +65,7 @@ def model_options(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def run(**arguments: Any) -> None:
         options = {name: value for name in given_names if (value := arguments.pop(name)) is not None}
+        options = {name: _current(name, value) for name, value in options.items()}
         if constants := arguments.pop("set_"):
             options["constants"] = dict(map(_constant, constants))
         for flag in FLAGS:
@@ -69,6 +73,14 @@ def model_options(command: Callable[..., None]) -> Callable[..., None]:
         command(**arguments, options=options)
 
     return with_parameters(run, (*own, *FLAGS, settable, *flags))
+
+
+def _current(name: str, value: Any) -> Any:
+    """A value under its present name; the use of an old one is said on stderr."""
+    if old := deprecation(name, value):
+        LOG.warning("warning: %s", old)
+        return DEPRECATED[name, value]
+    return value
 
 
 _SET = "Fix a constant of the model. May be repeated."

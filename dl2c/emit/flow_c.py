@@ -136,7 +136,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     for j, edge in enumerate(plan.edges):
         body += _exit(k, j, edge, leaves)
     exits = [f"exit{j}" for j in range(len(plan.edges))]
-    body.append(f"real end = {limits[0]};")
+    body += _reached(k, plan.flow, exits) if plan.flow.reach is not None else [f"real end = {limits[0]};"]
     body += [f"end = dl2c_select({name} < end, {name}, end);" for name in (*limits[1:], *exits)]
     shy = [f"hit{j}" for j, w in enumerate(plan.edges) if w.kind in ("open", "apart")]
     used = {*shy, *(f"hit{j}" for j, w in enumerate(plan.edges) if w.snap is not None)}
@@ -164,6 +164,23 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     ]
     head = f"static inline int64_t flow{k}_motion(const real *x, const real *p, real *y, real *duration)"
     return function(head, body, f"{place(plan.flow.span)}  {print_flow(plan.flow)}")
+
+
+def _reached(k: int, flow: Flow, exits: list[str]) -> list[str]:
+    """How long a flow without a clock may last: longer than `cap` where its domain ends it in time."""
+    assert flow.reach is not None and flow.cap is not None
+    return [
+        f"const real reach = {number(float(flow.reach))};",
+        "real first = (real)INFINITY;",
+        *(f"first = dl2c_select({name} < first, {name}, first);" for name in exits),
+        "const bool met = first <= reach;",
+        "first = dl2c_select(met, first, 0.0);",
+        "real there[NX];",
+        "DL2C_UNROLL",
+        "for (int k = 0; k < NX; k++) there[k] = x[k];",
+        f"flow{k}_at(x, p, first, there);",
+        f"real end = dl2c_select(met & dl2c_all_finite(there, NX), reach, {number(float(flow.cap))});",
+    ]
 
 
 def _ends_inside(k: int, flow: Flow) -> str:

@@ -40,6 +40,7 @@ def judge_functions(environment: Environment, writer: Writer) -> Iterator[str]:
     yield condition("postcondition", about, model.postcondition or TRUE, writer)
     yield from _watched(model)
     yield _judged(model, writer)
+    yield _unmoved(model, writer)
 
 
 def written(predicate: Predicate, model: Model, writer: Writer) -> Expression:
@@ -104,6 +105,18 @@ def _judged(model: Model, writer: Writer) -> str:
     head = "def judged(s: State, failed: set[str], met: set[str], late: bool) -> Judgement:"
     about = "Reward and end after a step; `failed` and `met` are what happened on the way."
     return function(head, about, lines)
+
+
+def _unmoved(model: Model, writer: Writer) -> str:
+    """What a step without a run earns: the shapes of the state that it leaves, in a loop."""
+    shapes = [writer.term(p.shape) for p in model.predicates if p.shape is not None and model.loops]
+    lines = ['    return Judgement(0.0, 0, "", "none", "", False)']
+    if shapes:
+        pays = statement("pays = ", Bracketed("", tuple(shapes), "[]"), "", 4)
+        reward = "sum((x for x in pays if math.isfinite(x)), 0.0)"
+        lines = [*pays, f"    reward = {reward}", lines[0].replace("0.0", "reward")]
+    about = "What a step earns that has no run, and so changes nothing."
+    return function("def unmoved(s: State) -> Judgement:", about, lines)
 
 
 def _facts(predicate: Predicate, model: Model) -> Iterator[str]:

@@ -63,6 +63,8 @@ def _place(formula: Formula, otherwise: Span) -> Span:
 def _flows(environment: Environment) -> Iterator[Diagnostic]:
     for plan in environment.flows:
         flow = plan.flow
+        if flow.reach is not None:
+            yield _refused(flow.span, "a flow without a clock that lasts to the end of its domain")
         for atom in (*flow.invariants, *atoms(flow.watched)):
             if atom.op in ("=", "!="):
                 yield _refused(atom.span, f"a domain with `{atom.op}`")

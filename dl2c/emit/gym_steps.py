@@ -25,6 +25,7 @@ initial_state: Any = None
 judged: Any = None
 postcondition: Any = None
 precondition: Any = None
+unmoved: Any = None
 
 
 class Path(NamedTuple):
@@ -89,6 +90,8 @@ class SupportEnv(gym.Env):
             choices, inputs = {**choices, **path.taken}, values
             duration, failed, met, reason = self._move(path.flow, moved)
         verdict = judged(self.state, failed, met, late)
+        if reason:
+            verdict = unmoved(self.state)
         self._time += duration
         self._stalled = 0 if duration > 0 else self._stalled + 1
         terminated, truncated, status, reason = self._ending(verdict, reason, late)
@@ -102,7 +105,7 @@ class SupportEnv(gym.Env):
             "executed_action": self._executed(choices, inputs),
             "duration": duration,
             "time": self._time,
-            "postcondition": postcondition(self.state),
+            "postcondition": postcondition(self.state) or bool(reason and not LOOPS),
             "saturated": saturated,
         }
         if not self._running:

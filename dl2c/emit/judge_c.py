@@ -32,6 +32,7 @@ def judge_functions(environment: Environment, leaves: Leaves) -> list[str]:
         _facts(model, leaves),
         _revise(model),
         _judge(model, leaves),
+        _shapes(model, leaves),
         _precondition(environment, leaves),
         _observe(environment, leaves),
     ]
@@ -156,6 +157,25 @@ def _reward(name: str, term: Term, when: str, leaves: Leaves) -> list[str]:
         f"  judged->undefined[i] |= (uint8_t)({when} & !defined);",
         "}",
     ]
+
+
+def _shapes(model: Model, leaves: Leaves) -> str:
+    """What a step without a run earns."""
+    body: list[str] = []
+    for predicate in model.predicates:
+        if predicate.shape is None:
+            continue
+        name = f"{predicate.name}_shape"
+        about = f"{name.replace('_', ' ')} = {print_term(predicate.shape)}"
+        value = leaves.term(name, predicate.shape, about)
+        defined = leaves.defined(f"{name}_defined", [predicate.shape], "it has a value")
+        added = value if defined is None else f"dl2c_select({defined}, {value}, 0.0)"
+        body += wrapped(f"sum = sum + {added};")
+    return function(
+        f"static inline real model_shapes({STATE})",
+        ["real sum = 0.0;", *body, "return sum;"] if body else ["return 0.0;"],
+        "The shapes of all predicates together.",
+    )
 
 
 def _endings(model: Model) -> list[str]:

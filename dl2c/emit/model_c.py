@@ -51,7 +51,11 @@ def model_c(environment: Environment) -> str:
         *sampler_functions(environment, leaves),
         *(text for unit in [environment.monitor] if unit for text in judging_functions(unit)),
     ]
-    tables = [*path_tables(environment), *watch_tables(environment), *sampler_tables(environment)]
+    tables = [
+        *path_tables(environment),
+        *watch_tables(environment),
+        *sampler_tables(environment),
+    ]
     sections = [
         _head(environment),
         *leaves.texts,

@@ -71,6 +71,8 @@ def _sizes(environment: Environment) -> str:
         "DL2C_DECIDES_IN_LANES": int(decides_in_lanes(environment)),
         "DL2C_STEPS_IN_LANES": int(steps_in_lanes(environment)),
         "DL2C_LOOKS_AHEAD": int(paths.looks_ahead),
+        "DL2C_LOOKS_DEEP": int(paths.deep),
+        "DL2C_WATCHES_ALL": int(model.everywhere),
         "DL2C_JOINT_INPUTS": int(any(a.following is not None for p in paths.paths for a in p.admissions)),
         "DL2C_MAX_LOOP": model.max_loop,
         "DL2C_POINT_LEAD": paths.lead or 0,

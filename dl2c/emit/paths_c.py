@@ -110,7 +110,7 @@ def flows_in_lanes(environment: Environment) -> bool:
     paths = environment.paths
     if [plan.kernel for plan in environment.flows] != ["dopri5"] or environment.monitor is not None:
         return False
-    if len(environment.model.variables) > LANE_VARIABLES:
+    if len(environment.model.variables) > LANE_VARIABLES or environment.model.flows[0].reach is not None:
         return False
     simple = paths.points == 1 and not paths.draws and not paths.looks_ahead
     return simple and all(p.flow == 0 for p in paths.paths) and environment.options.duration == "max"

@@ -6,6 +6,7 @@ the domain, then for watch w 1 + 3w what must stay, 2 + 3w what is due, 3 + 3w t
 is a quick proof that no watch fails.
 """
 
+from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import function, place, table, wrapped
 from dl2c.emit.enclosed_c import Enclosed
 from dl2c.emit.hull_c import calm_function
@@ -59,7 +60,9 @@ def watch_tables(environment: Environment) -> list[str]:
         table("int32_t", "FLOW_DURATION", f"[{max(1, len(kinds))}]", _durations(environment) or ["-1"]),
     ]
     if searched(environment):
+        reaches = [number(float(flow.reach or 0)) for flow in environment.model.flows]
         tables += [
+            table("real", "FLOW_REACH", f"[{max(1, len(reaches))}]", reaches or ["0.0"]),
             table("uint8_t", "WATCH_CUTS", f"[{max(1, len(cuts))}]", cuts or ["0"]),
             table("int32_t", "FLOW_MARGINS", f"[{max(1, len(counts))}]", counts or ["0"]),
         ]

@@ -136,6 +136,11 @@ class Course:
         cap = self.flow.cap
         return min([*self.remaining, *([literal(cap, self.exact)] if cap is not None else [])])
 
+    @property
+    def reach(self) -> Value | None:
+        """The time in which the domain may end it, where it has no clock."""
+        return None if self.flow.reach is None else literal(self.flow.reach, self.exact)
+
 
 def course(flow: Flow, solution: Solution, env: Environment, exact: bool) -> Course:
     """Raises `Undefined` where a coefficient or the horizon has no finite value."""
@@ -154,8 +159,10 @@ def advance(plan: ExactPlan, env: Environment, exact: bool = False) -> Motion | 
     margins = [[evaluate(c, env, exact) for c in e.margin] for e in plan.edges]
     if not exact and any(e.kind != "equal" and doubtful(m) for e, m in zip(plan.edges, margins, strict=True)):
         return None
-    end = run.horizon
     exits = [exit_time(e.kind, *_padded(m)) for e, m in zip(plan.edges, margins, strict=True)]
+    end = run.horizon
+    if run.reach is not None and _meets(run, exits, run.reach):
+        end = run.reach
     for leave in exits:
         if leave is not None and leave < end:
             end = leave
@@ -172,6 +179,15 @@ def doubtful(margin: Sequence[Value]) -> bool:
     c0, c1, c2 = _padded(margin)
     ahead = -c1 if c0 < 0 else c1
     return c2 != 0 and ahead < 0 and abs(c1 * c1 - 4 * c2 * c0) <= c1 * c1 * 2.0**-20
+
+
+def _meets(run: Course, exits: Sequence[Value | None], reach: Value) -> bool:
+    """Whether the domain ends the flow in that time, in a state of finite numbers."""
+    first = min((leave for leave in exits if leave is not None and leave <= reach), default=None)
+    try:
+        return first is not None and all(in_range(horner(c, first)) for c in run.curves.values())
+    except Undefined:
+        return False
 
 
 def landed(run: Course, end: Value, snaps: Sequence[Snap]) -> Motion | None:

@@ -7,6 +7,7 @@ sampled.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from typing import cast
@@ -46,10 +47,20 @@ def follow(
     motion = _straight(plan, run, part, waiting) if plan.quick is not None else None
     if motion is not None:
         return motion
-    cap: Value = float("inf")
+    limit = _limit(plan, run)
     if part < 1:
-        cap = _searched(plan, run, cap, ()).duration * part
-    return _searched(plan, run, cap, waiting)
+        longest, _ = _searched(plan, run, limit, ())
+        limit = min(limit, longest.duration * part)
+    return _searched(plan, run, limit, waiting)[0]
+
+
+def _limit(plan: FlowPlan, run: Course) -> Value:
+    """How long a searched flow may last: without a clock until its domain ends it, if that is in time."""
+    if run.reach is not None:
+        with suppress(Undefined):
+            if _searched(plan, run, run.reach, ())[1]:
+                return run.reach
+    return run.horizon
 
 
 # Straight-line motion -----------------------------------------------------------
@@ -131,13 +142,12 @@ def _rest(run: Course) -> Track:
     return Track(0.0, {x: [v] for x, v in start.items()}, start)
 
 
-def _searched(plan: FlowPlan, run: Course, cap: Value, waiting: Sequence[int]) -> Motion:
-    """Motion for `cap` at most, whose events are searched."""
-    stop = min(run.horizon, cap)
+def _searched(plan: FlowPlan, run: Course, stop: Value, waiting: Sequence[int]) -> tuple[Motion, bool]:
+    """Motion for a time at most, whose events are searched, and whether the domain ended it."""
     if not stop > 0:
         search = Search(plan, run.env, _rest(run), waiting)
         search.along(bounded=False)
-        return Motion({}, 0.0, tuple(search.failed), tuple(search.met))
+        return Motion({}, 0.0, tuple(search.failed), tuple(search.met)), False
     track = _track(run, float(stop))
     search = Search(plan, run.env, track, waiting)
     halt = search.along(bounded=True)
@@ -146,7 +156,8 @@ def _searched(plan: FlowPlan, run: Course, cap: Value, waiting: Sequence[int]) -
         motion = _arrived(plan, run, track, halt.place, time, None if halt.cut else halt.signs)
     else:
         motion = _arrived(plan, run, track, 1.0, float(stop), halt)
-    return replace(motion, failed=tuple(search.failed), met=tuple(search.met))
+    ended = isinstance(halt, Halt) and not halt.cut
+    return replace(motion, failed=tuple(search.failed), met=tuple(search.met)), ended
 
 
 def _arrived(
@@ -220,17 +231,28 @@ def _longest(plan: FlowPlan, run: Course) -> Motion:
     """As long as the domain allows."""
     if plan.quick is not None:
         return _inside(advance(plan.quick, run.env, run.exact))
-    end = run.horizon
+    if run.reach is not None:
+        with suppress(Undefined):
+            motion, ended = _within(plan, run, run.reach)
+            if ended:
+                return motion
+    return _within(plan, run, run.horizon)[0]
+
+
+def _within(plan: FlowPlan, run: Course, limit: Value) -> tuple[Motion, bool]:
+    """As long as the domain allows, at most for this time; and whether the domain ended it."""
+    end = limit
     if end <= 0:
-        return Motion({}, literal(Fraction(0), run.exact))
+        return Motion({}, literal(Fraction(0), run.exact)), False
     events = _events(plan, run, end)
     found = exit_of(plan.domain, plan.margins, events, run.exact)
     if found.found:
         end = found.at * end
         if end <= 0:
-            return Motion({}, literal(Fraction(0), run.exact))
+            return Motion({}, literal(Fraction(0), run.exact)), True
         end = end if found.holds else before(end)
-    return _inside(landed(run, end, [snap for k, snap in plan.snaps if found.sign_at[k] == 0]))
+    snaps = [snap for k, snap in plan.snaps if found.sign_at[k] == 0]
+    return _inside(landed(run, end, snaps)), found.found
 
 
 def _events(plan: FlowPlan, run: Course, length: Value) -> Events:

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TypeAlias, assert_never
 
-from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal
+from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal, truth
 from dl2c.ir.exact import Motion
 from dl2c.ir.inputs import Inputs, nearest
-from dl2c.ir.judge import Happened, judge
+from dl2c.ir.judge import Happened, judge, shapes
 from dl2c.ir.lines import Line, Straight, choices, lines
-from dl2c.ir.model import Assign, AssignAny, Block, Evolve, Model, Symbol, Term, Test
+from dl2c.ir.model import TRUE, Assign, AssignAny, Block, Evolve, Model, Symbol, Term, Test
 from dl2c.ir.straight import Plan, passable, planned
 from dl2c.ir.transition import Draws, Failure, Openings, Request, Settings, Start, Step, Trial
 from dl2c.ir.watch import watches_of
@@ -76,8 +76,8 @@ class Interpreter:
         """
         done = self._complete(self.model.body, self._trial(start), request)
         if done is None:
-            ending = self.settings.on_blocked if self.settings.on_blocked != "fallback" else "deadlock"
-            return self._unmoved(start, ending, request)
+            reason = "deadlock" if self.settings.on_blocked == "fallback" else "blocked"
+            return self._unmoved(start, self.settings.on_blocked, reason, request)
         return self._judged(start, done, request, following or {}, late)
 
     def _trial(self, start: Start) -> Trial:
@@ -125,29 +125,36 @@ class Interpreter:
             else:
                 return None
 
-    def _enabled(self, block: Block, trial: Trial) -> Iterator[Mapping[str, int]]:
+    def _enabled(self, block: Block, trial: Trial, ventured: bool = False) -> Iterator[Mapping[str, int]]:
         """The decisions of every run that passes all tests up to its first flow, or may do so: a run
-        is not followed beyond a while loop that an input may have decided, nor without end.
+        is not followed beyond a while loop that an input may have decided, nor without end. Deep masks
+        follow it beyond flows, where chance has not `ventured` to decide something on the way.
         """
         while True:
             found = [(line, self._inputs(line, trial)) for line in lines(block, trial.taken)]
             open_lines = [(line, inputs) for line, inputs in found if inputs is not None]
             for line, inputs in open_lines:
-                new = any(isinstance(s, AssignAny) and s.key not in trial.values for s in line.statements)
                 taken = {**trial.taken, **{d.key: d.alternative for d in line.decisions}}
-                if line.flows or new or not line.rest:
+                chance = ventured or any(d.role != "agent" for d in line.decisions)
+                if self._surely(line, trial, chance):
                     yield taken
                     continue
                 moved = self._execute(line, inputs, trial, Request())
                 if moved.failure:
                     yield taken
                 elif len(open_lines) == 1:
-                    block, trial = line.rest, moved
+                    block, trial, ventured = line.rest, moved, chance
                     break
                 else:
-                    yield from self._enabled(line.rest, moved)
+                    yield from self._enabled(line.rest, moved, chance)
             else:
                 return
+
+    def _surely(self, line: Line, trial: Trial, chance: bool) -> bool:
+        """Whether an enabled line counts as a run that masks need not follow."""
+        new = any(isinstance(s, AssignAny) and s.key not in trial.values for s in line.statements)
+        deep = self.model.mask_depth == "step" and self.model.duration == "max" and not chance
+        return new or not line.rest or (line.flows and not deep)
 
     def _rank(self, line: Line, trial: Trial, request: Request, width: int) -> list[float]:
         """Lines are tried by agreement with the request, decision by decision, then marked ones
@@ -207,7 +214,8 @@ class Interpreter:
                 case Evolve(flow):
                     if not all(in_range(v) for s, v in env.items() if s.kind == "variable"):
                         return so_far("numerical")
-                    waiting = [w for w in self._watches if w not in failed | met]
+                    watched = self.model.everywhere or not line.rest
+                    waiting = [w for w in self._watches if watched and w not in failed | met]
                     motion = self._moved(flow, env, self._part(flow, values, request), waiting)
                     if motion is None:
                         return so_far("numerical")
@@ -259,16 +267,16 @@ class Interpreter:
     # Endings --------------------------------------------------------------------
 
     def _judged(self, start: Start, done: Trial, request: Request, following: Draws, late: bool) -> Step:
-        """Reward and ending of a completed run (semantics 6)."""
-        after = start.state if done.failure else self._state(done.env)
-        events = Happened(late=late) if done.failure else Happened(done.failed, done.met, late)
-        outcome = judge(self.model, self.environment(after), self.exact, events)
-        reward, reason, status, ends = outcome.reward, outcome.reason, outcome.status, outcome.ends
-        upcoming = start if done.failure else self.lead(after, following)
-        openings = self.openings(upcoming) if upcoming else Openings(False, {})
+        """Reward and ending of a run that is complete, or failed (semantics 6)."""
         if done.failure:
-            ends, status, reason = "truncate", "none", done.failure
-        elif ends is None:
+            return self._unmoved(start, "truncate", done.failure, request, done)
+        after = self._state(done.env)
+        env = self.environment(after)
+        outcome = judge(self.model, env, self.exact, Happened(done.failed, done.met, late))
+        reward, reason, status, ends = outcome.reward, outcome.reason, outcome.status, outcome.ends
+        upcoming = self.lead(after, following)
+        openings = self.openings(upcoming) if upcoming else Openings(False, {})
+        if ends is None:
             if outcome.undefined:
                 ends, reason = "truncate", "numerical"
             elif not self.model.loops:
@@ -276,40 +284,46 @@ class Interpreter:
             elif not openings.open:
                 ends, reason = "truncate", "deadlock"
             status = status if ends is None else "none"
-        if done.left:
-            reward = reward + literal(Fraction(self.settings.blocked_penalty), self.exact)
         return Step(
             judged=after,
             start=upcoming or Start(after),
             decisions={**request.choices, **done.taken},
             values={**request.inputs, **done.values},
             blocked=done.left,
-            duration=literal(Fraction(0), self.exact) if done.failure else done.duration,
-            reward=reward,
+            duration=done.duration,
+            reward=reward + self._penalty(done.left),
             cost=outcome.cost,
             terminated=ends == "terminate",
             truncated=ends == "truncate",
             status=status,
             reason=reason,
+            postcondition=truth(self.model.postcondition or TRUE, env, self.exact),
             openings=openings,
         )
 
-    def _unmoved(self, start: Start, ending: str, request: Request) -> Step:
-        """The requested run blocked and nothing else was run: the state stays (semantics 3)."""
-        outcome = judge(self.model, self.environment(start.state), self.exact)
-        penalty = literal(Fraction(self.settings.blocked_penalty), self.exact)
+    def _unmoved(
+        self, start: Start, ends: str, reason: str, request: Request, failed: Trial | None = None
+    ) -> Step:
+        """Nothing was run to its end: the state stays, and no predicate fires (semantics 3 and 6)."""
+        env, loops = self.environment(start.state), self.model.loops
+        reward = shapes(self.model, env, self.exact) if loops else literal(Fraction(0), self.exact)
+        blocked = failed is None or failed.left
         return Step(
             judged=start.state,
             start=start,
-            decisions={**request.choices, **start.taken},
-            values={**request.inputs, **start.values},
-            blocked=True,
+            decisions={**request.choices, **(failed or start).taken},
+            values={**request.inputs, **(failed or start).values},
+            blocked=blocked,
             duration=literal(Fraction(0), self.exact),
-            reward=outcome.reward + penalty,
-            cost=outcome.cost,
-            terminated=ending == "terminate",
-            truncated=ending != "terminate",
+            reward=reward + self._penalty(blocked),
+            cost=0,
+            terminated=ends == "terminate",
+            truncated=ends != "terminate",
             status="none",
-            reason="deadlock" if ending == "deadlock" else "blocked",
+            reason=reason,
+            postcondition=not loops or truth(self.model.postcondition or TRUE, env, self.exact),
             openings=self.openings(start),
         )
+
+    def _penalty(self, blocked: bool) -> Value:
+        return literal(Fraction(self.settings.blocked_penalty if blocked else 0), self.exact)

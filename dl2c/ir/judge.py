@@ -4,6 +4,7 @@ The reference of the compiled `model_judge`. Comes in: the state after a step, a
 on the way that this state does not show. Numbers are doubles or exact rationals.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
@@ -67,6 +68,16 @@ def judge(model: Model, env: Environment, exact: bool = False, happened: Happene
         return Outcome(reward, cost, None, continued, "", undefined)
     _, winner, name = min(firings, key=lambda firing: firing[0])
     return Outcome(reward, cost, winner.action, winner.status, name, undefined)
+
+
+def shapes(model: Model, env: Environment, exact: bool = False) -> Value:
+    """The shapes of all predicates together, which is what a step without a run earns."""
+    reward: Value = literal(Fraction(0), exact)
+    for predicate in model.predicates:
+        if predicate.shape is not None:
+            with suppress(Undefined):
+                reward = reward + evaluate(predicate.shape, env, exact)
+    return reward
 
 
 _Rank: TypeAlias = tuple[int, int, int, bool]

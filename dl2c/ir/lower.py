@@ -16,6 +16,7 @@ from dl2c.ir.liveness import overwritten
 from dl2c.ir.logic import conjunction, disjunction, symbols
 from dl2c.ir.lower_program import ProgramLowering
 from dl2c.ir.lower_terms import Scope, lower_delta, lower_formula, lower_predicate, lower_term
+from dl2c.ir.watch import last_flows
 from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.annotations import (
@@ -42,7 +43,8 @@ def lower(problem: Problem, options: Options) -> ir.Model:
     shape = problem.shape
     found: list[Diagnostic] = []
     code = scan(problem.entry.span.source).text
-    lowering = ProgramLowering(scope, _roles(problem), problem.program_annotations, code, options)
+    loops = shape.loop is not None
+    lowering = ProgramLowering(scope, _roles(problem), problem.program_annotations, code, options, not loops)
     step = lowering.sequence(shape.body)
     lead, body = leading(step)
     prefix = replace(lowering, resets=True, choices=0, loops=0, assigned={}).sequence(shape.prefix)
@@ -63,35 +65,25 @@ def lower(problem: Problem, options: Options) -> ir.Model:
         precondition=precondition,
         prefix=prefix,
         body=body,
-        loops=shape.loop is not None,
+        loops=loops,
         flows=flows,
         predicates=_predicates(problem, scope, options),
         postcondition=_postcondition(problem, scope),
         tolerance=options.tolerance,
         duration=options.duration,
         continuous=_is_continuous(body, options),
+        everywhere=options.safety_check == "flows",
+        mask_depth=options.mask_depth,
         lead=lead,
         max_loop=options.max_loop,
     )
 
 
 def _is_continuous(body: ir.Block, options: Options) -> bool:
-    """Whether safety is watched along flows: by default where every path ends with its ODE (semantics 6)."""
-    if options.safety_check == "auto":
-        return _ends_with_flow(body)
-    return options.safety_check == "continuous"
-
-
-def _ends_with_flow(block: ir.Block) -> bool:
-    match block[-1] if block else None:
-        case ir.Evolve():
-            return True
-        case ir.If(_, _, then, orelse):
-            return _ends_with_flow(then) and _ends_with_flow(orelse)
-        case ir.Choice(_, alternatives):
-            return all(_ends_with_flow(a.body) for a in alternatives)
-        case _:
-            return False
+    """Whether safety is watched along some flow (semantics 6)."""
+    if options.safety_check == "continuous":
+        return any(True for _ in last_flows(body))
+    return options.safety_check == "flows"
 
 
 def _never_true(span: Span) -> Diagnostic:

@@ -8,8 +8,10 @@ from dl2c.options import DEFAULT_DT, Options
 from dl2c.parse import tree
 
 
-def lower_flow(ode: tree.ODESystem, scope: Scope, options: Options) -> ir.Flow:
-    """The flow of an ODE. Where no clock limits it, it lasts `dt`."""
+def lower_flow(ode: tree.ODESystem, scope: Scope, options: Options, once: bool = False) -> ir.Flow:
+    """The flow of an ODE. Where no clock limits it, it lasts `dt`; in a program that runs `once`, and
+    without a `dt`, to the end of its domain if that is met in time.
+    """
     equations = tuple(
         (e.name, lower_term(e.term, scope)) for e in ode.equations if isinstance(e, tree.AtomicODE)
     )
@@ -30,6 +32,7 @@ def lower_flow(ode: tree.ODESystem, scope: Scope, options: Options) -> ir.Flow:
             watched.append(part)
         domain.append(part)
     cap = options.dt if options.dt is not None or horizons else DEFAULT_DT
+    reaches = once and options.dt is None and not horizons and conjunction(watched) != ir.TRUE
     return ir.Flow(
         equations,
         conjunction(domain),
@@ -37,6 +40,7 @@ def lower_flow(ode: tree.ODESystem, scope: Scope, options: Options) -> ir.Flow:
         tuple(horizons),
         cap,
         tuple(invariants),
+        max(options.max_flow, DEFAULT_DT) if reaches else None,
         span=ode.span,
     )
 

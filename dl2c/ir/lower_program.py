@@ -28,8 +28,8 @@ class ProgramLowering:
     """One program being lowered: what it reads, and the flows and keys found so far.
 
     `code` is the text of the model with blank comments. `placed` holds for every annotation met
-    where the construct that it belongs to begins. Where `resets`, chance makes all decisions, under
-    keys of their own.
+    where the construct that it belongs to begins. `once` in a problem without a loop. Where `resets`,
+    chance makes all decisions, under keys of their own.
     """
 
     scope: Scope
@@ -37,6 +37,7 @@ class ProgramLowering:
     annotations: Sequence[ProgramAnnotation]
     code: str
     options: Options
+    once: bool = False
     resets: bool = False
     flows: list[ir.Flow] = field(default_factory=list[ir.Flow])
     choices: int = 0
@@ -70,7 +71,7 @@ class ProgramLowering:
             case tree.Test(formula):
                 return (ir.Test(lower_formula(formula, self.scope), span=program.span),)
             case tree.ODESystem():
-                self.flows.append(lower_flow(program, self.scope, self.options))
+                self.flows.append(lower_flow(program, self.scope, self.options, self.once))
                 return (ir.Evolve(len(self.flows) - 1, span=program.span),)
             case tree.Choice():
                 return (self._choice(program),)

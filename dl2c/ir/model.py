@@ -257,7 +257,8 @@ class Flow:
     without the conjuncts that `horizons` stand for and without invariants: equalities whose Lie
     derivative is zero, which are relaxed by the tolerance where the flow begins. `cap` is a
     further limit of the duration in seconds: an explicit `dt`, or the default where there is no
-    horizon.
+    horizon. A flow with a `reach` lasts to the end of its domain where that is met within so many
+    seconds, at least `cap`; else for `cap`.
     """
 
     equations: tuple[tuple[str, Term], ...]
@@ -266,12 +267,14 @@ class Flow:
     horizons: tuple[Horizon, ...]
     cap: Fraction | None
     invariants: tuple[Compare, ...] = ()
+    reach: Fraction | None = None
     span: Span = _span()
 
 
 # Annotated parts --------------------------------------------------------------
 
 Duration: TypeAlias = Literal["max", "sample", "agent"]
+MaskDepth: TypeAlias = Literal["flow", "step"]
 Category: TypeAlias = Literal["safety", "progress", "stability"]
 EndAction: TypeAlias = Literal["terminate", "truncate", "continue"]
 Status: TypeAlias = Literal["none", "success", "failure"]
@@ -356,16 +359,12 @@ class Constant:
 class Model:
     """One environment.
 
-    A step is one execution of `body`; `loops` is False for a problem without a loop, whose
-    episodes are one step long. `precondition` is P over variables and constants.
-    `postcondition` is Q, None where the program's suffix changes what Q reads. `duration` is who
-    decides how long a flow lasts: as long as its domain allows, a draw, or the agent.
-    `continuous` says that safety predicates are watched along the flows of a step.
     A step is one execution of `lead; body`: `lead` is executed as soon as the step before it, or the
-    reset, is over (see `leading`). `prefix` is executed once, after an initial state is drawn.
-    `loops` is False for a problem without a loop, whose episodes are one step long. `precondition`
-    is P over variables and constants. `postcondition` is Q, None where the program's suffix changes
-    what Q reads. A run that enters `while` loops more than `max_loop` times diverges.
+    reset, is over (see `leading`). `prefix` is executed once, after an initial state is drawn. Without
+    `loops` episodes are one step long. `precondition` is P, `postcondition` Q, None where the program's
+    suffix changes what Q reads. `duration` is who decides how long a flow lasts. `continuous`: safety is
+    watched along flows with which a step may end; `everywhere`: along the others too. `mask_depth` is how
+    far masks follow a step. A run that enters `while` loops more than `max_loop` times diverges.
     """
 
     name: str
@@ -382,6 +381,8 @@ class Model:
     tolerance: Fraction = Fraction(1, 10**9)
     duration: Duration = "max"
     continuous: bool = False
+    everywhere: bool = False
+    mask_depth: MaskDepth = "flow"
     lead: Block = ()
     max_loop: int = 10_000
 

@@ -171,6 +171,7 @@ def print_model(model: Model) -> str:
     for k, flow in enumerate(model.flows):
         horizons = ", ".join(f"{h.clock} <= {print_term(h.bound)}" for h in flow.horizons)
         cap = "" if flow.cap is None else f" cap {print_number(flow.cap)}"
+        cap += "" if flow.reach is None else f" reach {print_number(flow.reach)}"
         lines += ["", f"flow {k} {print_flow(flow)}", f"  horizon {horizons or 'none'}{cap}"]
     for title, block in (("before the first step", model.prefix), ("before each step", model.lead)):
         if block:

@@ -63,7 +63,8 @@ class Step:
     `openings` what is enabled there.
 
     `reason` is empty while the episode goes on; else a predicate's name, or blocked, deadlock,
-    numerical, diverged, end. `decisions` and `values` are those in effect, by key.
+    numerical, diverged, end. `decisions` and `values` are those in effect, by key. `postcondition` is
+    Q of `judged`; true where a problem without a loop has no run.
     """
 
     judged: Mapping[str, Value]
@@ -78,6 +79,7 @@ class Step:
     truncated: bool
     status: str
     reason: str
+    postcondition: bool
     openings: Openings
 
     @property

@@ -1,12 +1,13 @@
 """What is watched along the flows of a step beside their domains (semantics 6).
 
-A @safety predicate must hold at every instant of a flow, where safety is checked
-continuously. The obligation `D -> P` of a @progress predicate P fails at the first instant
-at which D holds, unless P held before, or holds then.
+A @safety predicate must hold at every instant at which a step may end: along a flow after which
+its run executes nothing; along every flow where that is asked for. The obligation `D -> P` of a
+@progress predicate P fails at the first such instant at which D holds, unless P held before, or
+holds then.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Literal
 
@@ -83,6 +84,14 @@ def watches_of(model: Model) -> tuple[Watch, ...]:
     return tuple(found)
 
 
+def watches_along(model: Model, flow: int) -> tuple[Watch, ...]:
+    """The same as far as this flow is concerned: after a flow with which no run ends they never fail."""
+    found = watches_of(model)
+    if model.everywhere or flow in set(last_flows(model.body)):
+        return found
+    return tuple(replace(w, stays=TRUE, due=FALSE, goal=FALSE, plainly=TRUE, at_end=TRUE) for w in found)
+
+
 def surely_positive(model: Model) -> Callable[[Term], bool]:
     """Whether a term is positive whatever the state, as a product of constants may be."""
     least = _least_constants(model)
@@ -147,6 +156,21 @@ def flows_come_last(block: Block) -> bool:
     return not any(_flows(s) for s in block[:-1]) and all(
         flows_come_last(part) for s in block[-1:] for part in _parts(s)
     )
+
+
+def last_flows(block: Block) -> Iterator[int]:
+    """The flows after which some run of the block executes nothing, not even a test."""
+    match block[-1] if block else None:
+        case Evolve(flow):
+            yield flow
+        case If(_, _, then, orelse):
+            yield from (*last_flows(then), *last_flows(orelse))
+        case Choice(_, alternatives):
+            yield from (k for a in alternatives for k in last_flows(a.body))
+        case Repeat(body=body):
+            yield from last_flows(body)
+        case _:
+            pass
 
 
 def _flows(statement: Statement) -> bool:

@@ -11,6 +11,7 @@ from dl2c.ir.logic import symbols
 from dl2c.ir.model import ZERO, Bound, Compare, Formula, Model, Number, Predicate, Symbol, Term
 from dl2c.lint.world import bounds_of, changing, rigid_facts
 from dl2c.options import DEFAULT_DT, Options
+from dl2c.paths.path import END, Paths
 from dl2c.resolve.predicates import AnnotatedPredicate
 from dl2c.resolve.problem import Problem
 from dl2c.smt.query import Oracle
@@ -80,17 +81,24 @@ def _may_be_positive(shape: Term, model: Model, known: tuple[Formula, ...], orac
     return oracle.exists(question).verdict == "yes"
 
 
-def safety_checks(model: Model, options: Options) -> Iterator[Diagnostic]:
-    """`safety-after-steps`."""
+def safety_checks(model: Model, paths: Paths, options: Options) -> Iterator[Diagnostic]:
+    """`safety-after-steps`: once, at the first flow along which nothing is watched."""
     safe = [p for p in model.predicates if p.category == "safety"]
-    if options.safety_check == "auto" and not model.continuous and model.flows and safe:
-        yield warning(
-            "safety-after-steps",
-            f"`{safe[0].name}` is checked after steps only",
-            safe[0].span,
-            "not every path of a step ends with a flow, so it is not watched along flows",
-            "say `@episode: safety_check=continuous` or `safety_check=step`",
-        )
+    first = min(p for p in (paths.lead, paths.prefix, paths.points) if p is not None)
+    onward = [p.flow for p in paths.paths if p.flow is not None and p.target != END and p.point < first]
+    if options.safety_check != "continuous" or not onward or not safe:
+        return
+    others = sorted({model.flows[k].span.line for k in onward} - {model.flows[min(onward)].span.line})
+    yield warning(
+        "safety-after-steps",
+        f"`{safe[0].name}` is not watched along this flow",
+        model.flows[min(onward)].span,
+        "a step goes on after it, so safety is judged where the step ends",
+        "silence this with `safety_check=step` or `allow=safety-after-steps`, or see `safety_check=flows`",
+        (f"nor along flows on line{'s' * (len(others) > 1)} {', '.join(map(str, others))}",)
+        if others
+        else (),
+    )
 
 
 def limits(model: Model, options: Options, problem: Problem) -> Iterator[Diagnostic]:
@@ -147,11 +155,15 @@ def durations(model: Model, options: Options) -> Iterator[Diagnostic]:
     """`default-dt`."""
     for flow in model.flows:
         if options.dt is None and not flow.horizons:
+            default = f"{float(DEFAULT_DT):g} s, the default"
+            lasts = f"it lasts {default}, or until its domain ends it"
+            if flow.reach is not None:
+                lasts = f"it lasts {default}, unless its domain ends it within {float(flow.reach):g} s"
             yield warning(
                 "default-dt",
                 "nothing limits how long this flow lasts",
                 flow.span,
-                f"it lasts {float(DEFAULT_DT):g} s, the default, or until its domain ends it",
+                lasts,
                 "add a clock, `t' = 1 & t <= ep`, or say `@episode: dt=...`",
             )
 

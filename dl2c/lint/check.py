@@ -42,7 +42,7 @@ def lints(source: Source, model: Checked) -> Iterator[Diagnostic]:
     yield from quotients(source)
     yield from annotations.ends_of_episodes(problem)
     yield from annotations.penalties(step, problem)
-    yield from annotations.safety_checks(step, options)
+    yield from annotations.safety_checks(step, paths, options)
     yield from annotations.limits(step, options, problem)
     yield from annotations.unobserved(step, problem)
     yield from annotations.durations(step, options)

@@ -149,9 +149,9 @@ def _moved(motion: _Motion, clock: str, moving: Mapping[str, Coefficients]) -> I
     """That the state after is on the solution, and that the domain held until then."""
     flow, slack = motion.flow, motion.tolerance.relative
     yield Condition(0, Compare(">=", motion.time, ZERO), "time does not run backwards", flow.span)
-    if flow.cap is not None:
-        capped = relaxed(Compare("<=", motion.time, Number(flow.cap)), slack)
-        yield Condition(0, capped, f"the flow lasts {float(flow.cap):g} s at most", flow.span)
+    if (longest := flow.reach or flow.cap) is not None:
+        capped = relaxed(Compare("<=", motion.time, Number(longest)), slack)
+        yield Condition(0, capped, f"the flow lasts {float(longest):g} s at most", flow.span)
     for x, coefficients in moving.items():
         if x != clock:
             yield Condition(

@@ -27,7 +27,7 @@ from dl2c.paths.path import END
 from dl2c.sampling.plan import SamplingPlan
 
 ABI_VERSION = 4
-STREAM_VERSION = 3
+STREAM_VERSION = 4
 """Of cgen/include/dl2c.h; a test holds them together."""
 
 
@@ -153,9 +153,14 @@ def _notes(environment: Environment) -> tuple[str, ...]:
     step = [
         p for p in paths.paths if p.target != END and p.point < (paths.lead or paths.prefix or paths.points)
     ]
-    if any(p.flow is not None for p in step):
+    if paths.deep and any(p.flow is not None for p in step):
         notes.append(
-            "tests after the first flow are not part of the action mask: a run it allows may still block"
+            "the action mask follows runs to their end, but not beyond inputs, nor beyond flows after chance"
+        )
+    elif any(p.flow is not None for p in step):
+        notes.append(
+            "tests after the first flow are not part of the action mask: a run it allows may still block; "
+            "mask_depth=step follows runs that need neither inputs nor chance to their end"
         )
     if any(p.flow is None and p.admissions for p in step):
         notes.append(

@@ -129,7 +129,9 @@ def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | Non
     paths = tuple(_path(draft, decisions, inputs, order, found) for draft in drafts)
     if found:
         raise CompileError(found)
-    return Paths(decisions, inputs, len(points), paths, starts.get("lead"), starts.get("prefix"), sampled)
+    lead, prefix = starts.get("lead"), starts.get("prefix")
+    deep = model.mask_depth == "step" and model.duration == "max"
+    return Paths(decisions, inputs, len(points), paths, lead, prefix, sampled, deep)
 
 
 def _explore(model: Model, start: Block, points: list[Block], drafts: list[Draft]) -> int:

@@ -81,7 +81,8 @@ class Paths:
 
     Decisions and inputs of the agent come first, then those of the environment, then those of a
     reset. The leading statements of a step start at point `lead`, the program before the loop at
-    point `prefix`; None where there is none. `sampled` are the flows whose durations a step draws.
+    point `prefix`; None where there is none. `sampled` are the flows whose durations a step draws. Masks that
+    are `deep` follow runs beyond flows.
     """
 
     decisions: tuple[Decision, ...]
@@ -91,6 +92,7 @@ class Paths:
     lead: int | None = None
     prefix: int | None = None
     sampled: tuple[int, ...] = ()
+    deep: bool = False
 
     def of(self, point: int) -> tuple[Path, ...]:
         return tuple(p for p in self.paths if p.point == point)
@@ -116,7 +118,8 @@ class Paths:
     @property
     def looks_ahead(self) -> bool:
         """Whether which runs are open depends on more than the paths of point 0."""
-        return self.lead is not None or any(p.flow is None and p.target != END for p in self.of(0))
+        onward = (p for p in self.of(0) if p.target != END)
+        return self.lead is not None or any(self.deep or p.flow is None for p in onward)
 
     @property
     def runs(self) -> tuple[tuple[int, ...], ...]:

@@ -68,6 +68,7 @@ def events(model: Model, track: Track) -> list[int]:
         except Undefined:
             continue
         lasted = track.times[k] - track.times[k - 1]
-        if not full and lasted < longest * (1 - 1e-9):
+        beyond = flow.reach is not None and lasted > longest * (1 + 1e-9)
+        if not full and (beyond or lasted < longest * (1 - 1e-9)):
             found.append(k)
     return found

@@ -12,10 +12,10 @@ enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F
        NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 2, NCHOICE = 2, NENVCHOICE = 0, NMASK = 6,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2,
-NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 9, NDEGREE =
+NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 5, NDEGREE =
 1, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0, DL2C_STEPS_IN_LANES =
-0, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
-DL2C_POINT_PREFIX = 0 };
+0, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0, DL2C_JOINT_INPUTS = 0,
+DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -66,73 +66,6 @@ static inline real flow0_watch_curve1_c1(real v)
   return -v;
 }
 
-/* lift.kyx:47  0 + 0.000000001 * (1 + h) - h, coefficient of tau^0 */
-static inline real flow0_watch_curve2_c0(real h)
-{
-  return 1e-09 * (1.0 + h) - h;
-}
-
-/* lift.kyx:47  0 + 0.000000001 * (1 + h) - h, coefficient of tau^1 */
-static inline real flow0_watch_curve2_c1(real v)
-{
-  return 1e-09 * v - v;
-}
-
-/* lift.kyx:47  0 + 0.000000001 * (1 + (-h)) - h, coefficient of tau^0 */
-static inline real flow0_watch_curve3_c0(real h)
-{
-  return 1e-09 * (1.0 + -h) - h;
-}
-
-/* lift.kyx:47  0 + 0.000000001 * (1 + (-h)) - h, coefficient of tau^1 */
-static inline real flow0_watch_curve3_c1(real v)
-{
-  return 1e-09 * -v - v;
-}
-
-/* lift.kyx:47  h + 0.000000001 * (1 + h + 3) - 3, coefficient of tau^0 */
-static inline real flow0_watch_curve4_c0(real h)
-{
-  return h + 1e-09 * (1.0 + h + 3.0) - 3.0;
-}
-
-/* lift.kyx:47  h + 0.000000001 * (1 + h + 3) - 3, coefficient of tau^1 */
-static inline real flow0_watch_curve4_c1(real v)
-{
-  return v + 1e-09 * v;
-}
-
-/* lift.kyx:47  h + 0.000000001 * (1 + (-h) + 3) - 3, coefficient of tau^0 */
-static inline real flow0_watch_curve5_c0(real h)
-{
-  return h + 1e-09 * (1.0 + -h + 3.0) - 3.0;
-}
-
-/* lift.kyx:47  h + 0.000000001 * (1 + (-h) + 3) - 3, coefficient of tau^1 */
-static inline real flow0_watch_curve5_c1(real v)
-{
-  return v + 1e-09 * -v;
-}
-
-/* lift.kyx:47  0.000000001 * (1 + abs(door)) - abs(door), coefficient of tau^0 */
-static inline real flow0_watch_curve6_c0(real door)
-{
-  const real t0 = fabs(door);
-  return 1e-09 * (1.0 + t0) - t0;
-}
-
-/* lift.kyx:47  clock - 20, coefficient of tau^0 */
-static inline real flow0_watch_curve7_c0(real clock)
-{
-  return clock - 20.0;
-}
-
-/* lift.kyx:47  load + 0.000000001 * (1 + abs(load) + 1) - 1, coefficient of tau^0 */
-static inline real flow0_watch_curve8_c0(real load)
-{
-  return load + 1e-09 * (1.0 + fabs(load) + 1.0) - 1.0;
-}
-
 /* lift.kyx:49  0 + 0.000000001 * (1 + abs(h)) - h, coefficient of tau^0 */
 static inline real flow1_watch_curve0_c0(real h)
 {
@@ -162,60 +95,6 @@ static inline real flow1_watch_curve3_c0(real clock)
 static inline real flow1_watch_curve4_c0(real load)
 {
   return load + 1e-09 * (1.0 + fabs(load) + 1.0) - 1.0;
-}
-
-/* lift.kyx:47  0 - h, coefficient of tau^0 */
-static inline real flow0_watch_still0_c0(real h)
-{
-  return -h;
-}
-
-/* lift.kyx:47  0 - h, coefficient of tau^1 */
-static inline real flow0_watch_still0_c1(real v)
-{
-  return -v;
-}
-
-/* lift.kyx:47  h - 3, coefficient of tau^0 */
-static inline real flow0_watch_still1_c0(real h)
-{
-  return h - 3.0;
-}
-
-/* lift.kyx:47  20 - clock, coefficient of tau^0 */
-static inline real flow0_watch_still3_c0(real clock)
-{
-  return 20.0 - clock;
-}
-
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + h + 3)), coefficient of tau^0 */
-static inline real flow0_watch_still4_c0(real h)
-{
-  return 3.0 - (h + 1e-09 * (1.0 + h + 3.0));
-}
-
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + h + 3)), coefficient of tau^1 */
-static inline real flow0_watch_still4_c1(real v)
-{
-  return -(v + 1e-09 * v);
-}
-
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + (-h) + 3)), coefficient of tau^0 */
-static inline real flow0_watch_still5_c0(real h)
-{
-  return 3.0 - (h + 1e-09 * (1.0 + -h + 3.0));
-}
-
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + (-h) + 3)), coefficient of tau^1 */
-static inline real flow0_watch_still5_c1(real v)
-{
-  return -(v + 1e-09 * -v);
-}
-
-/* lift.kyx:47  1 - (load + 0.000000001 * (1 + abs(load) + 1)), coefficient of tau^0 */
-static inline real flow0_watch_still6_c0(real load)
-{
-  return 1.0 - (load + 1e-09 * (1.0 + fabs(load) + 1.0));
 }
 
 /* lift.kyx:49  0 - h, coefficient of tau^0 */
@@ -559,25 +438,6 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
     c[1][0] = flow0_watch_curve1_c0(x[X_h]);
     c[1][1] = flow0_watch_curve1_c1(x[X_v]);
     degree[1] = 1;
-    c[2][0] = flow0_watch_curve2_c0(x[X_h]);
-    c[2][1] = flow0_watch_curve2_c1(x[X_v]);
-    degree[2] = 1;
-    c[3][0] = flow0_watch_curve3_c0(x[X_h]);
-    c[3][1] = flow0_watch_curve3_c1(x[X_v]);
-    degree[3] = 1;
-    c[4][0] = flow0_watch_curve4_c0(x[X_h]);
-    c[4][1] = flow0_watch_curve4_c1(x[X_v]);
-    degree[4] = 1;
-    c[5][0] = flow0_watch_curve5_c0(x[X_h]);
-    c[5][1] = flow0_watch_curve5_c1(x[X_v]);
-    degree[5] = 1;
-    c[6][0] = flow0_watch_curve6_c0(x[X_door]);
-    degree[6] = 0;
-    c[7][0] = flow0_watch_curve7_c0(x[X_clock]);
-    c[7][1] = 1.0;
-    degree[7] = 1;
-    c[8][0] = flow0_watch_curve8_c0(x[X_load]);
-    degree[8] = 0;
   }
   if (flow == 1) {
     c[0][0] = flow1_watch_curve0_c0(x[X_h]);
@@ -600,16 +460,14 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
   if (flow == 0) {
     if (formula == 0)
       return ((sign[0] >= 0) & (sign[1] >= 0));
-    if (formula == 1)
-      return ((sign[2] >= 0) | (sign[3] >= 0) | (sign[4] >= 0) | (sign[5] >= 0) | (sign[6] >= 0));
+    if (formula == 2)
+      return false;
     if (formula == 3)
       return false;
-    if (formula == 4)
-      return ((sign[7] < 0) & (((sign[4] < 0) & (sign[5] < 0)) | (sign[8] < 0)));
     if (formula == 5)
-      return (sign[7] >= 0);
+      return false;
     if (formula == 6)
-      return (((sign[4] >= 0) | (sign[5] >= 0)) & (sign[8] >= 0));
+      return false;
   }
   if (flow == 1) {
     if (formula == 1)
@@ -631,19 +489,7 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
 {
   (void)p; (void)y;
   if (flow == 0) {
-    const dl2c_span still0 = dl2c_line(flow0_watch_still0_c0(x[X_h]), flow0_watch_still0_c1(x[X_v]),
-        duration);
-    const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_h]), x[X_v], duration);
-    const dl2c_span still2 = dl2c_constant(x[X_door]);
-    const dl2c_span still3 = dl2c_line(flow0_watch_still3_c0(x[X_clock]), -1.0, duration);
-    const dl2c_span still4 = dl2c_line(flow0_watch_still4_c0(x[X_h]), flow0_watch_still4_c1(x[X_v]),
-        duration);
-    const dl2c_span still5 = dl2c_line(flow0_watch_still5_c0(x[X_h]), flow0_watch_still5_c1(x[X_v]),
-        duration);
-    const dl2c_span still6 = dl2c_constant(flow0_watch_still6_c0(x[X_load]));
-    return ((dl2c_stays_closed(still0) | dl2c_stays_closed(still1) | dl2c_stays_equal(still2))
-        & dl2c_stays_open(still3) & ((dl2c_stays_open(still4) & dl2c_stays_open(still5))
-        | dl2c_stays_open(still6)));
+    return true;
   }
   if (flow == 1) {
     const dl2c_span still0 = dl2c_constant(flow1_watch_still0_c0(x[X_h]));
@@ -952,6 +798,15 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
   }
 }
 
+/* The shapes of all predicates together. */
+static inline real model_shapes(const real *x, const real *p)
+{
+  (void)p;
+  real sum = 0.0;
+  sum = sum + delivered_shape(x[X_h], x[X_load]);
+  return sum;
+}
+
 /* The problem's P, strict. */
 static inline bool model_precondition(const real *x, const real *p)
 {
@@ -1072,10 +927,11 @@ static const dl2c_path PATHS[11] = {
   {1, -1, 2, PATH9_MET, PATH9_MARKED, 0, PATH9_INPUTS, 0},
   {1, -1, 0, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
 };
+static const real FLOW_REACH[2] = {0.0, 0.0};
 static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};
-static const int32_t FLOW_MARGINS[2] = {9, 5};
+static const int32_t FLOW_MARGINS[2] = {2, 5};
 static const int32_t SAMPLE_START[2] = {0, 1};
 static const real SAMPLE_LOW[1][3] = {{0.0, 0.0, 0.5}};
 static const real SAMPLE_HIGH[1][3] = {{3.0, 1.0, 2.0}};

@@ -13,8 +13,8 @@ enum { NINPUT = 1, NENVINPUT = 0, NDECISION = 0, NCHOICE = 0, NENVCHOICE = 0, NM
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
 NFREE = 2, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 5, NDEGREE =
 1, NWATCH = 1, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1, DL2C_STEPS_IN_LANES =
-1, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
-DL2C_POINT_PREFIX = 0 };
+1, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0, DL2C_JOINT_INPUTS = 0,
+DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -457,6 +457,14 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
   }
 }
 
+/* The shapes of all predicates together. */
+static inline real model_shapes(const real *x, const real *p)
+{
+  real sum = 0.0;
+  sum = sum + distance_shape(x[X_x], p[P_H]);
+  return sum;
+}
+
 /* The problem's P, strict. */
 static inline bool model_precondition(const real *x, const real *p)
 {
@@ -527,6 +535,7 @@ static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0};
 static const dl2c_input PATH0_INPUTS[] = {{0, 1, -1, 1}};
 static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS, 0}};
+static const real FLOW_REACH[1] = {0.0};
 static const uint8_t WATCH_CUTS[1] = {1};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};

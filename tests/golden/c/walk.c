@@ -13,8 +13,8 @@ enum { NINPUT = 0, NENVINPUT = 2, NDECISION = 3, NCHOICE = 2, NENVCHOICE = 1, NM
 NSTEPDRAW = 4, NDRAW = 6, NPRED = 2, NOBS = 5, NPOINT = 5, NPATH = 12, NFLOW = 2, NROOT = 1,
 NFREE = 5, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 1, NDEGREE =
 1, NWATCH = 0, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0, DL2C_STEPS_IN_LANES =
-0, DL2C_LOOKS_AHEAD = 1, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3,
-DL2C_POINT_PREFIX = 4 };
+0, DL2C_LOOKS_AHEAD = 1, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0, DL2C_JOINT_INPUTS = 0,
+DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3, DL2C_POINT_PREFIX = 4 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -686,6 +686,13 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
   }
 }
 
+/* The shapes of all predicates together. */
+static inline real model_shapes(const real *x, const real *p)
+{
+  (void)x; (void)p;
+  return 0.0;
+}
+
 /* The problem's P, strict. */
 static inline bool model_precondition(const real *x, const real *p)
 {
@@ -809,6 +816,7 @@ static const dl2c_path PATHS[12] = {
   {-1, -1, 1, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
   {1, -1, 0, PATH11_MET, PATH11_MARKED, 1, PATH11_INPUTS, 0},
 };
+static const real FLOW_REACH[2] = {0.0, 0.0};
 static const uint8_t WATCH_CUTS[1] = {0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};

@@ -13,8 +13,8 @@ enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 1, NCHOICE = 1, NENVCHOICE = 0, NM
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT = 1,
 NFREE = 8, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 46, NDEGREE =
 2, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1, DL2C_STEPS_IN_LANES =
-1, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
-DL2C_POINT_PREFIX = 0 };
+1, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0, DL2C_JOINT_INPUTS = 0,
+DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -1818,6 +1818,13 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
   }
 }
 
+/* The shapes of all predicates together. */
+static inline real model_shapes(const real *x, const real *p)
+{
+  (void)x; (void)p;
+  return 0.0;
+}
+
 /* The problem's P, strict. */
 static inline bool model_precondition(const real *x, const real *p)
 {
@@ -1915,6 +1922,7 @@ static const dl2c_path PATHS[4] = {
   {0, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS, 0},
   {0, -1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS, 0},
 };
+static const real FLOW_REACH[1] = {0.0};
 static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};
