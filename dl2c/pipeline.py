@@ -250,6 +250,7 @@ def _environment(
     """Everything that code is generated from, and warnings."""
     from dl2c.emit.plan import Environment
     from dl2c.ir.kernel import FlowPlan, Refused, plan_flow
+    from dl2c.ir.starts import equalities_of
     from dl2c.ir.watch import watches_of
     from dl2c.paths.enumerate import enumerate_paths
     from dl2c.sampling.plan import NoSampler, plan_sampling
@@ -260,7 +261,9 @@ def _environment(
     say("enumerating paths")
     paths = enumerate_paths(model, options.default_bound)
     watches = watches_of(model)
-    plans = [plan_flow(f, watches, options.integrator) for f in model.flows]
+    plans = [
+        plan_flow(f, watches, options.integrator, equalities_of(model), model.tolerance) for f in model.flows
+    ]
     refused = [_refused(p) for p in plans if isinstance(p, Refused)]
     if refused:
         raise CompileError(refused)

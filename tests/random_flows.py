@@ -6,7 +6,7 @@ from random import Random
 
 from random_models import ORDERS, grid, random_model, random_program, variable
 
-from dl2c.ir.logic import conjunction, disjunction, relaxed
+from dl2c.ir.logic import conjunction, disjunction
 from dl2c.ir.model import (
     ZERO,
     Add,
@@ -24,6 +24,7 @@ from dl2c.ir.model import (
     Term,
     Trigger,
 )
+from dl2c.ir.slack import relaxed
 
 
 def wild_model(seed: int) -> Model:

@@ -9,7 +9,7 @@ from fractions import Fraction
 from random import Random
 
 from dl2c.ir.leading import leading
-from dl2c.ir.logic import conjunction, disjunction, negation, relaxed
+from dl2c.ir.logic import conjunction, disjunction, negation
 from dl2c.ir.model import (
     FALSE,
     ONE,
@@ -48,6 +48,7 @@ from dl2c.ir.model import (
     Variable,
     While,
 )
+from dl2c.ir.slack import relaxed
 
 VARIABLES = ("x", "y", "z", "u")
 CLOCK = "t"

@@ -108,6 +108,9 @@ static inline bool dl2c_all_finite(const real *x, int n)
   return finite;
 }
 
+/* A number that does not change along a flow: one without a value, or out of range, counts as 0. */
+static inline real dl2c_frozen(real value) { return fabs(value) <= DL2C_LARGEST_STATE ? value : 0.0; }
+
 /* -1, 0 or 1. */
 static inline real dl2c_sign(real a) { return (real)((a > 0.0) - (a < 0.0)); }
 

@@ -6,6 +6,7 @@
 #define DL2C_NUMERIC_H
 
 #include "linear.h"
+#include "project.h"
 #include "stretch.h"
 #if DL2C_SOLVED_FLOWS
 #include "flow_cvodes.h"
@@ -78,7 +79,7 @@ static void dl2c_rest(const real *x, dl2c_track *track)
 static bool dl2c_arrives(const dl2c_stretch *stretch, real s, real *y, real *duration)
 {
   dl2c_stretch_at(stretch, s, y);
-  model_project(stretch->flow, stretch->p, y);
+  dl2c_project(stretch->flow, stretch->p, y);
   *duration = dl2c_stretch_time(stretch, s);
   return model_inside(stretch->flow, y, stretch->p);
 }
@@ -93,7 +94,7 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real s, bool settled
   const int flow = stretch->flow;
   const real *p = stretch->p;
   dl2c_stretch_at(stretch, s, y);
-  model_project(flow, p, y);
+  dl2c_project(flow, p, y);
   if (settled) model_settle(flow, stretch->x, p, time, sign, y);
   if (!dl2c_all_finite(y, NX)) return DL2C_UNDEFINED;
   *duration = time;

@@ -85,8 +85,11 @@ static inline real dl2c_share(const dl2c_request *request, dl2c_trial *trial, in
 /* Moves y along a flow, and notes in the run what happened on the way. */
 static inline void dl2c_evolve(const dl2c_request *request, dl2c_trial *trial, int flow, real *y)
 {
+  real p[NP + NFROZEN + 1];
+  if (NP > 0) memcpy(p, request->p, sizeof(real) * NP);
+  model_freeze(flow, y, p);
   dl2c_travel travel = {
-      .p = request->p,
+      .p = p,
       .solver = request->solver,
       .part = dl2c_share(request, trial, flow),
       .watch = trial->watch,

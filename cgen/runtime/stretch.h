@@ -198,7 +198,7 @@ static bool dl2c_stretch_events(const dl2c_stretch *stretch, dl2c_events *events
 {
   const int n = FLOW_MARGINS[stretch->flow];
   real values[NMARGIN][DL2C_NODES];
-  real noise[NMARGIN];
+  real noise[NMARGIN] = {0.0};
   dl2c_curve curves[NMARGIN];
   bool all_plain = true;
   dl2c_sample_margins(stretch, values);

@@ -12,6 +12,7 @@ from dl2c.emit.paths_c import decides_in_lanes, flows_in_lanes, steps_in_lanes
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import root_count
 from dl2c.emit.sampler_c import free_names
+from dl2c.emit.start_c import projection_count, start_symbols
 from dl2c.emit.watch_c import margin_count, margin_degree
 from dl2c.ir.model import Symbol
 from dl2c.ir.watch import watches_of
@@ -43,9 +44,16 @@ def _indices(environment: Environment) -> str:
     return (
         enumeration(variables, "NX", "state")
         + enumeration(constants, "NP", "constants of the episode")
+        + _starts(environment)
         + enumeration(inputs, "NU", "inputs")
         + enumeration(fact_names(model), "NFACT", "what a state is tested for")
     )
+
+
+def _starts(environment: Environment) -> str:
+    """Indices of what is computed where a flow begins, behind the constants."""
+    places = [index(s) + " = NP" * (k == 0) for k, s in enumerate(start_symbols(environment))]
+    return textwrap.fill(f"enum {{ {', '.join(places)} }};", 96) + "\n" if places else ""
 
 
 def _sizes(environment: Environment) -> str:
@@ -66,6 +74,8 @@ def _sizes(environment: Environment) -> str:
         "NBLOCK": 0 if sampling is None else len(sampling.blocks),
         "NMARGIN": max(1, margin_count(environment)),
         "NDEGREE": max(1, margin_degree(environment)),
+        "NFROZEN": len(start_symbols(environment)),
+        "NPROJECTION": projection_count(environment),
         "NWATCH": len(watches_of(model)),
         "NCRITICAL": critical_count(environment),
         "DL2C_LOOPS": int(model.loops),

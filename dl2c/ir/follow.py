@@ -16,6 +16,7 @@ from dl2c.ir.kernel import FlowPlan
 from dl2c.ir.logic import holds
 from dl2c.ir.model import And, Compare, Formula, Or, Symbol, Term, Truth
 from dl2c.ir.roots import Crossing, Exit, crossings, curve_of, first_exit, sign_after
+from dl2c.ir.starts import begun
 
 Signs = Sequence[int]
 
@@ -41,6 +42,7 @@ def follow(
     Raises `Undefined` where a coefficient, the horizon or the end state has no finite value.
     """
     assert plan.solution is not None
+    env = begun(plan.starts, env, exact)
     motion = _longest(plan, env, exact)
     run = course(plan.flow, plan.solution, env, exact)
     if part < 1:

@@ -22,8 +22,8 @@ def _span() -> Span:
 
 # Terms ------------------------------------------------------------------------
 
-Kind: TypeAlias = Literal["variable", "constant", "input", "time"]
-"""Program variable, episode constant, agent input (by key), time since a flow began."""
+Kind: TypeAlias = Literal["variable", "constant", "input", "time", "start"]
+"""Program variable, episode constant, agent input (by key), time since a flow began, value at its start."""
 
 Function: TypeAlias = Literal[
     "abs", "min", "max", "sqrt", "exp", "sin", "cos", "tan", "arcsin", "arctan", "tanh", "pow"
@@ -287,10 +287,10 @@ class Trigger:
 class Predicate:
     """An annotated predicate, its parameters bound (semantics 1 and 6).
 
-    `formula` and `relaxed` are P, exact and with each atom of the source relaxed by the
-    tolerance. `reward`, `penalty`, `shape` are terms over the post-state, None where absent.
-    `due` is when a progress obligation must hold: P is then required wherever `due` is true;
-    None for a predicate that has no obligation.
+    `formula` and `relaxed` are P, exact and with each atom of the source relaxed by the tolerance;
+    `along`, unless None, is watched along flows, relaxed by what `slacks` are where one begins.
+    `reward`, `penalty`, `shape` are terms over the post-state, None where absent. `due` is when a
+    progress obligation must hold: P is then required wherever it is true; None without obligation.
     """
 
     name: str
@@ -303,6 +303,8 @@ class Predicate:
     on_success: Trigger | None = None
     on_failure: Trigger | None = None
     due: Formula | None = None
+    along: Formula | None = None
+    slacks: tuple[tuple[Symbol, Term], ...] = ()
     span: Span = _span()
 
 
@@ -363,9 +365,7 @@ class Model:
     `continuous` says that safety predicates are watched along the flows of a step.
     A step is one execution of `lead; body`: `lead` is executed as soon as the step before it, or the
     reset, is over (see `leading`). `prefix` is executed once, after an initial state is drawn.
-    `loops` is False for a problem without a loop, whose episodes are one step long. `precondition`
-    is P over variables and constants. `postcondition` is Q, None where the program's suffix changes
-    what Q reads. A run that enters `while` loops more than `max_loop` times diverges.
+    A run that enters `while` loops more than `max_loop` times diverges.
     """
 
     name: str

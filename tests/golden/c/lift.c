@@ -7,15 +7,17 @@
 
 enum { X_h, X_v, X_door, X_load, X_waited, X_clock, X_t, NX }; /* state */
 enum { P_speed, NP }; /* constants of the episode */
+enum { S_closed_slack0 = NP, S_closed_slack1, S_closed_slack2, S_delivered_slack0,
+S_delivered_slack1 };
 enum { NU }; /* inputs */
 enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F_postcondition,
        NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 2, NCHOICE = 2, NENVCHOICE = 0, NMASK = 6,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2,
-NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 9, NDEGREE =
-1, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0, DL2C_STEPS_IN_LANES =
-0, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
-DL2C_POINT_PREFIX = 0 };
+NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 8, NDEGREE =
+1, NFROZEN = 5, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1,
+DL2C_DECIDES_IN_LANES = 0, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0,
+DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -66,90 +68,64 @@ static inline real flow0_watch_curve1_c1(real v)
   return -v;
 }
 
-/* lift.kyx:47  0 + 0.000000001 * (1 + h) - h, coefficient of tau^0 */
-static inline real flow0_watch_curve2_c0(real h)
+/* lift.kyx:47  0 + closed_slack0 - h, coefficient of tau^0 */
+static inline real flow0_watch_curve2_c0(real h, real closed_slack0)
 {
-  return 1e-09 * (1.0 + h) - h;
+  return closed_slack0 - h;
 }
 
-/* lift.kyx:47  0 + 0.000000001 * (1 + h) - h, coefficient of tau^1 */
+/* lift.kyx:47  0 + closed_slack0 - h, coefficient of tau^1 */
 static inline real flow0_watch_curve2_c1(real v)
 {
-  return 1e-09 * v - v;
+  return -v;
 }
 
-/* lift.kyx:47  0 + 0.000000001 * (1 + (-h)) - h, coefficient of tau^0 */
-static inline real flow0_watch_curve3_c0(real h)
+/* lift.kyx:47  h + closed_slack1 - 3, coefficient of tau^0 */
+static inline real flow0_watch_curve3_c0(real h, real closed_slack1)
 {
-  return 1e-09 * (1.0 + -h) - h;
+  return h + closed_slack1 - 3.0;
 }
 
-/* lift.kyx:47  0 + 0.000000001 * (1 + (-h)) - h, coefficient of tau^1 */
-static inline real flow0_watch_curve3_c1(real v)
+/* lift.kyx:47  closed_slack2 - abs(door), coefficient of tau^0 */
+static inline real flow0_watch_curve4_c0(real door, real closed_slack2)
 {
-  return 1e-09 * -v - v;
-}
-
-/* lift.kyx:47  h + 0.000000001 * (1 + h + 3) - 3, coefficient of tau^0 */
-static inline real flow0_watch_curve4_c0(real h)
-{
-  return h + 1e-09 * (1.0 + h + 3.0) - 3.0;
-}
-
-/* lift.kyx:47  h + 0.000000001 * (1 + h + 3) - 3, coefficient of tau^1 */
-static inline real flow0_watch_curve4_c1(real v)
-{
-  return v + 1e-09 * v;
-}
-
-/* lift.kyx:47  h + 0.000000001 * (1 + (-h) + 3) - 3, coefficient of tau^0 */
-static inline real flow0_watch_curve5_c0(real h)
-{
-  return h + 1e-09 * (1.0 + -h + 3.0) - 3.0;
-}
-
-/* lift.kyx:47  h + 0.000000001 * (1 + (-h) + 3) - 3, coefficient of tau^1 */
-static inline real flow0_watch_curve5_c1(real v)
-{
-  return v + 1e-09 * -v;
-}
-
-/* lift.kyx:47  0.000000001 * (1 + abs(door)) - abs(door), coefficient of tau^0 */
-static inline real flow0_watch_curve6_c0(real door)
-{
-  const real t0 = fabs(door);
-  return 1e-09 * (1.0 + t0) - t0;
+  return closed_slack2 - fabs(door);
 }
 
 /* lift.kyx:47  clock - 20, coefficient of tau^0 */
-static inline real flow0_watch_curve7_c0(real clock)
+static inline real flow0_watch_curve5_c0(real clock)
 {
   return clock - 20.0;
 }
 
-/* lift.kyx:47  load + 0.000000001 * (1 + abs(load) + 1) - 1, coefficient of tau^0 */
-static inline real flow0_watch_curve8_c0(real load)
+/* lift.kyx:47  h + delivered_slack0 - 3, coefficient of tau^0 */
+static inline real flow0_watch_curve6_c0(real h, real delivered_slack0)
 {
-  return load + 1e-09 * (1.0 + fabs(load) + 1.0) - 1.0;
+  return h + delivered_slack0 - 3.0;
 }
 
-/* lift.kyx:49  0 + 0.000000001 * (1 + abs(h)) - h, coefficient of tau^0 */
-static inline real flow1_watch_curve0_c0(real h)
+/* lift.kyx:47  load + delivered_slack1 - 1, coefficient of tau^0 */
+static inline real flow0_watch_curve7_c0(real load, real delivered_slack1)
 {
-  return 1e-09 * (1.0 + fabs(h)) - h;
+  return load + delivered_slack1 - 1.0;
 }
 
-/* lift.kyx:49  h + 0.000000001 * (1 + abs(h) + 3) - 3, coefficient of tau^0 */
-static inline real flow1_watch_curve1_c0(real h)
+/* lift.kyx:49  0 + closed_slack0 - h, coefficient of tau^0 */
+static inline real flow1_watch_curve0_c0(real h, real closed_slack0)
 {
-  return h + 1e-09 * (1.0 + fabs(h) + 3.0) - 3.0;
+  return closed_slack0 - h;
 }
 
-/* lift.kyx:49  0.000000001 * (1 + abs(door)) - abs(door), coefficient of tau^0 */
-static inline real flow1_watch_curve2_c0(real door)
+/* lift.kyx:49  h + closed_slack1 - 3, coefficient of tau^0 */
+static inline real flow1_watch_curve1_c0(real h, real closed_slack1)
 {
-  const real t0 = fabs(door);
-  return 1e-09 * (1.0 + t0) - t0;
+  return h + closed_slack1 - 3.0;
+}
+
+/* lift.kyx:49  closed_slack2 - abs(door), coefficient of tau^0 */
+static inline real flow1_watch_curve2_c0(real door, real closed_slack2)
+{
+  return closed_slack2 - fabs(door);
 }
 
 /* lift.kyx:49  clock - 20, coefficient of tau^0 */
@@ -158,10 +134,16 @@ static inline real flow1_watch_curve3_c0(real clock)
   return clock - 20.0;
 }
 
-/* lift.kyx:49  load + 0.000000001 * (1 + abs(load) + 1) - 1, coefficient of tau^0 */
-static inline real flow1_watch_curve4_c0(real load)
+/* lift.kyx:49  h + delivered_slack0 - 3, coefficient of tau^0 */
+static inline real flow1_watch_curve4_c0(real h, real delivered_slack0)
 {
-  return load + 1e-09 * (1.0 + fabs(load) + 1.0) - 1.0;
+  return h + delivered_slack0 - 3.0;
+}
+
+/* lift.kyx:49  load + delivered_slack1 - 1, coefficient of tau^0 */
+static inline real flow1_watch_curve5_c0(real load, real delivered_slack1)
+{
+  return load + delivered_slack1 - 1.0;
 }
 
 /* lift.kyx:47  0 - h, coefficient of tau^0 */
@@ -188,32 +170,20 @@ static inline real flow0_watch_still3_c0(real clock)
   return 20.0 - clock;
 }
 
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + h + 3)), coefficient of tau^0 */
+/* lift.kyx:47  3 - (h + delivered_slack0), coefficient of tau^0 */
 static inline real flow0_watch_still4_c0(real h)
 {
-  return 3.0 - (h + 1e-09 * (1.0 + h + 3.0));
+  return 3.0 - (h + 1e-09 * (1.0 + fabs(h) + 3.0));
 }
 
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + h + 3)), coefficient of tau^1 */
+/* lift.kyx:47  3 - (h + delivered_slack0), coefficient of tau^1 */
 static inline real flow0_watch_still4_c1(real v)
 {
-  return -(v + 1e-09 * v);
+  return -v;
 }
 
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + (-h) + 3)), coefficient of tau^0 */
-static inline real flow0_watch_still5_c0(real h)
-{
-  return 3.0 - (h + 1e-09 * (1.0 + -h + 3.0));
-}
-
-/* lift.kyx:47  3 - (h + 0.000000001 * (1 + (-h) + 3)), coefficient of tau^1 */
-static inline real flow0_watch_still5_c1(real v)
-{
-  return -(v + 1e-09 * -v);
-}
-
-/* lift.kyx:47  1 - (load + 0.000000001 * (1 + abs(load) + 1)), coefficient of tau^0 */
-static inline real flow0_watch_still6_c0(real load)
+/* lift.kyx:47  1 - (load + delivered_slack1), coefficient of tau^0 */
+static inline real flow0_watch_still5_c0(real load)
 {
   return 1.0 - (load + 1e-09 * (1.0 + fabs(load) + 1.0));
 }
@@ -236,16 +206,76 @@ static inline real flow1_watch_still3_c0(real clock)
   return 20.0 - clock;
 }
 
-/* lift.kyx:49  3 - (h + 0.000000001 * (1 + abs(h) + 3)), coefficient of tau^0 */
+/* lift.kyx:49  3 - (h + delivered_slack0), coefficient of tau^0 */
 static inline real flow1_watch_still4_c0(real h)
 {
   return 3.0 - (h + 1e-09 * (1.0 + fabs(h) + 3.0));
 }
 
-/* lift.kyx:49  1 - (load + 0.000000001 * (1 + abs(load) + 1)), coefficient of tau^0 */
+/* lift.kyx:49  1 - (load + delivered_slack1), coefficient of tau^0 */
 static inline real flow1_watch_still5_c0(real load)
 {
   return 1.0 - (load + 1e-09 * (1.0 + fabs(load) + 1.0));
+}
+
+/* lift.kyx:47  closed_slack0 = 0.000000001 * (1 + abs(h)) */
+static inline real flow0_closed_slack0(real h)
+{
+  return 1e-09 * (1.0 + fabs(h));
+}
+
+/* lift.kyx:47  closed_slack1 = 0.000000001 * (1 + abs(h) + 3) */
+static inline real flow0_closed_slack1(real h)
+{
+  return 1e-09 * (1.0 + fabs(h) + 3.0);
+}
+
+/* lift.kyx:47  closed_slack2 = 0.000000001 * (1 + abs(door)) */
+static inline real flow0_closed_slack2(real door)
+{
+  return 1e-09 * (1.0 + fabs(door));
+}
+
+/* lift.kyx:47  delivered_slack0 = 0.000000001 * (1 + abs(h) + 3) */
+static inline real flow0_delivered_slack0(real h)
+{
+  return 1e-09 * (1.0 + fabs(h) + 3.0);
+}
+
+/* lift.kyx:47  delivered_slack1 = 0.000000001 * (1 + abs(load) + 1) */
+static inline real flow0_delivered_slack1(real load)
+{
+  return 1e-09 * (1.0 + fabs(load) + 1.0);
+}
+
+/* lift.kyx:49  closed_slack0 = 0.000000001 * (1 + abs(h)) */
+static inline real flow1_closed_slack0(real h)
+{
+  return 1e-09 * (1.0 + fabs(h));
+}
+
+/* lift.kyx:49  closed_slack1 = 0.000000001 * (1 + abs(h) + 3) */
+static inline real flow1_closed_slack1(real h)
+{
+  return 1e-09 * (1.0 + fabs(h) + 3.0);
+}
+
+/* lift.kyx:49  closed_slack2 = 0.000000001 * (1 + abs(door)) */
+static inline real flow1_closed_slack2(real door)
+{
+  return 1e-09 * (1.0 + fabs(door));
+}
+
+/* lift.kyx:49  delivered_slack0 = 0.000000001 * (1 + abs(h) + 3) */
+static inline real flow1_delivered_slack0(real h)
+{
+  return 1e-09 * (1.0 + fabs(h) + 3.0);
+}
+
+/* lift.kyx:49  delivered_slack1 = 0.000000001 * (1 + abs(load) + 1) */
+static inline real flow1_delivered_slack1(real load)
+{
+  return 1e-09 * (1.0 + fabs(load) + 1.0);
 }
 
 /* lift.kyx:47  h <= 3, margin 3 - h */
@@ -551,7 +581,6 @@ static inline void model_settle(int flow, const real *x, const real *p, real end
 static inline void model_polynomials(int flow, const real *x, const real *p, real (*c)[NDEGREE + 1],
                                      int32_t *degree)
 {
-  (void)p;
   if (flow == 0) {
     c[0][0] = x[X_h];
     c[0][1] = x[X_v];
@@ -559,38 +588,37 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
     c[1][0] = flow0_watch_curve1_c0(x[X_h]);
     c[1][1] = flow0_watch_curve1_c1(x[X_v]);
     degree[1] = 1;
-    c[2][0] = flow0_watch_curve2_c0(x[X_h]);
+    c[2][0] = flow0_watch_curve2_c0(x[X_h], p[S_closed_slack0]);
     c[2][1] = flow0_watch_curve2_c1(x[X_v]);
     degree[2] = 1;
-    c[3][0] = flow0_watch_curve3_c0(x[X_h]);
-    c[3][1] = flow0_watch_curve3_c1(x[X_v]);
+    c[3][0] = flow0_watch_curve3_c0(x[X_h], p[S_closed_slack1]);
+    c[3][1] = x[X_v];
     degree[3] = 1;
-    c[4][0] = flow0_watch_curve4_c0(x[X_h]);
-    c[4][1] = flow0_watch_curve4_c1(x[X_v]);
-    degree[4] = 1;
-    c[5][0] = flow0_watch_curve5_c0(x[X_h]);
-    c[5][1] = flow0_watch_curve5_c1(x[X_v]);
+    c[4][0] = flow0_watch_curve4_c0(x[X_door], p[S_closed_slack2]);
+    degree[4] = 0;
+    c[5][0] = flow0_watch_curve5_c0(x[X_clock]);
+    c[5][1] = 1.0;
     degree[5] = 1;
-    c[6][0] = flow0_watch_curve6_c0(x[X_door]);
-    degree[6] = 0;
-    c[7][0] = flow0_watch_curve7_c0(x[X_clock]);
-    c[7][1] = 1.0;
-    degree[7] = 1;
-    c[8][0] = flow0_watch_curve8_c0(x[X_load]);
-    degree[8] = 0;
+    c[6][0] = flow0_watch_curve6_c0(x[X_h], p[S_delivered_slack0]);
+    c[6][1] = x[X_v];
+    degree[6] = 1;
+    c[7][0] = flow0_watch_curve7_c0(x[X_load], p[S_delivered_slack1]);
+    degree[7] = 0;
   }
   if (flow == 1) {
-    c[0][0] = flow1_watch_curve0_c0(x[X_h]);
+    c[0][0] = flow1_watch_curve0_c0(x[X_h], p[S_closed_slack0]);
     degree[0] = 0;
-    c[1][0] = flow1_watch_curve1_c0(x[X_h]);
+    c[1][0] = flow1_watch_curve1_c0(x[X_h], p[S_closed_slack1]);
     degree[1] = 0;
-    c[2][0] = flow1_watch_curve2_c0(x[X_door]);
+    c[2][0] = flow1_watch_curve2_c0(x[X_door], p[S_closed_slack2]);
     degree[2] = 0;
     c[3][0] = flow1_watch_curve3_c0(x[X_clock]);
     c[3][1] = 1.0;
     degree[3] = 1;
-    c[4][0] = flow1_watch_curve4_c0(x[X_load]);
+    c[4][0] = flow1_watch_curve4_c0(x[X_h], p[S_delivered_slack0]);
     degree[4] = 0;
+    c[5][0] = flow1_watch_curve5_c0(x[X_load], p[S_delivered_slack1]);
+    degree[5] = 0;
   }
 }
 
@@ -601,15 +629,15 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
     if (formula == 0)
       return ((sign[0] >= 0) & (sign[1] >= 0));
     if (formula == 1)
-      return ((sign[2] >= 0) | (sign[3] >= 0) | (sign[4] >= 0) | (sign[5] >= 0) | (sign[6] >= 0));
+      return ((sign[2] >= 0) | (sign[3] >= 0) | (sign[4] >= 0));
     if (formula == 3)
       return false;
     if (formula == 4)
-      return ((sign[7] < 0) & (((sign[4] < 0) & (sign[5] < 0)) | (sign[8] < 0)));
+      return ((sign[5] < 0) & ((sign[6] < 0) | (sign[7] < 0)));
     if (formula == 5)
-      return (sign[7] >= 0);
+      return (sign[5] >= 0);
     if (formula == 6)
-      return (((sign[4] >= 0) | (sign[5] >= 0)) & (sign[8] >= 0));
+      return ((sign[6] >= 0) & (sign[7] >= 0));
   }
   if (flow == 1) {
     if (formula == 1)
@@ -617,11 +645,11 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
     if (formula == 3)
       return false;
     if (formula == 4)
-      return ((sign[3] < 0) & ((sign[1] < 0) | (sign[4] < 0)));
+      return ((sign[3] < 0) & ((sign[4] < 0) | (sign[5] < 0)));
     if (formula == 5)
       return (sign[3] >= 0);
     if (formula == 6)
-      return ((sign[1] >= 0) & (sign[4] >= 0));
+      return ((sign[4] >= 0) & (sign[5] >= 0));
   }
   return true;
 }
@@ -638,12 +666,9 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
     const dl2c_span still3 = dl2c_line(flow0_watch_still3_c0(x[X_clock]), -1.0, duration);
     const dl2c_span still4 = dl2c_line(flow0_watch_still4_c0(x[X_h]), flow0_watch_still4_c1(x[X_v]),
         duration);
-    const dl2c_span still5 = dl2c_line(flow0_watch_still5_c0(x[X_h]), flow0_watch_still5_c1(x[X_v]),
-        duration);
-    const dl2c_span still6 = dl2c_constant(flow0_watch_still6_c0(x[X_load]));
+    const dl2c_span still5 = dl2c_constant(flow0_watch_still5_c0(x[X_load]));
     return ((dl2c_stays_closed(still0) | dl2c_stays_closed(still1) | dl2c_stays_equal(still2))
-        & dl2c_stays_open(still3) & ((dl2c_stays_open(still4) & dl2c_stays_open(still5))
-        | dl2c_stays_open(still6)));
+        & dl2c_stays_open(still3) & (dl2c_stays_open(still4) | dl2c_stays_open(still5)));
   }
   if (flow == 1) {
     const dl2c_span still0 = dl2c_constant(flow1_watch_still0_c0(x[X_h]));
@@ -656,6 +681,25 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
         & dl2c_stays_open(still3) & (dl2c_stays_open(still4) | dl2c_stays_open(still5)));
   }
   return true;
+}
+
+/* What does not change along a flow from x, behind the constants.   p: (NP + NFROZEN) */
+static inline void model_freeze(int flow, const real *x, real *p)
+{
+  if (flow == 0) {
+    p[S_closed_slack0] = dl2c_frozen(flow0_closed_slack0(x[X_h]));
+    p[S_closed_slack1] = dl2c_frozen(flow0_closed_slack1(x[X_h]));
+    p[S_closed_slack2] = dl2c_frozen(flow0_closed_slack2(x[X_door]));
+    p[S_delivered_slack0] = dl2c_frozen(flow0_delivered_slack0(x[X_h]));
+    p[S_delivered_slack1] = dl2c_frozen(flow0_delivered_slack1(x[X_load]));
+  }
+  if (flow == 1) {
+    p[S_closed_slack0] = dl2c_frozen(flow1_closed_slack0(x[X_h]));
+    p[S_closed_slack1] = dl2c_frozen(flow1_closed_slack1(x[X_h]));
+    p[S_closed_slack2] = dl2c_frozen(flow1_closed_slack2(x[X_door]));
+    p[S_delivered_slack0] = dl2c_frozen(flow1_delivered_slack0(x[X_h]));
+    p[S_delivered_slack1] = dl2c_frozen(flow1_delivered_slack1(x[X_load]));
+  }
 }
 
 /* How fast the variables change along a flow; 0 where its ODE does not name one. */
@@ -1075,7 +1119,7 @@ static const dl2c_path PATHS[11] = {
 static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};
-static const int32_t FLOW_MARGINS[2] = {9, 5};
+static const int32_t FLOW_MARGINS[2] = {8, 6};
 static const int32_t SAMPLE_START[2] = {0, 1};
 static const real SAMPLE_LOW[1][3] = {{0.0, 0.0, 0.5}};
 static const real SAMPLE_HIGH[1][3] = {{3.0, 1.0, 2.0}};

@@ -7,14 +7,15 @@
 
 enum { X_x, X_f, X_t, NX }; /* state */
 enum { P_ep, P_H, NP }; /* constants of the episode */
+enum { S_inside_slack0 = NP, S_inside_slack1 };
 enum { U_assign_f, NU }; /* inputs */
 enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 1, NENVINPUT = 0, NDECISION = 0, NCHOICE = 0, NENVCHOICE = 0, NMASK = 0,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
-NFREE = 2, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 5, NDEGREE =
-1, NWATCH = 1, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1, DL2C_STEPS_IN_LANES =
-1, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
-DL2C_POINT_PREFIX = 0 };
+NFREE = 2, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 3, NDEGREE =
+1, NFROZEN = 2, NPROJECTION = 0, NWATCH = 1, NCRITICAL = 0, DL2C_LOOPS = 1,
+DL2C_DECIDES_IN_LANES = 1, DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0,
+DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -35,52 +36,22 @@ static inline bool flow0_inside(real x_v, real t, real ep)
   return (t <= ep) & (x_v >= 0.0);
 }
 
-/* tank.kyx:33  x + 0.000000001 * (1 + x), coefficient of tau^0 */
-static inline real flow0_watch_curve1_c0(real x_v)
+/* tank.kyx:33  x + inside_slack0, coefficient of tau^0 */
+static inline real flow0_watch_curve1_c0(real x_v, real inside_slack0)
 {
-  return x_v + 1e-09 * (1.0 + x_v);
+  return x_v + inside_slack0;
 }
 
-/* tank.kyx:33  x + 0.000000001 * (1 + x), coefficient of tau^1 */
-static inline real flow0_watch_curve1_c1(real f)
+/* tank.kyx:33  H + inside_slack1 - x, coefficient of tau^0 */
+static inline real flow0_watch_curve2_c0(real x_v, real H, real inside_slack1)
 {
-  return f + 1e-09 * f;
+  return H + inside_slack1 - x_v;
 }
 
-/* tank.kyx:33  x + 0.000000001 * (1 + (-x)), coefficient of tau^0 */
-static inline real flow0_watch_curve2_c0(real x_v)
-{
-  return x_v + 1e-09 * (1.0 + -x_v);
-}
-
-/* tank.kyx:33  x + 0.000000001 * (1 + (-x)), coefficient of tau^1 */
+/* tank.kyx:33  H + inside_slack1 - x, coefficient of tau^1 */
 static inline real flow0_watch_curve2_c1(real f)
 {
-  return f + 1e-09 * -f;
-}
-
-/* tank.kyx:33  H + 0.000000001 * (1 + x + abs(H)) - x, coefficient of tau^0 */
-static inline real flow0_watch_curve3_c0(real x_v, real H)
-{
-  return H + 1e-09 * (1.0 + x_v + fabs(H)) - x_v;
-}
-
-/* tank.kyx:33  H + 0.000000001 * (1 + x + abs(H)) - x, coefficient of tau^1 */
-static inline real flow0_watch_curve3_c1(real f)
-{
-  return 1e-09 * f - f;
-}
-
-/* tank.kyx:33  H + 0.000000001 * (1 + (-x) + abs(H)) - x, coefficient of tau^0 */
-static inline real flow0_watch_curve4_c0(real x_v, real H)
-{
-  return H + 1e-09 * (1.0 + -x_v + fabs(H)) - x_v;
-}
-
-/* tank.kyx:33  H + 0.000000001 * (1 + (-x) + abs(H)) - x, coefficient of tau^1 */
-static inline real flow0_watch_curve4_c1(real f)
-{
-  return 1e-09 * -f - f;
+  return -f;
 }
 
 /* tank.kyx:33  H - x, coefficient of tau^0 */
@@ -93,6 +64,18 @@ static inline real flow0_watch_still1_c0(real x_v, real H)
 static inline real flow0_watch_still1_c1(real f)
 {
   return -f;
+}
+
+/* tank.kyx:33  inside_slack0 = 0.000000001 * (1 + abs(x)) */
+static inline real flow0_inside_slack0(real x_v)
+{
+  return 1e-09 * (1.0 + fabs(x_v));
+}
+
+/* tank.kyx:33  inside_slack1 = 0.000000001 * (1 + abs(x) + abs(H)) */
+static inline real flow0_inside_slack1(real x_v, real H)
+{
+  return 1e-09 * (1.0 + fabs(x_v) + fabs(H));
 }
 
 /* tank.kyx:30  0 <= ep & x >= 0 */
@@ -240,18 +223,12 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
     c[0][0] = x[X_x];
     c[0][1] = x[X_f];
     degree[0] = 1;
-    c[1][0] = flow0_watch_curve1_c0(x[X_x]);
-    c[1][1] = flow0_watch_curve1_c1(x[X_f]);
+    c[1][0] = flow0_watch_curve1_c0(x[X_x], p[S_inside_slack0]);
+    c[1][1] = x[X_f];
     degree[1] = 1;
-    c[2][0] = flow0_watch_curve2_c0(x[X_x]);
+    c[2][0] = flow0_watch_curve2_c0(x[X_x], p[P_H], p[S_inside_slack1]);
     c[2][1] = flow0_watch_curve2_c1(x[X_f]);
     degree[2] = 1;
-    c[3][0] = flow0_watch_curve3_c0(x[X_x], p[P_H]);
-    c[3][1] = flow0_watch_curve3_c1(x[X_f]);
-    degree[3] = 1;
-    c[4][0] = flow0_watch_curve4_c0(x[X_x], p[P_H]);
-    c[4][1] = flow0_watch_curve4_c1(x[X_f]);
-    degree[4] = 1;
   }
 }
 
@@ -262,7 +239,7 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
     if (formula == 0)
       return (sign[0] >= 0);
     if (formula == 1)
-      return (((sign[1] >= 0) | (sign[2] >= 0)) & ((sign[3] >= 0) | (sign[4] >= 0)));
+      return ((sign[1] >= 0) & (sign[2] >= 0));
     if (formula == 3)
       return false;
   }
@@ -280,6 +257,15 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
     return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1));
   }
   return true;
+}
+
+/* What does not change along a flow from x, behind the constants.   p: (NP + NFROZEN) */
+static inline void model_freeze(int flow, const real *x, real *p)
+{
+  if (flow == 0) {
+    p[S_inside_slack0] = dl2c_frozen(flow0_inside_slack0(x[X_x]));
+    p[S_inside_slack1] = dl2c_frozen(flow0_inside_slack1(x[X_x], p[P_H]));
+  }
 }
 
 /* How fast the variables change along a flow; 0 where its ODE does not name one. */
@@ -530,7 +516,7 @@ static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_
 static const uint8_t WATCH_CUTS[1] = {1};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};
-static const int32_t FLOW_MARGINS[1] = {5};
+static const int32_t FLOW_MARGINS[1] = {3};
 static const int32_t SAMPLE_START[3] = {0, 1, 5};
 static const real SAMPLE_LOW[5][2] = {{0.5, 0.0}, {0.0, 4.0}, {0.0, 4.5}, {0.0, 5.0}, {0.0, 5.5}};
 static const real SAMPLE_HIGH[5][2] = {{1.0, 0.0}, {4.5, 4.5}, {5.0, 5.0}, {5.5, 5.5}, {6.0, 6.0}};

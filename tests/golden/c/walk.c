@@ -12,9 +12,9 @@ enum { F_inside_holds, F_near_holds, F_postcondition, NFACT }; /* what a state i
 enum { NINPUT = 0, NENVINPUT = 2, NDECISION = 3, NCHOICE = 2, NENVCHOICE = 1, NMASK = 5,
 NSTEPDRAW = 4, NDRAW = 6, NPRED = 2, NOBS = 5, NPOINT = 5, NPATH = 12, NFLOW = 2, NROOT = 1,
 NFREE = 5, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 1, NDEGREE =
-1, NWATCH = 0, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0, DL2C_STEPS_IN_LANES =
-0, DL2C_LOOKS_AHEAD = 1, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3,
-DL2C_POINT_PREFIX = 4 };
+1, NFROZEN = 0, NPROJECTION = 0, NWATCH = 0, NCRITICAL = 0, DL2C_LOOPS = 1,
+DL2C_DECIDES_IN_LANES = 0, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 1, DL2C_JOINT_INPUTS = 0,
+DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3, DL2C_POINT_PREFIX = 4 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -370,6 +370,12 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
 {
   (void)flow; (void)x; (void)p; (void)duration; (void)y;
   return true;
+}
+
+/* What does not change along a flow from x, behind the constants.   p: (NP + NFROZEN) */
+static inline void model_freeze(int flow, const real *x, real *p)
+{
+  (void)flow; (void)x; (void)p;
 }
 
 /* How fast the variables change along a flow; 0 where its ODE does not name one. */

@@ -7,14 +7,17 @@
 
 enum { X_xr, X_vr, X_ar, X_xg, X_t, X_T, NX }; /* state */
 enum { P_ep, P_b, P_A, P_GDelta, P_Vmax, NP }; /* constants of the episode */
+enum { S_loopInv_slack0 = NP, S_loopInv_slack1, S_loopInv_slack2, S_loopInv_slack3,
+S_loopInv_slack4, S_loopInv_slack5, S_loopInv_slack6, S_loopInv_slack7, S_loopInv_slack8,
+S_ensure_slack0, S_ensure_slack1 };
 enum { NU }; /* inputs */
 enum { F_loopInv_holds, F_ensure_holds, F_ensure_due, F_ensure_failed, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 1, NCHOICE = 1, NENVCHOICE = 0, NMASK = 4,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT = 1,
-NFREE = 8, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 46, NDEGREE =
-2, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1, DL2C_STEPS_IN_LANES =
-1, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
-DL2C_POINT_PREFIX = 0 };
+NFREE = 8, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 17, NDEGREE =
+2, NFROZEN = 11, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1,
+DL2C_DECIDES_IN_LANES = 1, DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_JOINT_INPUTS = 0,
+DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
@@ -41,950 +44,225 @@ static inline real flow0_xr_c2(real ar)
   return ar / 2.0;
 }
 
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + vr), coefficient of tau^0 */
-static inline real flow0_watch_curve1_c0(real vr)
+/* waypoint.kyx:68  vr + loopInv_slack0, coefficient of tau^0 */
+static inline real flow0_watch_curve1_c0(real vr, real loopInv_slack0)
 {
-  return vr + 1e-09 * (1.0 + vr);
+  return vr + loopInv_slack0;
 }
 
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + vr), coefficient of tau^1 */
-static inline real flow0_watch_curve1_c1(real ar)
+/* waypoint.kyx:68  Vmax + loopInv_slack1 - vr, coefficient of tau^0 */
+static inline real flow0_watch_curve2_c0(real vr, real Vmax, real loopInv_slack1)
 {
-  return ar + 1e-09 * ar;
+  return Vmax + loopInv_slack1 - vr;
 }
 
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr)), coefficient of tau^0 */
-static inline real flow0_watch_curve2_c0(real vr)
-{
-  return vr + 1e-09 * (1.0 + -vr);
-}
-
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr)), coefficient of tau^1 */
+/* waypoint.kyx:68  Vmax + loopInv_slack1 - vr, coefficient of tau^1 */
 static inline real flow0_watch_curve2_c1(real ar)
 {
-  return ar + 1e-09 * -ar;
-}
-
-/* waypoint.kyx:68  Vmax + 0.000000001 * (1 + vr + abs(Vmax)) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve3_c0(real vr, real Vmax)
-{
-  return Vmax + 1e-09 * (1.0 + vr + fabs(Vmax)) - vr;
-}
-
-/* waypoint.kyx:68  Vmax + 0.000000001 * (1 + vr + abs(Vmax)) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve3_c1(real ar)
-{
-  return 1e-09 * ar - ar;
-}
-
-/* waypoint.kyx:68  Vmax + 0.000000001 * (1 + (-vr) + abs(Vmax)) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve4_c0(real vr, real Vmax)
-{
-  return Vmax + 1e-09 * (1.0 + -vr + fabs(Vmax)) - vr;
-}
-
-/* waypoint.kyx:68  Vmax + 0.000000001 * (1 + (-vr) + abs(Vmax)) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve4_c1(real ar)
-{
-  return 1e-09 * -ar - ar;
-}
-
-/* waypoint.kyx:68  2 * b, coefficient of tau^0 */
-static inline real flow0_watch_curve5_c0(real b)
-{
-  return 2.0 * b;
-}
-
-/* waypoint.kyx:68  xr + vr^2 / (2 * b) - (-(xr + vr^2 / (2 * b))), coefficient of tau^0 */
-static inline real flow0_watch_curve6_c0(real xr, real vr, real b)
-{
-  const real t0 = xr + vr * vr / (2.0 * b);
-  return t0 - -t0;
-}
-
-/* waypoint.kyx:68  xr + vr^2 / (2 * b) - (-(xr + vr^2 / (2 * b))), coefficient of tau^1 */
-static inline real flow0_watch_curve6_c1(real vr, real ar, real b)
-{
-  const real t0 = vr + (vr * ar + ar * vr) / (2.0 * b);
-  return t0 - -t0;
-}
-
-/* waypoint.kyx:68  xr + vr^2 / (2 * b) - (-(xr + vr^2 / (2 * b))), coefficient of tau^2 */
-static inline real flow0_watch_curve6_c2(real ar, real b)
-{
-  const real t0 = ar / 2.0 + ar * ar / (2.0 * b);
-  return t0 - -t0;
+  return -ar;
 }
 
 /*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)))
- * * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^0
- */
-static inline real flow0_watch_curve7_c0(real xr, real vr, real xg, real b, real GDelta)
-{
-  const real t0 = xg + GDelta;
-  const real t1 = vr * vr;
-  const real t2 = 2.0 * b;
-  return (t0 + 1e-09 * (1.0 + (xr + t1 / t2) + fabs(t0))) * t2 - (xr * t2 + t1);
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)))
- * * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^1
- */
-static inline real flow0_watch_curve7_c1(real vr, real ar, real b)
-{
-  const real t0 = vr * ar + ar * vr;
-  const real t1 = 2.0 * b;
-  return 1e-09 * (vr + t0 / t1) * t1 - (vr * t1 + t0);
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)))
- * * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^2
- */
-static inline real flow0_watch_curve7_c2(real ar, real b)
-{
-  const real t0 = ar / 2.0;
-  const real t1 = ar * ar;
-  const real t2 = 2.0 * b;
-  return 1e-09 * (t0 + t1 / t2) * t2 - (t0 * t2 + t1);
-}
-
-/* waypoint.kyx:68  -(xr + vr^2 / (2 * b)) - (xr + vr^2 / (2 * b)), coefficient of tau^0 */
-static inline real flow0_watch_curve8_c0(real xr, real vr, real b)
-{
-  const real t0 = xr + vr * vr / (2.0 * b);
-  return -t0 - t0;
-}
-
-/* waypoint.kyx:68  -(xr + vr^2 / (2 * b)) - (xr + vr^2 / (2 * b)), coefficient of tau^1 */
-static inline real flow0_watch_curve8_c1(real vr, real ar, real b)
-{
-  const real t0 = vr + (vr * ar + ar * vr) / (2.0 * b);
-  return -t0 - t0;
-}
-
-/* waypoint.kyx:68  -(xr + vr^2 / (2 * b)) - (xr + vr^2 / (2 * b)), coefficient of tau^2 */
-static inline real flow0_watch_curve8_c2(real ar, real b)
-{
-  const real t0 = ar / 2.0 + ar * ar / (2.0 * b);
-  return -t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg +
- * GDelta))) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^0
- */
-static inline real flow0_watch_curve9_c0(real xr, real vr, real xg, real b, real GDelta)
-{
-  const real t0 = xg + GDelta;
-  const real t1 = vr * vr;
-  const real t2 = 2.0 * b;
-  return (t0 + 1e-09 * (1.0 + -(xr + t1 / t2) + fabs(t0))) * t2 - (xr * t2 + t1);
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg +
- * GDelta))) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^1
- */
-static inline real flow0_watch_curve9_c1(real vr, real ar, real b)
-{
-  const real t0 = vr * ar + ar * vr;
-  const real t1 = 2.0 * b;
-  return 1e-09 * -(vr + t0 / t1) * t1 - (vr * t1 + t0);
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg +
- * GDelta))) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^2
- */
-static inline real flow0_watch_curve9_c2(real ar, real b)
-{
-  const real t0 = ar / 2.0;
-  const real t1 = ar * ar;
-  const real t2 = 2.0 * b;
-  return 1e-09 * -(t0 + t1 / t2) * t2 - (t0 * t2 + t1);
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
- * tau^0
- */
-static inline real flow0_watch_curve10_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return t0 + 1e-09 * (1.0 + fabs(t0) + xr) - xr;
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
- * tau^1
- */
-static inline real flow0_watch_curve10_c1(real vr)
-{
-  return 1e-09 * vr - vr;
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
- * tau^2
- */
-static inline real flow0_watch_curve10_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return 1e-09 * t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
+ * waypoint.kyx:68  (xg + GDelta + loopInv_slack2) * (2 * b) - (xr * (2 * b) + vr^2), coefficient
  * of tau^0
  */
-static inline real flow0_watch_curve11_c0(real xr, real xg, real GDelta)
+static inline real flow0_watch_curve3_c0(real xr, real vr, real xg, real b, real GDelta,
+                                         real loopInv_slack2)
 {
-  const real t0 = xg - GDelta;
-  return t0 + 1e-09 * (1.0 + fabs(t0) + -xr) - xr;
+  const real t0 = 2.0 * b;
+  return (xg + GDelta + loopInv_slack2) * t0 - (xr * t0 + vr * vr);
 }
 
 /*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
+ * waypoint.kyx:68  (xg + GDelta + loopInv_slack2) * (2 * b) - (xr * (2 * b) + vr^2), coefficient
  * of tau^1
  */
-static inline real flow0_watch_curve11_c1(real vr)
+static inline real flow0_watch_curve3_c1(real vr, real ar, real b)
 {
-  return 1e-09 * -vr - vr;
+  return -(vr * (2.0 * b) + (vr * ar + ar * vr));
 }
 
 /*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
+ * waypoint.kyx:68  (xg + GDelta + loopInv_slack2) * (2 * b) - (xr * (2 * b) + vr^2), coefficient
  * of tau^2
  */
-static inline real flow0_watch_curve11_c2(real ar)
+static inline real flow0_watch_curve3_c2(real ar, real b)
 {
-  const real t0 = ar / 2.0;
-  return 1e-09 * -t0 - t0;
+  return -(ar / 2.0 * (2.0 * b) + ar * ar);
 }
 
-/* waypoint.kyx:68  0.000000001 * (1 + vr) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve12_c0(real vr)
+/* waypoint.kyx:68  xg - GDelta + loopInv_slack3 - xr, coefficient of tau^0 */
+static inline real flow0_watch_curve4_c0(real xr, real xg, real GDelta, real loopInv_slack3)
 {
-  return 1e-09 * (1.0 + vr) - vr;
+  return xg - GDelta + loopInv_slack3 - xr;
 }
 
-/* waypoint.kyx:68  0.000000001 * (1 + vr) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve12_c1(real ar)
+/* waypoint.kyx:68  xg - GDelta + loopInv_slack3 - xr, coefficient of tau^1 */
+static inline real flow0_watch_curve4_c1(real vr)
 {
-  return 1e-09 * ar - ar;
+  return -vr;
 }
 
-/* waypoint.kyx:68  0.000000001 * (1 + (-vr)) - (-vr), coefficient of tau^0 */
-static inline real flow0_watch_curve13_c0(real vr)
+/* waypoint.kyx:68  xg - GDelta + loopInv_slack3 - xr, coefficient of tau^2 */
+static inline real flow0_watch_curve4_c2(real ar)
 {
-  const real t0 = -vr;
-  return 1e-09 * (1.0 + t0) - t0;
+  return -(ar / 2.0);
 }
 
-/* waypoint.kyx:68  0.000000001 * (1 + (-vr)) - (-vr), coefficient of tau^1 */
-static inline real flow0_watch_curve13_c1(real ar)
+/* waypoint.kyx:68  loopInv_slack0 - vr, coefficient of tau^0 */
+static inline real flow0_watch_curve5_c0(real vr, real loopInv_slack0)
 {
-  const real t0 = -ar;
-  return 1e-09 * t0 - t0;
+  return loopInv_slack0 - vr;
 }
 
-/* waypoint.kyx:68  T - (-T), coefficient of tau^0 */
-static inline real flow0_watch_curve14_c0(real T)
+/* waypoint.kyx:68  loopInv_slack0 - vr, coefficient of tau^1 */
+static inline real flow0_watch_curve5_c1(real ar)
 {
-  return T - -T;
+  return -ar;
 }
 
-/* waypoint.kyx:68  vr / b - (-(vr / b)), coefficient of tau^0 */
-static inline real flow0_watch_curve16_c0(real vr, real b)
+/* waypoint.kyx:68  loopInv_slack0 - (-vr), coefficient of tau^0 */
+static inline real flow0_watch_curve6_c0(real vr, real loopInv_slack0)
 {
-  const real t0 = vr / b;
-  return t0 - -t0;
+  return loopInv_slack0 - -vr;
 }
 
-/* waypoint.kyx:68  vr / b - (-(vr / b)), coefficient of tau^1 */
-static inline real flow0_watch_curve16_c1(real ar, real b)
+/* waypoint.kyx:68  (T + loopInv_slack4) * b - vr, coefficient of tau^0 */
+static inline real flow0_watch_curve7_c0(real vr, real T, real b, real loopInv_slack4)
 {
-  const real t0 = ar / b;
-  return t0 - -t0;
+  return (T + loopInv_slack4) * b - vr;
 }
 
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + vr / b)) * b - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve17_c0(real vr, real T, real b)
+/* waypoint.kyx:68  (T + loopInv_slack4) * b - vr, coefficient of tau^1 */
+static inline real flow0_watch_curve7_c1(real ar, real b)
 {
-  return (T + 1e-09 * (1.0 + T + vr / b)) * b - vr;
+  return -1.0 * b - ar;
 }
 
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + vr / b)) * b - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve17_c1(real ar, real b)
+/* waypoint.kyx:68  xr + loopInv_slack5 - (xg - GDelta), coefficient of tau^0 */
+static inline real flow0_watch_curve8_c0(real xr, real xg, real GDelta, real loopInv_slack5)
 {
-  return (-1.0 + 1e-09 * (-1.0 + ar / b)) * b - ar;
+  return xr + loopInv_slack5 - (xg - GDelta);
 }
 
-/* waypoint.kyx:68  -(vr / b) - vr / b, coefficient of tau^0 */
-static inline real flow0_watch_curve18_c0(real vr, real b)
+/* waypoint.kyx:68  xr + loopInv_slack5 - (xg - GDelta), coefficient of tau^2 */
+static inline real flow0_watch_curve8_c2(real ar)
 {
-  const real t0 = vr / b;
-  return -t0 - t0;
+  return ar / 2.0;
 }
 
-/* waypoint.kyx:68  -(vr / b) - vr / b, coefficient of tau^1 */
-static inline real flow0_watch_curve18_c1(real ar, real b)
+/* waypoint.kyx:68  vr + loopInv_slack6 - A * ep, coefficient of tau^0 */
+static inline real flow0_watch_curve9_c0(real vr, real ep, real A, real loopInv_slack6)
 {
-  const real t0 = ar / b;
-  return -t0 - t0;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(vr / b)))) * b - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve19_c0(real vr, real T, real b)
-{
-  return (T + 1e-09 * (1.0 + T + -(vr / b))) * b - vr;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(vr / b)))) * b - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve19_c1(real ar, real b)
-{
-  return (-1.0 + 1e-09 * (-1.0 + -(ar / b))) * b - ar;
-}
-
-/* waypoint.kyx:68  -T - T, coefficient of tau^0 */
-static inline real flow0_watch_curve20_c0(real T)
-{
-  return -T - T;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + vr / b)) * b - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve21_c0(real vr, real T, real b)
-{
-  return (T + 1e-09 * (1.0 + -T + vr / b)) * b - vr;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + vr / b)) * b - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve21_c1(real ar, real b)
-{
-  return (-1.0 + 1e-09 * (1.0 + ar / b)) * b - ar;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(vr / b)))) * b - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve22_c0(real vr, real T, real b)
-{
-  return (T + 1e-09 * (1.0 + -T + -(vr / b))) * b - vr;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(vr / b)))) * b - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve22_c1(real ar, real b)
-{
-  return (-1.0 + 1e-09 * (1.0 + -(ar / b))) * b - ar;
+  return vr + loopInv_slack6 - A * ep;
 }
 
 /*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
- * of tau^0
+ * waypoint.kyx:68  (T + loopInv_slack7) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) *
+ * b + Vmax * (A * ep)), coefficient of tau^0
  */
-static inline real flow0_watch_curve23_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return xr + 1e-09 * (1.0 + xr + fabs(t0)) - t0;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
- * of tau^1
- */
-static inline real flow0_watch_curve23_c1(real vr)
-{
-  return vr + 1e-09 * vr;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
- * of tau^2
- */
-static inline real flow0_watch_curve23_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return t0 + 1e-09 * t0;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
- * coefficient of tau^0
- */
-static inline real flow0_watch_curve24_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return xr + 1e-09 * (1.0 + -xr + fabs(t0)) - t0;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
- * coefficient of tau^1
- */
-static inline real flow0_watch_curve24_c1(real vr)
-{
-  return vr + 1e-09 * -vr;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
- * coefficient of tau^2
- */
-static inline real flow0_watch_curve24_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return t0 + 1e-09 * -t0;
-}
-
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + vr + abs(A * ep)) - A * ep, coefficient of tau^0 */
-static inline real flow0_watch_curve25_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve10_c0(real xr, real xg, real T, real ep, real b, real A,
+                                          real GDelta, real Vmax, real loopInv_slack7)
 {
   const real t0 = A * ep;
-  return vr + 1e-09 * (1.0 + vr + fabs(t0)) - t0;
+  return (T + loopInv_slack7) * (b * t0) - ((xg - xr - GDelta + ep * t0) * b + Vmax * t0);
 }
 
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + vr + abs(A * ep)) - A * ep, coefficient of tau^1 */
-static inline real flow0_watch_curve25_c1(real ar)
+/*
+ * waypoint.kyx:68  (T + loopInv_slack7) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) *
+ * b + Vmax * (A * ep)), coefficient of tau^1
+ */
+static inline real flow0_watch_curve10_c1(real vr, real ep, real b, real A)
 {
-  return ar + 1e-09 * ar;
+  return -1.0 * (b * (A * ep)) - -vr * b;
 }
 
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr) + abs(A * ep)) - A * ep, coefficient of tau^0 */
-static inline real flow0_watch_curve26_c0(real vr, real ep, real A)
+/*
+ * waypoint.kyx:68  (T + loopInv_slack7) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) *
+ * b + Vmax * (A * ep)), coefficient of tau^2
+ */
+static inline real flow0_watch_curve10_c2(real ar, real b)
+{
+  return -(-(ar / 2.0) * b);
+}
+
+/* waypoint.kyx:68  A * ep + loopInv_slack6 - vr, coefficient of tau^0 */
+static inline real flow0_watch_curve11_c0(real vr, real ep, real A, real loopInv_slack6)
+{
+  return A * ep + loopInv_slack6 - vr;
+}
+
+/* waypoint.kyx:68  A * ep + loopInv_slack6 - vr, coefficient of tau^1 */
+static inline real flow0_watch_curve11_c1(real ar)
+{
+  return -ar;
+}
+
+/*
+ * waypoint.kyx:68  (T + loopInv_slack8) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg
+ * - xr - GDelta) * A + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
+ */
+static inline real flow0_watch_curve12_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax, real loopInv_slack8)
 {
   const real t0 = A * ep;
-  return vr + 1e-09 * (1.0 + -vr + fabs(t0)) - t0;
-}
-
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr) + abs(A * ep)) - A * ep, coefficient of tau^1 */
-static inline real flow0_watch_curve26_c1(real ar)
-{
-  return ar + 1e-09 * -ar;
-}
-
-/* waypoint.kyx:68  A * ep, coefficient of tau^0 */
-static inline real flow0_watch_curve27_c0(real ep, real A)
-{
-  return A * ep;
+  const real t1 = t0 * A;
+  return (T + loopInv_slack8) * (b * t1) - (((ep * A - vr) * t0 + (xg - xr - GDelta) * A + ep * t1) * b + Vmax * t1);
 }
 
 /*
- * waypoint.kyx:68  (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b)), coefficient of tau^0
+ * waypoint.kyx:68  (T + loopInv_slack8) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg
+ * - xr - GDelta) * A + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
  */
-static inline real flow0_watch_curve28_c0(real xr, real xg, real ep, real b, real A, real GDelta,
-                                          real Vmax)
-{
-  const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return t0 - -t0;
-}
-
-/*
- * waypoint.kyx:68  (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b)), coefficient of tau^1
- */
-static inline real flow0_watch_curve28_c1(real vr, real ep, real A)
-{
-  const real t0 = -vr / (A * ep);
-  return t0 - -t0;
-}
-
-/*
- * waypoint.kyx:68  (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b)), coefficient of tau^2
- */
-static inline real flow0_watch_curve28_c2(real ar, real ep, real A)
-{
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return t0 - -t0;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)))
- * * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)), coefficient of
- * tau^0
- */
-static inline real flow0_watch_curve29_c0(real xr, real xg, real T, real ep, real b, real A,
-                                          real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  return (T + 1e-09 * (1.0 + T + (t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)))
- * * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)), coefficient of
- * tau^1
- */
-static inline real flow0_watch_curve29_c1(real vr, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (-1.0 + t0 / t1)) * (b * t1) - t0 * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)))
- * * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)), coefficient of
- * tau^2
- */
-static inline real flow0_watch_curve29_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * (t0 / t1) * (b * t1) - t0 * b;
-}
-
-/*
- * waypoint.kyx:68  -((xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - ((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b), coefficient of tau^0
- */
-static inline real flow0_watch_curve30_c0(real xr, real xg, real ep, real b, real A, real GDelta,
-                                          real Vmax)
-{
-  const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return -t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  -((xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - ((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b), coefficient of tau^1
- */
-static inline real flow0_watch_curve30_c1(real vr, real ep, real A)
-{
-  const real t0 = -vr / (A * ep);
-  return -t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  -((xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - ((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b), coefficient of tau^2
- */
-static inline real flow0_watch_curve30_c2(real ar, real ep, real A)
-{
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return -t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^0
- */
-static inline real flow0_watch_curve31_c0(real xr, real xg, real T, real ep, real b, real A,
-                                          real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  return (T + 1e-09 * (1.0 + T + -(t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^1
- */
-static inline real flow0_watch_curve31_c1(real vr, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (-1.0 + -(t0 / t1))) * (b * t1) - t0 * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^2
- */
-static inline real flow0_watch_curve31_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * -(t0 / t1) * (b * t1) - t0 * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^0
- */
-static inline real flow0_watch_curve32_c0(real xr, real xg, real T, real ep, real b, real A,
-                                          real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  return (T + 1e-09 * (1.0 + -T + (t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^1
- */
-static inline real flow0_watch_curve32_c1(real vr, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (1.0 + t0 / t1)) * (b * t1) - t0 * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^2
- */
-static inline real flow0_watch_curve32_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * (t0 / t1) * (b * t1) - t0 * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^0
- */
-static inline real flow0_watch_curve33_c0(real xr, real xg, real T, real ep, real b, real A,
-                                          real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  return (T + 1e-09 * (1.0 + -T + -(t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^1
- */
-static inline real flow0_watch_curve33_c1(real vr, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (1.0 + -(t0 / t1))) * (b * t1) - t0 * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^2
- */
-static inline real flow0_watch_curve33_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * -(t0 / t1) * (b * t1) - t0 * b;
-}
-
-/* waypoint.kyx:68  A * ep + 0.000000001 * (1 + vr + abs(A * ep)) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve34_c0(real vr, real ep, real A)
+static inline real flow0_watch_curve12_c1(real vr, real ar, real ep, real b, real A)
 {
   const real t0 = A * ep;
-  return t0 + 1e-09 * (1.0 + vr + fabs(t0)) - vr;
-}
-
-/* waypoint.kyx:68  A * ep + 0.000000001 * (1 + vr + abs(A * ep)) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve34_c1(real ar)
-{
-  return 1e-09 * ar - ar;
-}
-
-/* waypoint.kyx:68  A * ep + 0.000000001 * (1 + (-vr) + abs(A * ep)) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve35_c0(real vr, real ep, real A)
-{
-  const real t0 = A * ep;
-  return t0 + 1e-09 * (1.0 + -vr + fabs(t0)) - vr;
-}
-
-/* waypoint.kyx:68  A * ep + 0.000000001 * (1 + (-vr) + abs(A * ep)) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve35_c1(real ar)
-{
-  return 1e-09 * -ar - ar;
+  return -1.0 * (b * (t0 * A)) - (-ar * t0 + -vr * A) * b;
 }
 
 /*
- * waypoint.kyx:68  ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-(ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b)), coefficient of tau^0
+ * waypoint.kyx:68  (T + loopInv_slack8) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg
+ * - xr - GDelta) * A + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
  */
-static inline real flow0_watch_curve37_c0(real xr, real vr, real xg, real ep, real b, real A,
-                                          real GDelta, real Vmax)
+static inline real flow0_watch_curve12_c2(real ar, real b, real A)
 {
-  const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return t0 - -t0;
-}
-
-/*
- * waypoint.kyx:68  ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-(ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b)), coefficient of tau^1
- */
-static inline real flow0_watch_curve37_c1(real vr, real ar, real ep, real A)
-{
-  const real t0 = -(ar / A) + -vr / (A * ep);
-  return t0 - -t0;
-}
-
-/*
- * waypoint.kyx:68  ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-(ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b)), coefficient of tau^2
- */
-static inline real flow0_watch_curve37_c2(real ar, real ep, real A)
-{
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return t0 - -t0;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
- * + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A + ep
- * * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
- */
-static inline real flow0_watch_curve38_c0(real xr, real vr, real xg, real T, real ep, real b,
-                                          real A, real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  const real t2 = t1 * A;
-  const real t3 = (T + 1e-09 * (1.0 + T + (ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
-  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
- * + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A + ep
- * * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
- */
-static inline real flow0_watch_curve38_c1(real vr, real ar, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (-1.0 + (-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
- * + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A + ep
- * * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
- */
-static inline real flow0_watch_curve38_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * (t0 / t1) * (b * (t1 * A)) - t0 * A * b;
-}
-
-/*
- * waypoint.kyx:68  -(ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - (ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
- */
-static inline real flow0_watch_curve39_c0(real xr, real vr, real xg, real ep, real b, real A,
-                                          real GDelta, real Vmax)
-{
-  const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return -t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  -(ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - (ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
- */
-static inline real flow0_watch_curve39_c1(real vr, real ar, real ep, real A)
-{
-  const real t0 = -(ar / A) + -vr / (A * ep);
-  return -t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  -(ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - (ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
- */
-static inline real flow0_watch_curve39_c2(real ar, real ep, real A)
-{
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return -t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
- */
-static inline real flow0_watch_curve40_c0(real xr, real vr, real xg, real T, real ep, real b,
-                                          real A, real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  const real t2 = t1 * A;
-  const real t3 = (T + 1e-09 * (1.0 + T + -(ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
-  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
- */
-static inline real flow0_watch_curve40_c1(real vr, real ar, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (-1.0 + -(-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
- */
-static inline real flow0_watch_curve40_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * -(t0 / t1) * (b * (t1 * A)) - t0 * A * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
- */
-static inline real flow0_watch_curve41_c0(real xr, real vr, real xg, real T, real ep, real b,
-                                          real A, real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  const real t2 = t1 * A;
-  const real t3 = (T + 1e-09 * (1.0 + -T + (ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
-  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
- */
-static inline real flow0_watch_curve41_c1(real vr, real ar, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (1.0 + (-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
- */
-static inline real flow0_watch_curve41_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * (t0 / t1) * (b * (t1 * A)) - t0 * A * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
- * + ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
- * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
- */
-static inline real flow0_watch_curve42_c0(real xr, real vr, real xg, real T, real ep, real b,
-                                          real A, real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  const real t2 = t1 * A;
-  const real t3 = (T + 1e-09 * (1.0 + -T + -(ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
-  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
- * + ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
- * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
- */
-static inline real flow0_watch_curve42_c1(real vr, real ar, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (1.0 + -(-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
- * + ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
- * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
- */
-static inline real flow0_watch_curve42_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * -(t0 / t1) * (b * (t1 * A)) - t0 * A * b;
+  return -(-(ar / 2.0) * A * b);
 }
 
 /* waypoint.kyx:68  0 - T, coefficient of tau^0 */
-static inline real flow0_watch_curve43_c0(real T)
+static inline real flow0_watch_curve13_c0(real T)
 {
   return -T;
 }
 
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
- * of tau^0
- */
-static inline real flow0_watch_curve44_c0(real xr, real xg, real GDelta)
+/* waypoint.kyx:68  xr + ensure_slack0 - (xg - GDelta), coefficient of tau^0 */
+static inline real flow0_watch_curve14_c0(real xr, real xg, real GDelta, real ensure_slack0)
 {
-  const real t0 = xg - GDelta;
-  return xr + 1e-09 * (1.0 + fabs(t0) + xr) - t0;
+  return xr + ensure_slack0 - (xg - GDelta);
 }
 
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
- * of tau^1
- */
-static inline real flow0_watch_curve44_c1(real vr)
+/* waypoint.kyx:68  xr + ensure_slack0 - (xg - GDelta), coefficient of tau^2 */
+static inline real flow0_watch_curve14_c2(real ar)
 {
-  return vr + 1e-09 * vr;
+  return ar / 2.0;
 }
 
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
- * of tau^2
- */
-static inline real flow0_watch_curve44_c2(real ar)
+/* waypoint.kyx:68  ensure_slack1 - vr, coefficient of tau^0 */
+static inline real flow0_watch_curve15_c0(real vr, real ensure_slack1)
 {
-  const real t0 = ar / 2.0;
-  return t0 + 1e-09 * t0;
+  return ensure_slack1 - vr;
 }
 
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
- * coefficient of tau^0
- */
-static inline real flow0_watch_curve45_c0(real xr, real xg, real GDelta)
+/* waypoint.kyx:68  ensure_slack1 - vr, coefficient of tau^1 */
+static inline real flow0_watch_curve15_c1(real ar)
 {
-  const real t0 = xg - GDelta;
-  return xr + 1e-09 * (1.0 + fabs(t0) + -xr) - t0;
+  return -ar;
 }
 
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
- * coefficient of tau^1
- */
-static inline real flow0_watch_curve45_c1(real vr)
+/* waypoint.kyx:68  ensure_slack1 - (-vr), coefficient of tau^0 */
+static inline real flow0_watch_curve16_c0(real vr, real ensure_slack1)
 {
-  return vr + 1e-09 * -vr;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
- * coefficient of tau^2
- */
-static inline real flow0_watch_curve45_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return t0 + 1e-09 * -t0;
+  return ensure_slack1 - -vr;
 }
 
 /* waypoint.kyx:68  Vmax - vr, coefficient of tau^0 */
@@ -1144,6 +422,86 @@ static inline bool flow0_watch_at_end(real T)
   return T > 0.0;
 }
 
+/* waypoint.kyx:68  loopInv_slack0 = 0.000000001 * (1 + abs(vr)) */
+static inline real flow0_loopInv_slack0(real vr)
+{
+  return 1e-09 * (1.0 + fabs(vr));
+}
+
+/* waypoint.kyx:68  loopInv_slack1 = 0.000000001 * (1 + abs(vr) + abs(Vmax)) */
+static inline real flow0_loopInv_slack1(real vr, real Vmax)
+{
+  return 1e-09 * (1.0 + fabs(vr) + fabs(Vmax));
+}
+
+/*
+ * waypoint.kyx:68  loopInv_slack2 = 0.000000001 * (1 + abs(xr) + abs(vr^2 / (2 * b)) + abs(xg) +
+ * abs(GDelta))
+ */
+static inline real flow0_loopInv_slack2(real xr, real vr, real xg, real b, real GDelta)
+{
+  return 1e-09 * (1.0 + fabs(xr) + fabs(vr * vr / (2.0 * b)) + fabs(xg) + fabs(GDelta));
+}
+
+/* waypoint.kyx:68  loopInv_slack3 = 0.000000001 * (1 + abs(xg) + abs(GDelta) + abs(xr)) */
+static inline real flow0_loopInv_slack3(real xr, real xg, real GDelta)
+{
+  return 1e-09 * (1.0 + fabs(xg) + fabs(GDelta) + fabs(xr));
+}
+
+/* waypoint.kyx:68  loopInv_slack4 = 0.000000001 * (1 + abs(T) + abs(vr / b)) */
+static inline real flow0_loopInv_slack4(real vr, real T, real b)
+{
+  return 1e-09 * (1.0 + fabs(T) + fabs(vr / b));
+}
+
+/* waypoint.kyx:68  loopInv_slack5 = 0.000000001 * (1 + abs(xr) + abs(xg) + abs(GDelta)) */
+static inline real flow0_loopInv_slack5(real xr, real xg, real GDelta)
+{
+  return 1e-09 * (1.0 + fabs(xr) + fabs(xg) + fabs(GDelta));
+}
+
+/* waypoint.kyx:68  loopInv_slack6 = 0.000000001 * (1 + abs(vr) + abs(A * ep)) */
+static inline real flow0_loopInv_slack6(real vr, real ep, real A)
+{
+  return 1e-09 * (1.0 + fabs(vr) + fabs(A * ep));
+}
+
+/*
+ * waypoint.kyx:68  loopInv_slack7 = 0.000000001 * (1 + abs(T) + abs((xg - xr - GDelta) / (A *
+ * ep)) + abs(ep) + abs(Vmax / b))
+ */
+static inline real flow0_loopInv_slack7(real xr, real xg, real T, real ep, real b, real A,
+                                        real GDelta, real Vmax)
+{
+  const real t0 = 1.0 + fabs(T) + fabs((xg - xr - GDelta) / (A * ep)) + fabs(ep) + fabs(Vmax / b);
+  return 1e-09 * t0;
+}
+
+/*
+ * waypoint.kyx:68  loopInv_slack8 = 0.000000001 * (1 + abs(T) + abs(ep) + abs(vr / A) + abs((xg
+ * - xr - GDelta) / (A * ep)) + abs(ep) + abs(Vmax / b))
+ */
+static inline real flow0_loopInv_slack8(real xr, real vr, real xg, real T, real ep, real b, real A,
+                                        real GDelta, real Vmax)
+{
+  const real t0 = fabs(ep);
+  const real t1 = 1.0 + fabs(T) + t0 + fabs(vr / A) + fabs((xg - xr - GDelta) / (A * ep)) + t0;
+  return 1e-09 * (t1 + fabs(Vmax / b));
+}
+
+/* waypoint.kyx:68  ensure_slack0 = 0.000000001 * (1 + abs(xg) + abs(GDelta) + abs(xr)) */
+static inline real flow0_ensure_slack0(real xr, real xg, real GDelta)
+{
+  return 1e-09 * (1.0 + fabs(xg) + fabs(GDelta) + fabs(xr));
+}
+
+/* waypoint.kyx:68  ensure_slack1 = 0.000000001 * (1 + abs(vr)) */
+static inline real flow0_ensure_slack1(real vr)
+{
+  return 1e-09 * (1.0 + fabs(vr));
+}
+
 /* waypoint.kyx:62  xr > xg - GDelta & 0 <= ep & vr >= 0 */
 static inline bool path0_guard(real xr, real vr, real xg, real ep, real GDelta)
 {
@@ -1198,32 +556,37 @@ static inline bool loopInv_holds(real xr, real vr, real xg, real T, real ep, rea
   const real t0 = fabs(vr);
   const real t1 = 1.0 + t0;
   const real t2 = 1e-09 * t1;
-  const real t3 = xr + vr * vr / (2.0 * b);
-  const real t4 = xg + GDelta;
-  const real t5 = xg - GDelta;
-  const real t6 = fabs(t5);
-  const real t7 = fabs(xr);
-  const real t8 = vr / b;
-  const real t9 = 1.0 + fabs(T);
-  const real t10 = A * ep;
-  const real t11 = 1e-09 * (t1 + fabs(t10));
-  const real t12 = (xg - xr - GDelta) / t10;
-  const real t13 = Vmax / b;
-  const real t14 = t12 + ep + t13;
-  const real t15 = ep - vr / A + t12 + ep + t13;
+  const real t3 = vr * vr / (2.0 * b);
+  const real t4 = fabs(xr);
+  const real t5 = 1.0 + t4;
+  const real t6 = fabs(xg);
+  const real t7 = fabs(GDelta);
+  const real t8 = xg - GDelta;
+  const real t9 = vr / b;
+  const real t10 = 1.0 + fabs(T);
+  const real t11 = A * ep;
+  const real t12 = 1e-09 * (t1 + fabs(t11));
+  const real t13 = (xg - xr - GDelta) / t11;
+  const real t14 = Vmax / b;
+  const real t15 = fabs(t13);
+  const real t16 = fabs(ep);
+  const real t17 = fabs(t14);
+  const real t18 = vr / A;
+  const bool t19 = ep - t18 + t13 + ep + t14 < T + 1e-09 * (t10 + t16 + fabs(t18) + t15 + t16 + t17);
   return (vr + t2 >= 0.0) & (vr <= Vmax + 1e-09 * (t1 + fabs(Vmax)))
-      & (t3 < t4 + 1e-09 * (1.0 + fabs(t3) + fabs(t4))) & ((xr <= t5 + 1e-09 * (1.0 + t6 + t7))
-      | (t0 <= t2) | (t8 <= T + 1e-09 * (t9 + fabs(t8)))) & ((t5 < xr + 1e-09 * (1.0 + t7 + t6))
-      | ((t10 <= vr + t11) & (t14 < T + 1e-09 * (t9 + fabs(t14)))) | ((vr <= t10 + t11)
-      & (t15 < T + 1e-09 * (t9 + fabs(t15)))));
+      & (xr + t3 < xg + GDelta + 1e-09 * (t5 + fabs(t3) + t6 + t7))
+      & ((xr <= t8 + 1e-09 * (1.0 + t6 + t7 + t4)) | (t0 <= t2)
+      | (t9 <= T + 1e-09 * (t10 + fabs(t9)))) & ((t8 < xr + 1e-09 * (t5 + t6 + t7))
+      | ((t11 <= vr + t12) & (t13 + ep + t14 < T + 1e-09 * (t10 + t15 + t16 + t17)))
+      | ((vr <= t11 + t12) & t19));
 }
 
 /* waypoint.kyx:59  @progress ensure: xg - GDelta < xr & vr = 0, within tolerance */
 static inline bool ensure_holds(real xr, real vr, real xg, real GDelta)
 {
-  const real t0 = xg - GDelta;
-  const real t1 = fabs(vr);
-  return (t0 < xr + 1e-09 * (1.0 + fabs(t0) + fabs(xr))) & (t1 <= 1e-09 * (1.0 + t1));
+  const real t0 = fabs(vr);
+  return (xg - GDelta < xr + 1e-09 * (1.0 + fabs(xg) + fabs(GDelta) + fabs(xr)))
+      & (t0 <= 1e-09 * (1.0 + t0));
 }
 
 /* waypoint.kyx:59  ensure is due: T <= 0 */
@@ -1357,171 +720,63 @@ static inline void model_polynomials(int flow, const real *x, const real *p, rea
     c[0][0] = x[X_vr];
     c[0][1] = x[X_ar];
     degree[0] = 1;
-    c[1][0] = flow0_watch_curve1_c0(x[X_vr]);
-    c[1][1] = flow0_watch_curve1_c1(x[X_ar]);
+    c[1][0] = flow0_watch_curve1_c0(x[X_vr], p[S_loopInv_slack0]);
+    c[1][1] = x[X_ar];
     degree[1] = 1;
-    c[2][0] = flow0_watch_curve2_c0(x[X_vr]);
+    c[2][0] = flow0_watch_curve2_c0(x[X_vr], p[P_Vmax], p[S_loopInv_slack1]);
     c[2][1] = flow0_watch_curve2_c1(x[X_ar]);
     degree[2] = 1;
-    c[3][0] = flow0_watch_curve3_c0(x[X_vr], p[P_Vmax]);
-    c[3][1] = flow0_watch_curve3_c1(x[X_ar]);
-    degree[3] = 1;
-    c[4][0] = flow0_watch_curve4_c0(x[X_vr], p[P_Vmax]);
-    c[4][1] = flow0_watch_curve4_c1(x[X_ar]);
-    degree[4] = 1;
-    c[5][0] = flow0_watch_curve5_c0(p[P_b]);
-    degree[5] = 0;
-    c[6][0] = flow0_watch_curve6_c0(x[X_xr], x[X_vr], p[P_b]);
-    c[6][1] = flow0_watch_curve6_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[6][2] = flow0_watch_curve6_c2(x[X_ar], p[P_b]);
-    degree[6] = 2;
-    c[7][0] = flow0_watch_curve7_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
-    c[7][1] = flow0_watch_curve7_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[7][2] = flow0_watch_curve7_c2(x[X_ar], p[P_b]);
-    degree[7] = 2;
-    c[8][0] = flow0_watch_curve8_c0(x[X_xr], x[X_vr], p[P_b]);
-    c[8][1] = flow0_watch_curve8_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[8][2] = flow0_watch_curve8_c2(x[X_ar], p[P_b]);
+    c[3][0] = flow0_watch_curve3_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta],
+        p[S_loopInv_slack2]);
+    c[3][1] = flow0_watch_curve3_c1(x[X_vr], x[X_ar], p[P_b]);
+    c[3][2] = flow0_watch_curve3_c2(x[X_ar], p[P_b]);
+    degree[3] = 2;
+    c[4][0] = flow0_watch_curve4_c0(x[X_xr], x[X_xg], p[P_GDelta], p[S_loopInv_slack3]);
+    c[4][1] = flow0_watch_curve4_c1(x[X_vr]);
+    c[4][2] = flow0_watch_curve4_c2(x[X_ar]);
+    degree[4] = 2;
+    c[5][0] = flow0_watch_curve5_c0(x[X_vr], p[S_loopInv_slack0]);
+    c[5][1] = flow0_watch_curve5_c1(x[X_ar]);
+    degree[5] = 1;
+    c[6][0] = flow0_watch_curve6_c0(x[X_vr], p[S_loopInv_slack0]);
+    c[6][1] = x[X_ar];
+    degree[6] = 1;
+    c[7][0] = flow0_watch_curve7_c0(x[X_vr], x[X_T], p[P_b], p[S_loopInv_slack4]);
+    c[7][1] = flow0_watch_curve7_c1(x[X_ar], p[P_b]);
+    degree[7] = 1;
+    c[8][0] = flow0_watch_curve8_c0(x[X_xr], x[X_xg], p[P_GDelta], p[S_loopInv_slack5]);
+    c[8][1] = x[X_vr];
+    c[8][2] = flow0_watch_curve8_c2(x[X_ar]);
     degree[8] = 2;
-    c[9][0] = flow0_watch_curve9_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
-    c[9][1] = flow0_watch_curve9_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[9][2] = flow0_watch_curve9_c2(x[X_ar], p[P_b]);
-    degree[9] = 2;
-    c[10][0] = flow0_watch_curve10_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[10][1] = flow0_watch_curve10_c1(x[X_vr]);
-    c[10][2] = flow0_watch_curve10_c2(x[X_ar]);
+    c[9][0] = flow0_watch_curve9_c0(x[X_vr], p[P_ep], p[P_A], p[S_loopInv_slack6]);
+    c[9][1] = x[X_ar];
+    degree[9] = 1;
+    c[10][0] = flow0_watch_curve10_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
+        p[P_Vmax], p[S_loopInv_slack7]);
+    c[10][1] = flow0_watch_curve10_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
+    c[10][2] = flow0_watch_curve10_c2(x[X_ar], p[P_b]);
     degree[10] = 2;
-    c[11][0] = flow0_watch_curve11_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[11][1] = flow0_watch_curve11_c1(x[X_vr]);
-    c[11][2] = flow0_watch_curve11_c2(x[X_ar]);
-    degree[11] = 2;
-    c[12][0] = flow0_watch_curve12_c0(x[X_vr]);
-    c[12][1] = flow0_watch_curve12_c1(x[X_ar]);
-    degree[12] = 1;
-    c[13][0] = flow0_watch_curve13_c0(x[X_vr]);
-    c[13][1] = flow0_watch_curve13_c1(x[X_ar]);
+    c[11][0] = flow0_watch_curve11_c0(x[X_vr], p[P_ep], p[P_A], p[S_loopInv_slack6]);
+    c[11][1] = flow0_watch_curve11_c1(x[X_ar]);
+    degree[11] = 1;
+    c[12][0] = flow0_watch_curve12_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+        p[P_GDelta], p[P_Vmax], p[S_loopInv_slack8]);
+    c[12][1] = flow0_watch_curve12_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
+    c[12][2] = flow0_watch_curve12_c2(x[X_ar], p[P_b], p[P_A]);
+    degree[12] = 2;
+    c[13][0] = flow0_watch_curve13_c0(x[X_T]);
+    c[13][1] = 1.0;
     degree[13] = 1;
-    c[14][0] = flow0_watch_curve14_c0(x[X_T]);
-    c[14][1] = -2.0;
-    degree[14] = 1;
-    c[15][0] = p[P_b];
-    degree[15] = 0;
-    c[16][0] = flow0_watch_curve16_c0(x[X_vr], p[P_b]);
-    c[16][1] = flow0_watch_curve16_c1(x[X_ar], p[P_b]);
+    c[14][0] = flow0_watch_curve14_c0(x[X_xr], x[X_xg], p[P_GDelta], p[S_ensure_slack0]);
+    c[14][1] = x[X_vr];
+    c[14][2] = flow0_watch_curve14_c2(x[X_ar]);
+    degree[14] = 2;
+    c[15][0] = flow0_watch_curve15_c0(x[X_vr], p[S_ensure_slack1]);
+    c[15][1] = flow0_watch_curve15_c1(x[X_ar]);
+    degree[15] = 1;
+    c[16][0] = flow0_watch_curve16_c0(x[X_vr], p[S_ensure_slack1]);
+    c[16][1] = x[X_ar];
     degree[16] = 1;
-    c[17][0] = flow0_watch_curve17_c0(x[X_vr], x[X_T], p[P_b]);
-    c[17][1] = flow0_watch_curve17_c1(x[X_ar], p[P_b]);
-    degree[17] = 1;
-    c[18][0] = flow0_watch_curve18_c0(x[X_vr], p[P_b]);
-    c[18][1] = flow0_watch_curve18_c1(x[X_ar], p[P_b]);
-    degree[18] = 1;
-    c[19][0] = flow0_watch_curve19_c0(x[X_vr], x[X_T], p[P_b]);
-    c[19][1] = flow0_watch_curve19_c1(x[X_ar], p[P_b]);
-    degree[19] = 1;
-    c[20][0] = flow0_watch_curve20_c0(x[X_T]);
-    c[20][1] = 2.0;
-    degree[20] = 1;
-    c[21][0] = flow0_watch_curve21_c0(x[X_vr], x[X_T], p[P_b]);
-    c[21][1] = flow0_watch_curve21_c1(x[X_ar], p[P_b]);
-    degree[21] = 1;
-    c[22][0] = flow0_watch_curve22_c0(x[X_vr], x[X_T], p[P_b]);
-    c[22][1] = flow0_watch_curve22_c1(x[X_ar], p[P_b]);
-    degree[22] = 1;
-    c[23][0] = flow0_watch_curve23_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[23][1] = flow0_watch_curve23_c1(x[X_vr]);
-    c[23][2] = flow0_watch_curve23_c2(x[X_ar]);
-    degree[23] = 2;
-    c[24][0] = flow0_watch_curve24_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[24][1] = flow0_watch_curve24_c1(x[X_vr]);
-    c[24][2] = flow0_watch_curve24_c2(x[X_ar]);
-    degree[24] = 2;
-    c[25][0] = flow0_watch_curve25_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[25][1] = flow0_watch_curve25_c1(x[X_ar]);
-    degree[25] = 1;
-    c[26][0] = flow0_watch_curve26_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[26][1] = flow0_watch_curve26_c1(x[X_ar]);
-    degree[26] = 1;
-    c[27][0] = flow0_watch_curve27_c0(p[P_ep], p[P_A]);
-    degree[27] = 0;
-    c[28][0] = flow0_watch_curve28_c0(x[X_xr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[28][1] = flow0_watch_curve28_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[28][2] = flow0_watch_curve28_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[28] = 2;
-    c[29][0] = flow0_watch_curve29_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[29][1] = flow0_watch_curve29_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
-    c[29][2] = flow0_watch_curve29_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[29] = 2;
-    c[30][0] = flow0_watch_curve30_c0(x[X_xr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[30][1] = flow0_watch_curve30_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[30][2] = flow0_watch_curve30_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[30] = 2;
-    c[31][0] = flow0_watch_curve31_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[31][1] = flow0_watch_curve31_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
-    c[31][2] = flow0_watch_curve31_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[31] = 2;
-    c[32][0] = flow0_watch_curve32_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[32][1] = flow0_watch_curve32_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
-    c[32][2] = flow0_watch_curve32_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[32] = 2;
-    c[33][0] = flow0_watch_curve33_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[33][1] = flow0_watch_curve33_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
-    c[33][2] = flow0_watch_curve33_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[33] = 2;
-    c[34][0] = flow0_watch_curve34_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[34][1] = flow0_watch_curve34_c1(x[X_ar]);
-    degree[34] = 1;
-    c[35][0] = flow0_watch_curve35_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[35][1] = flow0_watch_curve35_c1(x[X_ar]);
-    degree[35] = 1;
-    c[36][0] = p[P_A];
-    degree[36] = 0;
-    c[37][0] = flow0_watch_curve37_c0(x[X_xr], x[X_vr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[37][1] = flow0_watch_curve37_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[37][2] = flow0_watch_curve37_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[37] = 2;
-    c[38][0] = flow0_watch_curve38_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[38][1] = flow0_watch_curve38_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    c[38][2] = flow0_watch_curve38_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[38] = 2;
-    c[39][0] = flow0_watch_curve39_c0(x[X_xr], x[X_vr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[39][1] = flow0_watch_curve39_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[39][2] = flow0_watch_curve39_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[39] = 2;
-    c[40][0] = flow0_watch_curve40_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[40][1] = flow0_watch_curve40_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    c[40][2] = flow0_watch_curve40_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[40] = 2;
-    c[41][0] = flow0_watch_curve41_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[41][1] = flow0_watch_curve41_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    c[41][2] = flow0_watch_curve41_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[41] = 2;
-    c[42][0] = flow0_watch_curve42_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[42][1] = flow0_watch_curve42_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    c[42][2] = flow0_watch_curve42_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[42] = 2;
-    c[43][0] = flow0_watch_curve43_c0(x[X_T]);
-    c[43][1] = 1.0;
-    degree[43] = 1;
-    c[44][0] = flow0_watch_curve44_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[44][1] = flow0_watch_curve44_c1(x[X_vr]);
-    c[44][2] = flow0_watch_curve44_c2(x[X_ar]);
-    degree[44] = 2;
-    c[45][0] = flow0_watch_curve45_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[45][1] = flow0_watch_curve45_c1(x[X_vr]);
-    c[45][2] = flow0_watch_curve45_c2(x[X_ar]);
-    degree[45] = 2;
   }
 }
 
@@ -1532,36 +787,17 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
     if (formula == 0)
       return (sign[0] >= 0);
     if (formula == 1)
-      return (((sign[1] >= 0) | (sign[2] >= 0)) & ((sign[3] >= 0) | (sign[4] >= 0)) & (((sign[5] != 0)
-          & (sign[6] > 0) & (sign[5] != 0) & (sign[7] > 0)) | ((sign[5] != 0) & (sign[8] >= 0)
-          & (sign[5] != 0) & (sign[9] > 0))) & ((sign[10] >= 0) | (sign[11] >= 0) | (sign[12] >= 0)
-          | (sign[13] >= 0) | ((sign[14] > 0) & (((sign[15] != 0) & (sign[16] > 0) & (sign[15] != 0)
-          & (sign[17] >= 0)) | ((sign[15] != 0) & (sign[18] >= 0) & (sign[15] != 0) & (sign[19] >= 0))))
-          | ((sign[20] >= 0) & (((sign[15] != 0) & (sign[16] > 0) & (sign[15] != 0) & (sign[21] >= 0))
-          | ((sign[15] != 0) & (sign[18] >= 0) & (sign[15] != 0) & (sign[22] >= 0))))) & ((sign[23] > 0)
-          | (sign[24] > 0) | (((sign[25] >= 0) | (sign[26] >= 0)) & (((sign[14] > 0) & (((sign[27] != 0)
-          & (sign[15] != 0) & (sign[28] > 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[29] > 0))
-          | ((sign[27] != 0) & (sign[15] != 0) & (sign[30] >= 0) & (sign[27] != 0) & (sign[15] != 0)
-          & (sign[31] > 0)))) | ((sign[20] >= 0) & (((sign[27] != 0) & (sign[15] != 0) & (sign[28] > 0)
-          & (sign[27] != 0) & (sign[15] != 0) & (sign[32] > 0)) | ((sign[27] != 0) & (sign[15] != 0)
-          & (sign[30] >= 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[33] > 0))))))
-          | (((sign[34] >= 0) | (sign[35] >= 0)) & (((sign[14] > 0) & (((sign[36] != 0)
-          & (sign[27] != 0) & (sign[15] != 0) & (sign[37] > 0) & (sign[36] != 0) & (sign[27] != 0)
-          & (sign[15] != 0) & (sign[38] > 0)) | ((sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0)
-          & (sign[39] >= 0) & (sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[40] > 0))))
-          | ((sign[20] >= 0) & (((sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[37] > 0)
-          & (sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[41] > 0)) | ((sign[36] != 0)
-          & (sign[27] != 0) & (sign[15] != 0) & (sign[39] >= 0) & (sign[36] != 0) & (sign[27] != 0)
-          & (sign[15] != 0) & (sign[42] > 0))))))));
+      return ((sign[1] >= 0) & (sign[2] >= 0) & (sign[3] > 0) & ((sign[4] >= 0) | ((sign[5] >= 0)
+          & (sign[6] >= 0)) | (sign[7] >= 0)) & ((sign[8] > 0) | ((sign[9] >= 0) & (sign[10] > 0))
+          | ((sign[11] >= 0) & (sign[12] > 0))));
     if (formula == 3)
       return false;
     if (formula == 4)
-      return ((sign[43] < 0) & (((sign[44] <= 0) & (sign[45] <= 0)) | ((sign[12] < 0)
-          & (sign[13] < 0))));
+      return ((sign[13] < 0) & ((sign[14] <= 0) | (sign[15] < 0) | (sign[16] < 0)));
     if (formula == 5)
-      return (sign[43] >= 0);
+      return (sign[13] >= 0);
     if (formula == 6)
-      return (((sign[44] > 0) | (sign[45] > 0)) & ((sign[12] >= 0) | (sign[13] >= 0)));
+      return ((sign[14] > 0) & (sign[15] >= 0) & (sign[16] >= 0));
   }
   return true;
 }
@@ -1600,6 +836,27 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
         & flow0_watch_at_end(y[X_T]);
   }
   return true;
+}
+
+/* What does not change along a flow from x, behind the constants.   p: (NP + NFROZEN) */
+static inline void model_freeze(int flow, const real *x, real *p)
+{
+  if (flow == 0) {
+    p[S_loopInv_slack0] = dl2c_frozen(flow0_loopInv_slack0(x[X_vr]));
+    p[S_loopInv_slack1] = dl2c_frozen(flow0_loopInv_slack1(x[X_vr], p[P_Vmax]));
+    p[S_loopInv_slack2] = dl2c_frozen(flow0_loopInv_slack2(x[X_xr], x[X_vr], x[X_xg], p[P_b],
+        p[P_GDelta]));
+    p[S_loopInv_slack3] = dl2c_frozen(flow0_loopInv_slack3(x[X_xr], x[X_xg], p[P_GDelta]));
+    p[S_loopInv_slack4] = dl2c_frozen(flow0_loopInv_slack4(x[X_vr], x[X_T], p[P_b]));
+    p[S_loopInv_slack5] = dl2c_frozen(flow0_loopInv_slack5(x[X_xr], x[X_xg], p[P_GDelta]));
+    p[S_loopInv_slack6] = dl2c_frozen(flow0_loopInv_slack6(x[X_vr], p[P_ep], p[P_A]));
+    p[S_loopInv_slack7] = dl2c_frozen(flow0_loopInv_slack7(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b],
+        p[P_A], p[P_GDelta], p[P_Vmax]));
+    p[S_loopInv_slack8] = dl2c_frozen(flow0_loopInv_slack8(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep],
+        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]));
+    p[S_ensure_slack0] = dl2c_frozen(flow0_ensure_slack0(x[X_xr], x[X_xg], p[P_GDelta]));
+    p[S_ensure_slack1] = dl2c_frozen(flow0_ensure_slack1(x[X_vr]));
+  }
 }
 
 /* How fast the variables change along a flow; 0 where its ODE does not name one. */
@@ -1918,7 +1175,7 @@ static const dl2c_path PATHS[4] = {
 static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};
-static const int32_t FLOW_MARGINS[1] = {46};
+static const int32_t FLOW_MARGINS[1] = {17};
 static const int32_t SAMPLE_START[3] = {0, 1, 65};
 static const real SAMPLE_LOW[65][8] = {
   {-10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0},
