@@ -26,6 +26,7 @@ typedef struct dl2c_fleet {
   real stop[DL2C_BLOCK];     /* and how long it lasted */
   real rates[NX][DL2C_BLOCK]; /* in x */
   real wanted[DL2C_BLOCK];    /* length of the first attempt */
+  real limit[DL2C_BLOCK];     /* dl2c_growth_limit */
 } dl2c_fleet;
 
 /* Those under way. */
@@ -36,6 +37,7 @@ typedef struct dl2c_convoy {
   real now[DL2C_ABREAST];
   real stop[DL2C_ABREAST];
   real wanted[DL2C_ABREAST]; /* length of the next attempt */
+  real limit[DL2C_ABREAST];  /* beyond which dl2c_bursts has a look */
   int64_t going[DL2C_ABREAST];
   int64_t there[DL2C_ABREAST];
   int64_t lane[DL2C_ABREAST]; /* of the fleet, -1 for none */
@@ -84,6 +86,7 @@ DL2C_INLINE void dl2c_fleet_start(dl2c_fleet *f, int64_t count)
     const bool well = begins & (stop > 0.0) & dl2c_all_finite(rates, NX);
     f->wanted[i] = dl2c_dopri_first(DL2C_LANE_FLOW, x, rates, p, stop);
     f->stop[i] = stop;
+    f->limit[i] = dl2c_growth_limit(x);
     f->going[i] &= (int64_t)well;
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) f->rates[k][i] = rates[k];
@@ -129,7 +132,10 @@ DL2C_INLINE void dl2c_convoy_step(dl2c_convoy *c)
     const real next = h * dl2c_dopri_factor(error);
     const bool fits = (error <= 1.0) & dl2c_all_finite(y, NX);
     const bool calm = dl2c_lane_calm(x, y, p, h, (const real(*)[NX])k);
-    const bool well = (now + h > now) & (!fits | calm);
+    bool grown = false;
+    DL2C_UNROLL
+    for (int j = 0; j < NX; j++) grown |= fabs(y[j]) > c->limit[i];
+    const bool well = (now + h > now) & (!fits | (calm & !grown));
     const bool taken = (c->going[i] != 0) & fits & well;
     const bool there = taken & (after >= c->stop[i]);
     c->wanted[i] = dl2c_select(fits, next, dl2c_dopri_shorter(h, error, next));
@@ -184,6 +190,7 @@ static void dl2c_join(dl2c_convoy *c, int64_t i, const dl2c_fleet *f, int64_t la
   c->now[i] = 0.0;
   c->stop[i] = f->stop[lane];
   c->wanted[i] = f->wanted[lane];
+  c->limit[i] = f->limit[lane];
   c->going[i] = 1;
   c->there[i] = 0;
 }

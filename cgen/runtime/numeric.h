@@ -5,6 +5,7 @@
 #ifndef DL2C_NUMERIC_H
 #define DL2C_NUMERIC_H
 
+#include "growth.h"
 #include "linear.h"
 #include "project.h"
 #include "stretch.h"
@@ -63,6 +64,17 @@ static bool dl2c_motor_done(const dl2c_motor *motor)
   if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI) return dl2c_dopri_done(&motor->dopri);
 #endif
   return dl2c_linear_done(&motor->linear);
+}
+
+/* Whether a solver's motion has come to where it is unknown (see dl2c_bursts).   limit: dl2c_growth_limit */
+static bool dl2c_lost(const dl2c_motor *motor, const dl2c_track *track, real limit)
+{
+#if DL2C_SOLVED_FLOWS || DL2C_DOPRI_FLOWS
+  if (FLOW_KERNEL[motor->flow] != DL2C_LINEAR)
+    return dl2c_bursts(motor->flow, motor->p, track->end, limit, track->from + track->length);
+#endif
+  (void)motor, (void)track, (void)limit;
+  return false;
 }
 
 /* A track that stays in x, for what is watched where a flow has no time. */
@@ -145,9 +157,10 @@ static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, uint8_t
     return DL2C_SETTLED;
   }
   if (!dl2c_motor_start(motor, x, stop)) return DL2C_UNSOLVED;
+  const real grown = dl2c_growth_limit(x);
   dl2c_halt halt = DL2C_NO_HALT;
   while (halt == DL2C_NO_HALT && !dl2c_motor_done(motor)) {
-    if (!dl2c_motor_step(motor, &track)) return DL2C_UNSOLVED;
+    if (!dl2c_motor_step(motor, &track) || dl2c_lost(motor, &track, grown)) return DL2C_UNSOLVED;
     stretch.from = track.from;
     stretch.length = track.length;
     halt = dl2c_look_along(&stretch, true, watch, &s, sign);

@@ -71,7 +71,7 @@ def after(symbol: Symbol) -> str:
 RUNTIME_FILES = frozenset(
     [
         *("actions", "admissible", "ahead", "batch", "block", "convoy", "curve", "dense", "dl2c"),
-        *("dopri5", "events", "flow_cvodes", "flow_exact", "hull", "judge", "lanes", "linear"),
+        *("dopri5", "events", "flow_cvodes", "flow_exact", "growth", "hull", "judge", "lanes", "linear"),
         *("model", "move", "numbers", "numeric", "pieces", "project", "rng", "roots", "sampler", "snapshot"),
         *("state", "step", "stretch", "sundials", "sundials_system", "sundials_wheel", "target"),
         *("threads", "travel"),
