@@ -165,7 +165,7 @@ def _quick(flow: Flow) -> ExactPlan | None:
 
 def _numeric(flow: Flow, integrator: Integrator, why: str) -> tuple[Kernel, str]:
     """The kernel of a flow that is not solved, and why: the one asked for, or what suits it."""
-    if integrator == "auto" or integrator == "exact":
+    if integrator in ("auto", "exact"):
         if is_linear(flow):
             return "linear", "its equations are linear: power series to the last digit"
         return ("cvodes" if integrator == "auto" else "exact"), why
