@@ -253,6 +253,7 @@ def _environment(
     from dl2c.ir.starts import equalities_of
     from dl2c.ir.watch import watches_of
     from dl2c.paths.enumerate import enumerate_paths
+    from dl2c.paths.stiffness import with_solver
     from dl2c.sampling.plan import NoSampler, plan_sampling
     from dl2c.smt.precondition import decide
 
@@ -275,10 +276,11 @@ def _environment(
     if isinstance(sampling, NoSampler):
         warnings += (_not_sampled(sampling.diagnostic),)
     monitor, missing = _monitor(problem, model, options, say)
+    flows = [p for p in plans if isinstance(p, FlowPlan)]
     environment = Environment(
         model=model,
         paths=paths,
-        flows=tuple(p for p in plans if isinstance(p, FlowPlan)),
+        flows=tuple(with_solver(k, p, model, paths) for k, p in enumerate(flows)),
         sampling=None if isinstance(sampling, NoSampler) else sampling,
         options=options,
         version=__version__,
@@ -349,7 +351,7 @@ def _build(problem: Problem, options: Options, key: str, folder: Path, say: Prog
     say("writing C")
     stem, sources = file_stem(environment.model.name), model_sources(environment)
     say("compiling C")
-    numeric = any(f.kernel == "cvodes" for f in environment.flows)
+    numeric = any(f.kernel == "cvodes" or f.stiff for f in environment.flows)
     sundials = find_sundials(options.sundials, find_compiler()) if numeric else None
     compile_library(sources, stem, folder, native=options.native, sundials=sundials)
     solver = {} if sundials is None else {"solver": sundials.version}

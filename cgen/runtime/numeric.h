@@ -19,6 +19,8 @@
 /* What makes the tracks of a flow. */
 typedef struct dl2c_motor {
   int flow;
+  uint8_t kernel; /* that of the flow, or NUMERIC where its series are too many */
+  int32_t series; /* how many there may be */
   const real *p;
   struct dl2c_solver *solver; /* for flows of kernel NUMERIC */
   union {
@@ -32,24 +34,26 @@ typedef struct dl2c_motor {
 static bool dl2c_motor_start(dl2c_motor *motor, const real *x, real stop)
 {
 #if DL2C_SOLVED_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC)
-    return dl2c_solver_start(motor->solver, motor->flow, x, motor->p, stop);
+  if (motor->kernel == DL2C_NUMERIC) {
+    const bool stiffly = FLOW_KERNEL[motor->flow] == DL2C_LINEAR;
+    return dl2c_solver_begin(motor->solver, motor->flow, x, motor->p, stop, stiffly);
+  }
 #endif
 #if DL2C_DOPRI_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI)
+  if (motor->kernel == DL2C_DOPRI)
     return dl2c_dopri_start(&motor->dopri, motor->flow, x, motor->p, stop);
 #endif
-  dl2c_linear_start(&motor->linear, motor->flow, x, motor->p, stop);
+  dl2c_linear_start(&motor->linear, motor->flow, x, motor->p, stop, motor->series);
   return true;
 }
 
 static bool dl2c_motor_step(dl2c_motor *motor, dl2c_track *track)
 {
 #if DL2C_SOLVED_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC) return dl2c_solver_step(motor->solver, track);
+  if (motor->kernel == DL2C_NUMERIC) return dl2c_solver_step(motor->solver, track);
 #endif
 #if DL2C_DOPRI_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI)
+  if (motor->kernel == DL2C_DOPRI)
     return dl2c_dopri_step(&motor->dopri, motor->flow, motor->p, track);
 #endif
   return dl2c_linear_step(&motor->linear, motor->flow, motor->p, track);
@@ -58,10 +62,10 @@ static bool dl2c_motor_step(dl2c_motor *motor, dl2c_track *track)
 static bool dl2c_motor_done(const dl2c_motor *motor)
 {
 #if DL2C_SOLVED_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC) return dl2c_solver_done(motor->solver);
+  if (motor->kernel == DL2C_NUMERIC) return dl2c_solver_done(motor->solver);
 #endif
 #if DL2C_DOPRI_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI) return dl2c_dopri_done(&motor->dopri);
+  if (motor->kernel == DL2C_DOPRI) return dl2c_dopri_done(&motor->dopri);
 #endif
   return dl2c_linear_done(&motor->linear);
 }
@@ -70,7 +74,7 @@ static bool dl2c_motor_done(const dl2c_motor *motor)
 static bool dl2c_lost(const dl2c_motor *motor, const dl2c_track *track, real limit)
 {
 #if DL2C_SOLVED_FLOWS || DL2C_DOPRI_FLOWS
-  if (FLOW_KERNEL[motor->flow] != DL2C_LINEAR)
+  if (motor->kernel != DL2C_LINEAR)
     return dl2c_bursts(motor->flow, motor->p, track->end, limit, track->from + track->length);
 #endif
   (void)motor, (void)track, (void)limit;
@@ -137,8 +141,8 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real s, bool settled
  * Follows a flow from x for `cap` at most, with an eye on the watches that are open.
  *   watch: (NWATCH) updated   y: (NX) where it ends
  */
-static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, uint8_t *watch, real *y,
-                             real *duration)
+static dl2c_motion dl2c_voyage(dl2c_motor *motor, const real *x, real cap, uint8_t *watch, real *y,
+                               real *duration)
 {
   const int flow = motor->flow;
   const real *p = motor->p;
@@ -172,6 +176,34 @@ static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, uint8_t
   }
   const real time = halt == DL2C_NO_HALT ? stop : dl2c_stretch_time(&stretch, s);
   return dl2c_arrive(&stretch, s, halt != DL2C_CUT, time, sign, y, duration);
+}
+
+/*
+ * The same with another motor where one fails: series that are too many are a sign of stiffness, and the
+ * flow begins anew with the solver; where that fails too, with many series.
+ */
+static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, uint8_t *watch, real *y,
+                             real *duration)
+{
+  motor->kernel = FLOW_KERNEL[motor->flow];
+  motor->series = DL2C_MANY_SERIES;
+#if DL2C_SOLVED_FLOWS
+  if (motor->kernel == DL2C_LINEAR) {
+    uint8_t before[NWATCH + 1];
+    memcpy(before, watch, NWATCH);
+    motor->series = DL2C_FEW_SERIES;
+    dl2c_motion motion = dl2c_voyage(motor, x, cap, watch, y, duration);
+    if (motion != DL2C_UNSOLVED || motor->linear.steps <= motor->series) return motion;
+    memcpy(watch, before, NWATCH);
+    motor->kernel = DL2C_NUMERIC;
+    motion = dl2c_voyage(motor, x, cap, watch, y, duration);
+    if (motion != DL2C_UNSOLVED) return motion;
+    memcpy(watch, before, NWATCH);
+    motor->kernel = DL2C_LINEAR;
+    motor->series = DL2C_MANY_SERIES;
+  }
+#endif
+  return dl2c_voyage(motor, x, cap, watch, y, duration);
 }
 
 /* Moves y along a flow that is followed track by track. */

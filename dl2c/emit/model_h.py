@@ -105,7 +105,7 @@ def _kernels(environment: Environment) -> str:
     kernels = {f.kernel for f in environment.flows}
     sampled = any(f.kernel == "exact" and f.curves is None for f in environment.flows)
     needs = {
-        "SOLVED": "cvodes" in kernels,
+        "SOLVED": "cvodes" in kernels or any(f.stiff for f in environment.flows),
         "DOPRI": "dopri5" in kernels,
         "TRACKED": bool(kernels - {"exact"}),
         "SAMPLED": sampled or bool(kernels - {"exact"}),
@@ -114,6 +114,8 @@ def _kernels(environment: Environment) -> str:
     if needs["SOLVED"] or needs["DOPRI"]:
         text += f"#define DL2C_RTOL {number(float(options.rtol))}\n"
         text += f"#define DL2C_ATOL {number(float(options.atol))}\n"
+    if needs["SOLVED"] and "cvodes" not in kernels:
+        text += "#define DL2C_SPARE_SOLVER 1\n"
     if needs["SOLVED"]:
         stiff = {"auto": "AUTO", "true": "YES", "false": "NO"}[options.stiff]
         text += f"#define DL2C_STIFF DL2C_STIFF_{stiff}\n"

@@ -61,7 +61,8 @@ class FlowPlan:
     `quick` is the straight-line motion of simple flows. `snaps` says for a margin which
     variable is set to its bound when the flow ends there. `written` are the domain and, for each
     watch, what implies that it stays, before they were split into margins. `starts` are what margins are
-    over besides state and constants; `projections` what the end of a numerical flow is moved onto.
+    over besides state and constants; `projections` what the end of a numerical flow is moved onto. A
+    linear flow that may be `stiff` begins anew with CVODES where it needs too many power series.
     """
 
     flow: Flow
@@ -80,6 +81,7 @@ class FlowPlan:
     written: tuple[Formula, ...]
     starts: tuple[Start, ...] = ()
     projections: tuple[Projection, ...] = ()
+    stiff: bool = False
 
     @property
     def formulas(self) -> tuple[Formula, ...]:
