@@ -135,7 +135,8 @@ DL2C_INLINE void dl2c_convoy_step(dl2c_convoy *c)
     bool grown = false;
     DL2C_UNROLL
     for (int j = 0; j < NX; j++) grown |= fabs(y[j]) > c->limit[i];
-    const bool well = (now + h > now) & (!fits | (calm & !grown));
+    const bool plain = calm & !grown;
+    const bool well = (now + h > now) & (!fits | plain);
     const bool taken = (c->going[i] != 0) & fits & well;
     const bool there = taken & (after >= c->stop[i]);
     c->wanted[i] = dl2c_select(fits, next, dl2c_dopri_shorter(h, error, next));

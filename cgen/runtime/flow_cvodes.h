@@ -159,7 +159,7 @@ static dl2c_status dl2c_solver_reserve(real rtol, real atol, int stiff, dl2c_sol
 }
 
 /* One that is. DL2C_ERR_SOLVER: there is no SUNDIALS, see dl2c_solver_library. */
-static dl2c_status dl2c_solver_create(real rtol, real atol, int stiff, dl2c_solver **out)
+static inline dl2c_status dl2c_solver_create(real rtol, real atol, int stiff, dl2c_solver **out)
 {
   dl2c_solver *solver;
   dl2c_status status = dl2c_solver_reserve(rtol, atol, stiff, &solver);
@@ -209,7 +209,7 @@ static bool dl2c_solver_begin(dl2c_solver *solver, int flow, const real *x, cons
   return dl2c_solver_resume(solver, bdf ? &solver->bdf : &solver->adams);
 }
 
-static bool dl2c_solver_start(dl2c_solver *solver, int flow, const real *x, const real *p,
+static inline bool dl2c_solver_start(dl2c_solver *solver, int flow, const real *x, const real *p,
                               real stop)
 {
   return dl2c_solver_begin(solver, flow, x, p, stop, false);
