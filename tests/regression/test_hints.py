@@ -21,7 +21,11 @@ def text_of(body: str, start: str = "0<=x&x<=1&w>=0&w<=10", above: str = "") -> 
 
 
 def said(text: str, code: str, **options: Any) -> list[Diagnostic]:
-    return [d for d in examine(Source("m.kyx", text), resolve_options(options)) if d.code == code]
+    return [
+        d
+        for d in examine(Source("m.kyx", text), resolve_options({"default_bound": "-50:50"} | options))
+        if d.code == code
+    ]
 
 
 FLOW = "t := 0; {x' = 1, t' = 1 & t <= 1}"
@@ -32,7 +36,7 @@ def test_an_if_beside_a_choice_is_pointed_out() -> None:
     (found,) = said(text_of(f"{choice} {FLOW}"), "if-in-choice")
     assert "3 alternatives" in found.title
     assert found.span.text == "if (x <= 1) { w := 1; } else { w := 2; }"
-    env: Any = dl2c.make(text_of(f"{choice} {FLOW}"))
+    env: Any = dl2c.make(text_of(f"{choice} {FLOW}"), default_bound="-50:50")
     assert env.action_space.n == 3
 
 
@@ -50,14 +54,14 @@ def test_other_uses_of_if_are_not(choice: str) -> None:
 
 
 def test_a_strict_clock_is_pointed_out() -> None:
-    strict = text_of(FLOW.replace("t <= 1", "t < 2 & x <= 5"))
+    strict = text_of(FLOW.replace("t <= 1", "t < 2 & x >= -3"))
     (found,) = said(strict, "strict-clock")
     assert found.span.text == "t < 2" and "`<=`" in found.help and "0.1 s" in found.label
     assert not said(strict, "default-dt"), "one is enough"
     assert not said(strict, "strict-clock", dt=0.5)
     assert said(text_of(FLOW.replace("t <= 1", "2 > t")), "strict-clock")
     assert not said(text_of(FLOW.replace("t <= 1", "t < 2 & t <= 3")), "strict-clock")
-    assert said(text_of(FLOW.replace("t <= 1", "x < 2")), "default-dt")
+    assert said(text_of(FLOW.replace("t <= 1", "x >= -3")), "default-dt")
 
 
 NEAR = f"u := *; ?abs(u - w) <= 2; {FLOW}"
@@ -82,7 +86,7 @@ def test_an_input_near_a_bounded_name_has_limits(start: str, above: str) -> None
 
 
 def test_a_declared_bound_of_the_other_name_is_enough() -> None:
-    text = text_of(NEAR, "0<=x&x<=1").replace("Real w;", "/* @var: bound=[-1:3] */ Real w;")
+    text = text_of(NEAR, "0<=x&x<=1").replace("Real w;", "\n/* @var: bound=[-1:3] */\nReal w;\n")
     box: Any = dl2c.make(text, default_bound="-50:50").action_space
     assert box.low == pytest.approx([-3], abs=1e-5) and box.high == pytest.approx([5], abs=1e-5)
 

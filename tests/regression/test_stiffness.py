@@ -19,7 +19,7 @@ def text_of(ode: str, post: str = "true", start: str = "x=2&y=1", definitions: s
     names = ["x", "y", "t"] if "y'" in ode else ["x", "t"]
     declared = " ".join(f"Real {name};" for name in names)
     return (
-        f'Theorem "m" Definitions {definitions} End.\nProgramVariables {declared} End.\n'
+        f'Theorem "m" Definitions\n{definitions}\nEnd.\nProgramVariables {declared} End.\n'
         f"Problem {start}&t=0 -> [{{t := 0; {{{ode}, t'=1 & t<=1}} }}*] ({post}) End. End.\n"
     )
 
@@ -52,7 +52,7 @@ def test_fast_oscillations_are_followed_by_many_series() -> None:
 
 def test_what_is_watched_begins_anew_with_the_flow() -> None:
     """Safety ends the flow at y = 1/2; what is violated on the way alone is remembered."""
-    ends = "/* @safety: penalty=-1, on_failure=terminate:failure */ Bool upper(Real y) <-> y >= 1/2;"
+    ends = "/* @safety: penalty=-1, on_failure=terminate:failure */ Bool upper(Real y) <-> y >= 1/2;\n"
     seen = "/* @safety: penalty=-8, on_failure=continue:failure */ Bool lower(Real x) <-> x <= 3/2;"
     post = "upper(y) & lower(x)"
     state, info = stepped(text_of(STIFF, post, definitions=ends + seen))
@@ -131,7 +131,10 @@ def test_published_blow_up_is_not_judged() -> None:
 
 # Observations of large states --------------------------------------------------
 
-LARGE = 'Theorem "m" ProgramVariables Real x; Real t; End. Problem x>=0 -> [{x := x*10; t := 0;}*] x >= 0 End. End.\n'
+LARGE = (
+    'Theorem "m" ProgramVariables Real x; Real t; End.\n'
+    "Problem x>=0 -> [{x := x*10; t := 0;}*] x >= 0 End. End.\n"
+)
 
 
 @pytest.mark.parametrize("bounds", ["declared", "unbounded"])
