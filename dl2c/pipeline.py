@@ -31,7 +31,7 @@ from dl2c.version import __version__
 if TYPE_CHECKING:
     from dl2c.emit.monitor_h import Unit
     from dl2c.emit.plan import Environment
-    from dl2c.ir.kernel import Refused
+    from dl2c.ir.kernel import FlowPlan, Refused
     from dl2c.ir.model import Model
     from dl2c.native.binding import Library
     from dl2c.paths.path import Paths
@@ -249,11 +249,7 @@ def _environment(
 ) -> tuple["Environment", tuple[Diagnostic, ...]]:
     """Everything that code is generated from, and warnings."""
     from dl2c.emit.plan import Environment
-    from dl2c.ir.kernel import FlowPlan, Refused, plan_flow
-    from dl2c.ir.starts import equalities_of
-    from dl2c.ir.watch import watches_of
     from dl2c.paths.enumerate import enumerate_paths
-    from dl2c.paths.stiffness import with_solver
     from dl2c.sampling.plan import NoSampler, plan_sampling
     from dl2c.smt.precondition import decide
 
@@ -261,13 +257,7 @@ def _environment(
     model, drawn = _lowered(problem, options)
     say("enumerating paths")
     paths = enumerate_paths(model, options.default_bound)
-    watches = watches_of(model)
-    plans = [
-        plan_flow(f, watches, options.integrator, equalities_of(model), model.tolerance) for f in model.flows
-    ]
-    refused = [_refused(p) for p in plans if isinstance(p, Refused)]
-    if refused:
-        raise CompileError(refused)
+    flows = _plans(model, paths, options)
     say("deciding the precondition")
     decision = decide(drawn)
     say("planning initial states")
@@ -276,17 +266,32 @@ def _environment(
     if isinstance(sampling, NoSampler):
         warnings += (_not_sampled(sampling.diagnostic),)
     monitor, missing = _monitor(problem, model, options, say)
-    flows = [p for p in plans if isinstance(p, FlowPlan)]
     environment = Environment(
         model=model,
         paths=paths,
-        flows=tuple(with_solver(k, p, model, paths) for k, p in enumerate(flows)),
+        flows=flows,
         sampling=None if isinstance(sampling, NoSampler) else sampling,
         options=options,
         version=__version__,
         monitor=monitor,
     )
     return environment, warnings + missing
+
+
+def _plans(model: "Model", paths: "Paths", options: Options) -> tuple["FlowPlan", ...]:
+    """How every flow is followed. Raises `CompileError` for those that cannot be, as asked."""
+    from dl2c.ir.kernel import Refused, plan_flow
+    from dl2c.ir.starts import equalities_of
+    from dl2c.ir.watch import watches_of
+    from dl2c.paths.stiffness import with_solver
+
+    watches, equalities = watches_of(model), equalities_of(model)
+    plans = [plan_flow(f, watches, options.integrator, equalities, model.tolerance) for f in model.flows]
+    refused = [_refused(p) for p in plans if isinstance(p, Refused)]
+    if refused:
+        raise CompileError(refused)
+    flows = [p for p in plans if not isinstance(p, Refused)]
+    return tuple(with_solver(k, p, model, paths) for k, p in enumerate(flows))
 
 
 def _monitor(

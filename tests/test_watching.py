@@ -192,7 +192,7 @@ def test_a_condition_without_a_value_is_violated() -> None:
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-9, 1e-3])
 def test_forced_acceleration_ends_at_the_closed_form(tolerance: float) -> None:
-    """x + v*t + a*t^2/2 = m, by the quadratic formula; m is the bound relaxed by what the tolerance is at t = 0."""
+    """x + v*t + a*t^2/2 = m, by the quadratic formula; m is 1 and the slack where the flow begins."""
     text = theorem(below("x <= 1"), "t := 0; {x' = v, v' = a, t' = 1 & t <= 50}", "below(x)")
     model = Both(text, tolerance=str(tolerance))
     for x, v, a in ((0, 1, 2), (0.3, 0, 1.5), (-2, 3, 0.1), (0.99, 0.125, 7), (1, 0, 1)):

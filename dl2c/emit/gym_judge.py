@@ -60,8 +60,11 @@ def _holds(predicate: Predicate, model: Model, writer: Writer) -> str:
         for symbol, term in predicate.slacks:
             value = Bracketed("defined", (before.term(term),))
             lines += statement(f"{symbol.name} = ", value, "", 4)
-        named = replace(writer, name=lambda s: s.name if s.kind == "start" else writer.name(s))
-        within = named.formula(predicate.along)
+
+        def named(symbol: Symbol) -> str:
+            return symbol.name if symbol.kind == "start" else writer.name(symbol)
+
+        within = replace(writer, name=named).formula(predicate.along)
     return function(head, about, [*lines, *statement("return ", within, "", 4)])
 
 
