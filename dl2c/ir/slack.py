@@ -117,8 +117,8 @@ def equalities_relaxed(formula: Formula, tolerance: Fraction) -> Formula:
 class Slacks:
     """The slacks of one predicate, each with the symbol that stands for it along a flow.
 
-    Numbers stay as they are, and so does a slack over a quantifier's variable, which is
-    eliminated with the atom.
+    Numbers stay as they are. A slack over a quantifier's variable is eliminated with its atom; it grows with both
+    sides as wholes, since each size in it is two cases.
     """
 
     name: str
@@ -131,7 +131,9 @@ class Slacks:
             return atom
         slack = slack_of(atom, self.tolerance)
         names = symbols(slack)
-        if not names or any(" " in s.name for s in names):
+        if any(" " in s.name for s in names):
+            return widened(atom, slack_of(atom, self.tolerance, sides_of))
+        if not names:
             return widened(atom, slack)
         fresh = Symbol(f"{self.name}_slack{len(self.terms)}", "start")
         return widened(atom, self.terms.setdefault(slack, fresh))
