@@ -117,8 +117,8 @@ def equalities_relaxed(formula: Formula, tolerance: Fraction) -> Formula:
 class Slacks:
     """The slacks of one predicate, each with the symbol that stands for it along a flow.
 
-    Numbers stay as they are. A slack over a quantifier's variable is eliminated with its atom; it grows with both
-    sides as wholes, since each size in it is two cases.
+    Numbers stay as they are. A slack over a quantifier's variable is eliminated with its atom; it grows with
+    both sides as wholes, since each size in it is two cases.
     """
 
     name: str
