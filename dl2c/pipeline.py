@@ -31,7 +31,7 @@ from dl2c.version import __version__
 if TYPE_CHECKING:
     from dl2c.emit.monitor_h import Unit
     from dl2c.emit.plan import Environment
-    from dl2c.ir.kernel import Refused
+    from dl2c.ir.kernel import FlowPlan, Refused
     from dl2c.ir.model import Model
     from dl2c.native.binding import Library
     from dl2c.paths.path import Paths
@@ -263,8 +263,6 @@ def _environment(
 ) -> tuple["Environment", tuple[Diagnostic, ...]]:
     """Everything that code is generated from, and warnings."""
     from dl2c.emit.plan import Environment
-    from dl2c.ir.kernel import FlowPlan, Refused, plan_flow
-    from dl2c.ir.watch import watches_along
     from dl2c.paths.enumerate import enumerate_paths
     from dl2c.sampling.plan import NoSampler, plan_sampling
     from dl2c.smt.precondition import decide
@@ -273,10 +271,7 @@ def _environment(
     model, drawn = _lowered(problem, options)
     say("enumerating paths")
     paths = enumerate_paths(model, options.default_bound)
-    plans = [plan_flow(f, watches_along(model, k), options.integrator) for k, f in enumerate(model.flows)]
-    refused = [_refused(p) for p in plans if isinstance(p, Refused)]
-    if refused:
-        raise CompileError(refused)
+    flows = _plans(model, paths, options)
     say("deciding the precondition")
     decision = decide(drawn)
     say("planning initial states")
@@ -288,13 +283,32 @@ def _environment(
     environment = Environment(
         model=model,
         paths=paths,
-        flows=tuple(p for p in plans if isinstance(p, FlowPlan)),
+        flows=flows,
         sampling=None if isinstance(sampling, NoSampler) else sampling,
         options=options,
         version=__version__,
         monitor=monitor,
     )
     return environment, warnings + missing
+
+
+def _plans(model: "Model", paths: "Paths", options: Options) -> tuple["FlowPlan", ...]:
+    """How every flow is followed. Raises `CompileError` for those that cannot be, as asked."""
+    from dl2c.ir.kernel import Refused, plan_flow
+    from dl2c.ir.starts import equalities_of
+    from dl2c.ir.watch import watches_along
+    from dl2c.paths.stiffness import with_solver
+
+    equalities = equalities_of(model)
+    plans = [
+        plan_flow(f, watches_along(model, k), options.integrator, equalities, model.tolerance)
+        for k, f in enumerate(model.flows)
+    ]
+    refused = [_refused(p) for p in plans if isinstance(p, Refused)]
+    if refused:
+        raise CompileError(refused)
+    flows = [p for p in plans if not isinstance(p, Refused)]
+    return tuple(with_solver(k, p, model, paths) for k, p in enumerate(flows))
 
 
 def _monitor(
@@ -359,7 +373,7 @@ def _build(problem: Problem, options: Options, key: str, folder: Path, say: Prog
     say("writing C")
     stem, sources = file_stem(environment.model.name), model_sources(environment)
     say("compiling C")
-    numeric = any(f.kernel == "cvodes" for f in environment.flows)
+    numeric = any(f.kernel == "cvodes" or f.stiff for f in environment.flows)
     sundials = find_sundials(options.sundials, find_compiler()) if numeric else None
     compile_library(sources, stem, folder, native=options.native, sundials=sundials)
     solver = {} if sundials is None else {"solver": sundials.version}

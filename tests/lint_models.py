@@ -70,6 +70,16 @@ CASES: tuple[tuple[str, Parts, Parts], ...] = (
         ((" & t <= ep & v >= 0", " & v >= 0"),),
         ((" & t <= ep & v >= 0", " & v >= 0"), ("Problem", "/* @episode: dt=1 */ Problem")),
     ),
+    (
+        "if-in-choice",
+        ((CTRL, "if (v < 1) {a := A;} else {a := -A;} ++ a := 0;"),),
+        ((CTRL, "if (v < 1) {a := A; ++ a := 0;} else {a := -A; ++ a := 0;}"),),
+    ),
+    (
+        "if-in-choice",
+        ((CTRL, "{a := 0; ++ {if (v < 1) {a := A;}} ++ a := -A;}"),),
+        ((CTRL, "{?v < 1; a := A; ++ ?v >= 1; a := -A; ++ a := 0;}"),),
+    ),
     ("keymaera-rejects", (("x <= 1 & A", "x <= 1 && A"),), ()),
     (
         "minus-in-quotient",
@@ -88,6 +98,7 @@ CASES: tuple[tuple[str, Parts, Parts], ...] = (
         (("]safe(x)", "](x <= 10 | v <= 3)"),),
     ),
     ("safety-after-steps", (("t <= ep & v >= 0}", "t <= ep & v >= 0} a := 0;"),), ()),
+    ("strict-clock", (("t <= ep & v", "t < ep & v"),), (("t <= ep & v", "t < 9 & t <= ep & v"),)),
     ("truncate-on-failure", (("terminate:failure", "truncate:failure"),), ()),
     (
         "unbounded",

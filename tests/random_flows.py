@@ -5,8 +5,9 @@ from fractions import Fraction
 from random import Random
 
 from random_models import ORDERS, grid, random_model, random_program, variable
+from random_slack import relaxations
 
-from dl2c.ir.logic import conjunction, disjunction, relaxed
+from dl2c.ir.logic import conjunction, disjunction
 from dl2c.ir.model import (
     ZERO,
     Add,
@@ -98,15 +99,16 @@ def _predicate(rng: Random, k: int, model: Model) -> Predicate:
         for _ in range(2)
     ]
     due = _formula(rng, 1) if category == "progress" and rng.random() < 0.7 else None
-    tolerance = model.tolerance if rng.random() < 0.7 else Fraction(0)
+    kind = rng.random()
+    tolerance = model.tolerance if kind < 0.4 else Fraction(1, 8) if kind < 0.7 else Fraction(0)
     return Predicate(
         f"w{k}q",
         category,
         formula,
-        relaxed(formula, tolerance),
-        Number(Fraction(1)),
-        Number(Fraction(-2)),
-        None,
-        *triggers,
+        reward=Number(Fraction(1)),
+        penalty=Number(Fraction(-2)),
+        on_success=triggers[0],
+        on_failure=triggers[1],
         due=due,
+        **relaxations(f"w{k}q", formula, tolerance),
     )

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from random import Random
 
+from random_slack import relaxations
+
 from dl2c.ir.leading import leading
-from dl2c.ir.logic import conjunction, disjunction, negation, relaxed
+from dl2c.ir.logic import conjunction, disjunction, negation
 from dl2c.ir.model import (
     FALSE,
     ONE,
@@ -298,7 +300,16 @@ class Builder:
             values = [self.term() if rng.random() < 0.5 else None for _ in range(3)]
             made.append(
                 Predicate(
-                    f"p{k}q", category, formula, relaxed(formula, TOLERANCE), *values, *triggers, due=due
+                    f"p{k}q",
+                    category,
+                    formula,
+                    reward=values[0],
+                    penalty=values[1],
+                    shape=values[2],
+                    on_success=triggers[0],
+                    on_failure=triggers[1],
+                    due=due,
+                    **relaxations(f"p{k}q", formula, TOLERANCE),
                 )
             )
         return tuple(made)

@@ -22,11 +22,11 @@ from dl2c.ir.logic import (
     mapped,
     negation,
     oriented,
-    relaxed,
     substituted,
 )
 from dl2c.ir.model import FALSE, TRUE, Add, Compare, Flow, Formula, Mul, Neg, Number, Sub, Symbol, Term
 from dl2c.ir.polynomial import Coefficients, polynomial
+from dl2c.ir.slack import relaxed
 
 Point = Mapping[Symbol, Fraction]
 points = st.fixed_dictionaries(dict.fromkeys(SYMBOLS, fractions))

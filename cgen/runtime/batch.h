@@ -75,7 +75,7 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
     return DL2C_ERR_NOMEM;
   }
 #if DL2C_SOLVED_FLOWS
-  const dl2c_status solver = dl2c_solver_create(DL2C_RTOL, DL2C_ATOL, DL2C_STIFF, &b->solver);
+  const dl2c_status solver = dl2c_solver_new(DL2C_RTOL, DL2C_ATOL, DL2C_STIFF, &b->solver);
   if (solver != DL2C_OK) {
     dl2c_batch_free(b);
     return solver;

@@ -19,23 +19,25 @@ enum { DL2C_ABREAST = 8 };
 /* The environments of a block, a row for each variable. */
 typedef struct dl2c_fleet {
   real x[NX][DL2C_BLOCK]; /* where the flow begins, */
-  real p[NP + 1][DL2C_BLOCK];
+  real p[NP + NFROZEN + 1][DL2C_BLOCK];
   int64_t going[DL2C_BLOCK]; /* and which lanes follow it */
   int64_t there[DL2C_BLOCK]; /* out: which have come to its end, */
   real y[NX][DL2C_BLOCK];    /* where that is, */
   real stop[DL2C_BLOCK];     /* and how long it lasted */
   real rates[NX][DL2C_BLOCK]; /* in x */
   real wanted[DL2C_BLOCK];    /* length of the first attempt */
+  real limit[DL2C_BLOCK];     /* dl2c_growth_limit */
 } dl2c_fleet;
 
 /* Those under way. */
 typedef struct dl2c_convoy {
-  real p[NP + 1][DL2C_ABREAST];
+  real p[NP + NFROZEN + 1][DL2C_ABREAST];
   real y[NX][DL2C_ABREAST];
   real rates[NX][DL2C_ABREAST]; /* in y */
   real now[DL2C_ABREAST];
   real stop[DL2C_ABREAST];
   real wanted[DL2C_ABREAST]; /* length of the next attempt */
+  real limit[DL2C_ABREAST];  /* beyond which dl2c_bursts has a look */
   int64_t going[DL2C_ABREAST];
   int64_t there[DL2C_ABREAST];
   int64_t lane[DL2C_ABREAST]; /* of the fleet, -1 for none */
@@ -69,18 +71,22 @@ DL2C_INLINE void dl2c_fleet_start(dl2c_fleet *f, int64_t count)
   DL2C_APART
   for (int64_t i = 0; i < count; i++) {
     real x[NX];
-    real p[NP + 1];
+    real p[NP + NFROZEN + 1];
     real rates[NX];
     real stop;
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) x[k] = f->x[k][i];
     DL2C_UNROLL
     for (int k = 0; k < NP; k++) p[k] = f->p[k][i];
+    model_freeze(DL2C_LANE_FLOW, x, p);
+    DL2C_UNROLL
+    for (int k = NP; k < NP + NFROZEN; k++) f->p[k][i] = p[k];
     const bool begins = model_begin(DL2C_LANE_FLOW, x, p, &stop);
     model_rates(DL2C_LANE_FLOW, x, p, rates);
     const bool well = begins & (stop > 0.0) & dl2c_all_finite(rates, NX);
     f->wanted[i] = dl2c_dopri_first(DL2C_LANE_FLOW, x, rates, p, stop);
     f->stop[i] = stop;
+    f->limit[i] = dl2c_growth_limit(x);
     f->going[i] &= (int64_t)well;
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) f->rates[k][i] = rates[k];
@@ -108,13 +114,13 @@ DL2C_INLINE void dl2c_convoy_step(dl2c_convoy *c)
   DL2C_APART
   for (int64_t i = 0; i < DL2C_ABREAST; i++) {
     real x[NX];
-    real p[NP + 1];
+    real p[NP + NFROZEN + 1];
     real k[7][NX];
     real y[NX];
     DL2C_UNROLL
     for (int j = 0; j < NX; j++) x[j] = c->y[j][i];
     DL2C_UNROLL
-    for (int j = 0; j < NP; j++) p[j] = c->p[j][i];
+    for (int j = 0; j < NP + NFROZEN; j++) p[j] = c->p[j][i];
     DL2C_UNROLL
     for (int j = 0; j < NX; j++) k[0][j] = c->rates[j][i];
     const real now = c->now[i];
@@ -126,7 +132,11 @@ DL2C_INLINE void dl2c_convoy_step(dl2c_convoy *c)
     const real next = h * dl2c_dopri_factor(error);
     const bool fits = (error <= 1.0) & dl2c_all_finite(y, NX);
     const bool calm = dl2c_lane_calm(x, y, p, h, (const real(*)[NX])k);
-    const bool well = (now + h > now) & (!fits | calm);
+    bool grown = false;
+    DL2C_UNROLL
+    for (int j = 0; j < NX; j++) grown |= fabs(y[j]) > c->limit[i];
+    const bool plain = calm & !grown;
+    const bool well = (now + h > now) & (!fits | plain);
     const bool taken = (c->going[i] != 0) & fits & well;
     const bool there = taken & (after >= c->stop[i]);
     c->wanted[i] = dl2c_select(fits, next, dl2c_dopri_shorter(h, error, next));
@@ -155,7 +165,7 @@ DL2C_INLINE void dl2c_fleet_arrive(dl2c_fleet *f, int64_t count)
   for (int64_t i = 0; i < count; i++) {
     real x[NX];
     real y[NX];
-    real p[NP + 1];
+    real p[NP + NFROZEN + 1];
     int8_t sign[NMARGIN];
     DL2C_UNROLL
     for (int k = 0; k < NMARGIN; k++) sign[k] = 1;
@@ -164,8 +174,8 @@ DL2C_INLINE void dl2c_fleet_arrive(dl2c_fleet *f, int64_t count)
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) y[k] = f->y[k][i];
     DL2C_UNROLL
-    for (int k = 0; k < NP; k++) p[k] = f->p[k][i];
-    model_project(DL2C_LANE_FLOW, p, y);
+    for (int k = 0; k < NP + NFROZEN; k++) p[k] = f->p[k][i];
+    dl2c_project(DL2C_LANE_FLOW, p, y);
     model_settle(DL2C_LANE_FLOW, x, p, f->stop[i], sign, y);
     f->there[i] &= (int64_t)(dl2c_all_finite(y, NX) & model_inside(DL2C_LANE_FLOW, y, p));
     DL2C_UNROLL
@@ -176,11 +186,12 @@ DL2C_INLINE void dl2c_fleet_arrive(dl2c_fleet *f, int64_t count)
 static void dl2c_join(dl2c_convoy *c, int64_t i, const dl2c_fleet *f, int64_t lane)
 {
   for (int k = 0; k < NX; k++) c->y[k][i] = f->x[k][lane];
-  for (int k = 0; k < NP; k++) c->p[k][i] = f->p[k][lane];
+  for (int k = 0; k < NP + NFROZEN; k++) c->p[k][i] = f->p[k][lane];
   for (int k = 0; k < NX; k++) c->rates[k][i] = f->rates[k][lane];
   c->now[i] = 0.0;
   c->stop[i] = f->stop[lane];
   c->wanted[i] = f->wanted[lane];
+  c->limit[i] = f->limit[lane];
   c->going[i] = 1;
   c->there[i] = 0;
 }

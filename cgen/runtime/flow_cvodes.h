@@ -35,12 +35,17 @@ enum { DL2C_ADAMS_ORDER = 6, DL2C_BDF_ORDER = 5 };
 /* Steps of one flow: before it counts as stiff, and before it counts as failed. */
 enum { DL2C_ADAMS_STEPS = 500, DL2C_SOLVER_STEPS = 100000 };
 
+/* Steps of a linear flow whose series are too many: a stiff one needs few, a fast oscillation all. */
+enum { DL2C_SPARE_STEPS = 20000 };
+
 /* Flows that last less are one straight step; the solver squares times, which must not underflow. */
 #define DL2C_BLINK 1e-100
 
 typedef struct dl2c_solver {
   dl2c_engine adams; /* without memory if every flow is stiff */
   dl2c_engine bdf;   /* without memory if none is */
+  bool prepared;     /* the engines exist */
+  real rtol, atol;
   int32_t stiff;
   dl2c_engine *engine; /* the one that follows the present flow */
   int32_t flow;
@@ -113,34 +118,68 @@ static void dl2c_solver_free(dl2c_solver *solver)
   free(solver);
 }
 
-static bool dl2c_solver_engine(dl2c_solver *solver, dl2c_engine *engine, bool stiff, real rtol,
-                               real atol)
+static bool dl2c_solver_engine(dl2c_solver *solver, dl2c_engine *engine, bool stiff)
 {
   const real share = DL2C_STEP_SHARE / sqrt((real)NX);
   return dl2c_engine_create(engine, stiff, solver->y, solver->derivative, dl2c_solver_rates,
                             dl2c_newton_times, solver)
-         && DL2C_SUN(CVodeSStolerances)(engine->memory, rtol * share, atol * share) == CV_SUCCESS
+         && DL2C_SUN(CVodeSStolerances)(engine->memory, solver->rtol * share, solver->atol * share)
+                == CV_SUCCESS
          && DL2C_SUN(CVodeSetMaxOrd)(engine->memory, stiff ? DL2C_BDF_ORDER : DL2C_ADAMS_ORDER)
                 == CV_SUCCESS;
 }
 
-/*
- * A solver with tolerances rtol >= 0 and atol > 0.   stiff: DL2C_STIFF_*
- * DL2C_ERR_SOLVER: there is no SUNDIALS, see dl2c_solver_library.
- */
-static dl2c_status dl2c_solver_create(real rtol, real atol, int stiff, dl2c_solver **out)
+/* Makes what a solver needs to follow a flow, once. DL2C_ERR_SOLVER: see dl2c_solver_create. */
+static dl2c_status dl2c_solver_prepare(dl2c_solver *solver)
 {
+  if (solver->prepared) return DL2C_OK;
   if (!dl2c_sundials_ready()) return DL2C_ERR_SOLVER;
-  dl2c_solver *solver = calloc(1, sizeof *solver);
-  if (solver == NULL) return DL2C_ERR_NOMEM;
-  solver->stiff = stiff;
-  if ((stiff != DL2C_STIFF_YES && !dl2c_solver_engine(solver, &solver->adams, false, rtol, atol))
-      || (stiff != DL2C_STIFF_NO && !dl2c_solver_engine(solver, &solver->bdf, true, rtol, atol))) {
-    dl2c_solver_free(solver);
+  if ((solver->stiff != DL2C_STIFF_YES && !dl2c_solver_engine(solver, &solver->adams, false))
+      || (solver->stiff != DL2C_STIFF_NO && !dl2c_solver_engine(solver, &solver->bdf, true))) {
+    dl2c_engine_free(&solver->adams);
+    dl2c_engine_free(&solver->bdf);
+    memset(&solver->adams, 0, sizeof solver->adams);
+    memset(&solver->bdf, 0, sizeof solver->bdf);
     return DL2C_ERR_NOMEM;
   }
+  solver->prepared = true;
+  return DL2C_OK;
+}
+
+/* A solver with tolerances rtol >= 0 and atol > 0 that is not prepared yet.   stiff: DL2C_STIFF_* */
+static dl2c_status dl2c_solver_reserve(real rtol, real atol, int stiff, dl2c_solver **out)
+{
+  dl2c_solver *solver = calloc(1, sizeof *solver);
+  if (solver == NULL) return DL2C_ERR_NOMEM;
+  solver->rtol = rtol;
+  solver->atol = atol;
+  solver->stiff = stiff;
   *out = solver;
   return DL2C_OK;
+}
+
+/* One that is. DL2C_ERR_SOLVER: there is no SUNDIALS, see dl2c_solver_library. */
+static inline dl2c_status dl2c_solver_create(real rtol, real atol, int stiff, dl2c_solver **out)
+{
+  dl2c_solver *solver;
+  dl2c_status status = dl2c_solver_reserve(rtol, atol, stiff, &solver);
+  if (status != DL2C_OK) return status;
+  status = dl2c_solver_prepare(solver);
+  if (status == DL2C_OK)
+    *out = solver;
+  else
+    dl2c_solver_free(solver);
+  return status;
+}
+
+/* The solver of one thread: only reserved where flows need it in some states alone. */
+static inline dl2c_status dl2c_solver_new(real rtol, real atol, int stiff, dl2c_solver **out)
+{
+#ifdef DL2C_SPARE_SOLVER
+  return dl2c_solver_reserve(rtol, atol, stiff, out);
+#else
+  return dl2c_solver_create(rtol, atol, stiff, out);
+#endif
 }
 
 /* Lets an engine go on from where the flow is. */
@@ -152,18 +191,28 @@ static bool dl2c_solver_resume(dl2c_solver *solver, dl2c_engine *engine)
          && DL2C_SUN(CVodeSetStopTime)(engine->memory, solver->stop) == CV_SUCCESS;
 }
 
-/* Begins a flow in state x (NX) with constants p (NP), to be followed for a time stop > 0. */
-static bool dl2c_solver_start(dl2c_solver *solver, int flow, const real *x, const real *p,
-                              real stop)
+/*
+ * Begins a flow in state x (NX) with constants p (NP), to be followed for a time stop > 0; `stiffly`
+ * with BDF, if there is a choice.
+ */
+static bool dl2c_solver_begin(dl2c_solver *solver, int flow, const real *x, const real *p,
+                              real stop, bool stiffly)
 {
+  if (dl2c_solver_prepare(solver) != DL2C_OK) return false;
   solver->flow = flow;
-  solver->steps = 0;
+  solver->steps = stiffly ? DL2C_SOLVER_STEPS - DL2C_SPARE_STEPS : 0;
   solver->now = 0.0;
   solver->stop = stop;
   memcpy(solver->last, x, sizeof solver->last);
   if (NP > 0) memcpy(solver->p, p, sizeof(real) * NP);
-  return dl2c_solver_resume(solver,
-                            solver->stiff == DL2C_STIFF_YES ? &solver->bdf : &solver->adams);
+  const bool bdf = solver->stiff == DL2C_STIFF_YES || (stiffly && solver->stiff != DL2C_STIFF_NO);
+  return dl2c_solver_resume(solver, bdf ? &solver->bdf : &solver->adams);
+}
+
+static inline bool dl2c_solver_start(dl2c_solver *solver, int flow, const real *x, const real *p,
+                              real stop)
+{
+  return dl2c_solver_begin(solver, flow, x, p, stop, false);
 }
 
 /* Whether the last step reached the end of the flow. */

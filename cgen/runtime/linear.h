@@ -18,22 +18,26 @@ typedef struct dl2c_linear {
   real entry[NX * NX];
   real now, stop;
   real last[NX]; /* the state at `now` */
-  int32_t steps;
+  int32_t steps, most; /* series so far, and how many there may be */
 } dl2c_linear;
 
-/* A flow that needs more series counts as failed: it is stiff, and a case for the solver. */
-enum { DL2C_SERIES = 100000 };
+/*
+ * A flow that needs more series than a few is a case for the solver, if there is one. Where that fails
+ * too, as it does for fast oscillations, many are allowed: about a second of work for a few variables.
+ */
+enum { DL2C_FEW_SERIES = 10000, DL2C_MANY_SERIES = 2000000 };
 
 /* The last two terms of a series are at most this, relative to the largest one. */
 #define DL2C_SERIES_REST 0x1p-56
 
 static void dl2c_linear_start(dl2c_linear *linear, int flow, const real *x, const real *p,
-                              real stop)
+                              real stop, int32_t most)
 {
   real jacobian[NX * NX];
   linear->now = 0.0;
   linear->stop = stop;
   linear->steps = 0;
+  linear->most = most;
   memcpy(linear->last, x, sizeof linear->last);
   model_jacobian(flow, x, p, jacobian);
   linear->count = 0;
@@ -65,11 +69,14 @@ static real dl2c_linear_rest(const real (*c)[NX], real h)
   return rest;
 }
 
-/* The next track, as long as a series of degree 12 gives every digit. False: not a finite one. */
+/*
+ * The next track, as long as a series of degree 12 gives every digit. False: not a finite one, or there
+ * were too many; then `steps` is more than `most`.
+ */
 static bool dl2c_linear_step(dl2c_linear *linear, int flow, const real *p, dl2c_track *track)
 {
   enum { DEGREE = DL2C_TRACK_DEGREE };
-  if (linear->steps++ >= DL2C_SERIES) return false;
+  if (linear->steps++ >= linear->most) return false;
   real c[DEGREE + 1][NX];
   memcpy(c[0], linear->last, sizeof c[0]);
   model_rates(flow, linear->last, p, c[1]);

@@ -8,10 +8,10 @@
  * count work on lanes: value k of environment i is x[k*stride + i], i < count.
  *
  *   enum { NX, NP, NU, NINPUT, NENVINPUT, NDECISION, NCHOICE, NENVCHOICE, NMASK, NSTEPDRAW, NDRAW,
- *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NCHART, DL2C_WEIGHTED,
- *          DL2C_TARGETED, NBLOCK, NMARGIN, NWATCH, NCRITICAL, DL2C_LOOPS, DL2C_JOINT_INPUTS,
- *          DL2C_DECIDES_IN_LANES, DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD, DL2C_LOOKS_DEEP,
- *          DL2C_WATCHES_ALL, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
+ *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NCHART, NFROZEN, NPROJECTION,
+ *          DL2C_WEIGHTED, DL2C_TARGETED, NBLOCK, NMARGIN, NWATCH, NCRITICAL, DL2C_LOOPS,
+ *          DL2C_JOINT_INPUTS, DL2C_DECIDES_IN_LANES, DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD,
+ *          DL2C_LOOKS_DEEP, DL2C_WATCHES_ALL, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
  *   #define DL2C_FLOWS_IN_LANES 1                steps follow that flow abreast, of lanes that need more or less of it
  *   #define DL2C_MONITORED 1                     steps are judged by the model's monitor
@@ -52,7 +52,8 @@
  *   bool model_condition(int flow, int formula, const int8_t *sign)  formulas over signs of margins
  *   void model_jacobian(int flow, x, p, real *jac)               (NX, NX) of the rates; kernels LINEAR, NUMERIC, DOPRI
  *   void model_lie(int flow, x, p, real *lie)                    (3, NMARGIN) of margins; the same kernels
- *   void model_project(int flow, p, real *y)                     back onto what the flow leaves invariant
+ *   void model_freeze(int flow, x, real *p)                      what does not change along a flow from x, from p[NP] on
+ *   void model_invariants(int flow, y, p, real *off, real (*by)[NX])   what it conserves; kernels LINEAR, NUMERIC, DOPRI
  *   bool model_quiet(int flow, x, p, real duration, y)           it plainly changes no watch
  *   bool model_calm(int flow, const dl2c_hull *z, x, p, bool bounded, watch)   no event where x is inside z
  *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE

@@ -108,6 +108,9 @@ static inline bool dl2c_all_finite(const real *x, int n)
   return finite;
 }
 
+/* A number that does not change along a flow: one without a value, or out of range, counts as 0. */
+static inline real dl2c_frozen(real value) { return fabs(value) <= DL2C_LARGEST_STATE ? value : 0.0; }
+
 /* -1, 0 or 1. */
 static inline real dl2c_sign(real a) { return (real)((a > 0.0) - (a < 0.0)); }
 
@@ -138,13 +141,18 @@ static inline real dl2c_from_ordinal(int64_t number)
   return number >= 0 ? a : -a;
 }
 
+/* The largest float: what is observed stays finite where a limit is not. */
+#define DL2C_LARGEST_FLOAT 0x1.fffffep+127f
+
 /* An observation entry, saturated to its bounds; notes in *saturated that it was. */
 static inline float dl2c_observe_float(real a, float low, float high, int32_t *saturated)
 {
   const float narrow = (float)a;
-  *saturated |= (narrow < low) | (narrow > high);
-  const float raised = narrow < low ? low : narrow;
-  return raised > high ? high : raised;
+  const float least = low < -DL2C_LARGEST_FLOAT ? -DL2C_LARGEST_FLOAT : low;
+  const float largest = high > DL2C_LARGEST_FLOAT ? DL2C_LARGEST_FLOAT : high;
+  *saturated |= (narrow < least) | (narrow > largest);
+  const float raised = narrow < least ? least : narrow;
+  return raised > largest ? largest : raised;
 }
 
 static inline double dl2c_observe_double(real a, double low, double high, int32_t *saturated)

@@ -6,6 +6,10 @@
 #ifndef DL2C_NUMERIC_H
 #define DL2C_NUMERIC_H
 
+#include "growth.h"
+#if DL2C_TRACKED_FLOWS
+#include "project.h"
+#endif
 #include "stretch.h"
 #if DL2C_LINEAR_FLOWS
 #include "linear.h"
@@ -42,6 +46,8 @@ static bool dl2c_solution_track(int flow, const real *x, const real *p, real sto
 /* What makes the tracks of a flow. */
 typedef struct dl2c_motor {
   int flow;
+  uint8_t kernel; /* that of the flow, or NUMERIC where its series are too many */
+  int32_t series; /* how many there may be */
   const real *p;
   struct dl2c_solver *solver; /* for flows of kernel NUMERIC */
   union {
@@ -58,19 +64,21 @@ typedef struct dl2c_motor {
 static bool dl2c_motor_start(dl2c_motor *motor, const real *x, real stop)
 {
 #if DL2C_SOLVED_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC)
-    return dl2c_solver_start(motor->solver, motor->flow, x, motor->p, stop);
+  if (motor->kernel == DL2C_NUMERIC) {
+    const bool stiffly = FLOW_KERNEL[motor->flow] == DL2C_LINEAR;
+    return dl2c_solver_begin(motor->solver, motor->flow, x, motor->p, stop, stiffly);
+  }
 #endif
 #if DL2C_DOPRI_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI)
+  if (motor->kernel == DL2C_DOPRI)
     return dl2c_dopri_start(&motor->dopri, motor->flow, x, motor->p, stop);
 #endif
-  if (FLOW_KERNEL[motor->flow] < DL2C_LINEAR) {
+  if (motor->kernel < DL2C_LINEAR) {
     motor->solution = (dl2c_solution){.x = x, .stop = stop};
     return true;
   }
 #if DL2C_LINEAR_FLOWS
-  dl2c_linear_start(&motor->linear, motor->flow, x, motor->p, stop);
+  dl2c_linear_start(&motor->linear, motor->flow, x, motor->p, stop, motor->series);
 #endif
   return true;
 }
@@ -78,14 +86,14 @@ static bool dl2c_motor_start(dl2c_motor *motor, const real *x, real stop)
 static bool dl2c_motor_step(dl2c_motor *motor, dl2c_track *track)
 {
 #if DL2C_SOLVED_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC) return dl2c_solver_step(motor->solver, track);
+  if (motor->kernel == DL2C_NUMERIC) return dl2c_solver_step(motor->solver, track);
 #endif
 #if DL2C_DOPRI_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI)
+  if (motor->kernel == DL2C_DOPRI)
     return dl2c_dopri_step(&motor->dopri, motor->flow, motor->p, track);
 #endif
 #if DL2C_LINEAR_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_LINEAR)
+  if (motor->kernel == DL2C_LINEAR)
     return dl2c_linear_step(&motor->linear, motor->flow, motor->p, track);
 #endif
   motor->solution.done = true;
@@ -95,15 +103,26 @@ static bool dl2c_motor_step(dl2c_motor *motor, dl2c_track *track)
 static bool dl2c_motor_done(const dl2c_motor *motor)
 {
 #if DL2C_SOLVED_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_NUMERIC) return dl2c_solver_done(motor->solver);
+  if (motor->kernel == DL2C_NUMERIC) return dl2c_solver_done(motor->solver);
 #endif
 #if DL2C_DOPRI_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_DOPRI) return dl2c_dopri_done(&motor->dopri);
+  if (motor->kernel == DL2C_DOPRI) return dl2c_dopri_done(&motor->dopri);
 #endif
 #if DL2C_LINEAR_FLOWS
-  if (FLOW_KERNEL[motor->flow] == DL2C_LINEAR) return dl2c_linear_done(&motor->linear);
+  if (motor->kernel == DL2C_LINEAR) return dl2c_linear_done(&motor->linear);
 #endif
   return motor->solution.done;
+}
+
+/* Whether a solver's motion has come to where it is unknown (see dl2c_bursts).   limit: dl2c_growth_limit */
+static bool dl2c_lost(const dl2c_motor *motor, const dl2c_track *track, real limit)
+{
+#if DL2C_SOLVED_FLOWS || DL2C_DOPRI_FLOWS
+  if (motor->kernel > DL2C_LINEAR)
+    return dl2c_bursts(motor->flow, motor->p, track->end, limit, track->from + track->length);
+#endif
+  (void)motor, (void)track, (void)limit;
+  return false;
 }
 
 /* A track that stays in x, for what is watched where a flow has no time. */
@@ -118,12 +137,17 @@ enum { DL2C_STEPS_BACK = 21 };
 /* One that went further than this is halved until it is known as well as this. */
 #define DL2C_RETREAT_FINE 0x1p-40
 
+#if !DL2C_TRACKED_FLOWS
+/* A solution in closed form keeps what it conserves. */
+static inline void dl2c_project(int flow, const real *p, real *y) { (void)flow, (void)p, (void)y; }
+#endif
+
 /* Whether the state at a place of a track, its invariants met, is inside the domain. */
 static bool dl2c_arrives(const dl2c_stretch *stretch, const dl2c_track *track, real place, real *y,
                          real *duration)
 {
   dl2c_track_at(track, place, y);
-  model_project(stretch->flow, stretch->p, y);
+  dl2c_project(stretch->flow, stretch->p, y);
   *duration = dl2c_time_at(track, place);
   return model_inside(stretch->flow, y, stretch->p);
 }
@@ -160,7 +184,7 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, const dl2c_track *be
   const int flow = stretch->flow;
   const real *p = stretch->p;
   dl2c_track_at(stretch->track, place, y);
-  model_project(flow, p, y);
+  dl2c_project(flow, p, y);
   if (settled) model_settle(flow, stretch->x, p, time, sign, y);
   if (!dl2c_all_finite(y, NX)) return DL2C_UNDEFINED;
   *duration = time;
@@ -179,8 +203,8 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, const dl2c_track *be
  *   reach: how long it may last instead of its horizon, 0 for no longer   watch: (NWATCH) updated
  *   y: (NX) where it ends   ended: whether its domain ended it
  */
-static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, real reach, uint8_t *watch,
-                             real *y, real *duration, bool *ended)
+static dl2c_motion dl2c_voyage(dl2c_motor *motor, const real *x, real cap, real reach,
+                               uint8_t *watch, real *y, real *duration, bool *ended)
 {
   const int flow = motor->flow;
   const real *p = motor->p;
@@ -202,10 +226,11 @@ static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, real re
     return DL2C_SETTLED;
   }
   if (!dl2c_motor_start(motor, x, stop)) return DL2C_UNSOLVED;
+  const real grown = dl2c_growth_limit(x);
   dl2c_halt halt = DL2C_NO_HALT;
   for (int k = 0; halt == DL2C_NO_HALT && !dl2c_motor_done(motor); k ^= 1) {
     if (stretch.begun) before = &tracks[k ^ 1];
-    if (!dl2c_motor_step(motor, &tracks[k]))
+    if (!dl2c_motor_step(motor, &tracks[k]) || dl2c_lost(motor, &tracks[k], grown))
       return FLOW_KERNEL[flow] < DL2C_LINEAR ? DL2C_UNDEFINED : DL2C_UNSOLVED;
     stretch.track = &tracks[k];
     halt = dl2c_look_along(&stretch, true, watch, &place, sign);
@@ -215,6 +240,36 @@ static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, real re
   *ended = halt == DL2C_LEAVES;
   const real time = halt == DL2C_NO_HALT ? stop : dl2c_time_at(stretch.track, place);
   return dl2c_arrive(&stretch, before, place, halt != DL2C_CUT, time, sign, y, duration);
+}
+
+/*
+ * The same with another motor where one fails: series that are too many are a sign of stiffness, and the
+ * flow begins anew with the solver; where that fails too, with many series.
+ */
+static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, real reach, uint8_t *watch,
+                             real *y, real *duration, bool *ended)
+{
+  motor->kernel = FLOW_KERNEL[motor->flow];
+#if DL2C_LINEAR_FLOWS
+  motor->series = DL2C_MANY_SERIES;
+#endif
+#if DL2C_SOLVED_FLOWS && DL2C_LINEAR_FLOWS
+  if (motor->kernel == DL2C_LINEAR) {
+    uint8_t before[NWATCH + 1];
+    memcpy(before, watch, NWATCH);
+    motor->series = DL2C_FEW_SERIES;
+    dl2c_motion motion = dl2c_voyage(motor, x, cap, reach, watch, y, duration, ended);
+    if (motion != DL2C_UNSOLVED || motor->linear.steps <= motor->series) return motion;
+    memcpy(watch, before, NWATCH);
+    motor->kernel = DL2C_NUMERIC;
+    motion = dl2c_voyage(motor, x, cap, reach, watch, y, duration, ended);
+    if (motion != DL2C_UNSOLVED) return motion;
+    memcpy(watch, before, NWATCH);
+    motor->kernel = DL2C_LINEAR;
+    motor->series = DL2C_MANY_SERIES;
+  }
+#endif
+  return dl2c_voyage(motor, x, cap, reach, watch, y, duration, ended);
 }
 
 /* Moves y along a flow that is followed track by track. */

@@ -93,8 +93,11 @@ static inline void dl2c_evolve(const dl2c_request *request, dl2c_trial *trial,
   uint8_t closed[NWATCH + 1];
   const bool watched = DL2C_WATCHES_ALL || path->target == DL2C_END;
   if (!watched) memset(closed, DL2C_MET, sizeof closed);
+  real p[NP + NFROZEN + 1];
+  if (NP > 0) memcpy(p, request->p, sizeof(real) * NP);
+  model_freeze(flow, y, p);
   dl2c_travel travel = {
-      .p = request->p,
+      .p = p,
       .solver = request->solver,
       .part = dl2c_share(request, trial, flow),
       .watch = watched ? trial->watch : closed,

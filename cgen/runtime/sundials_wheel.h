@@ -69,6 +69,7 @@ _Static_assert(sizeof(dl2c_sundials) == DL2C_SUNDIALS_COUNT * sizeof(void *),
  */
 static dl2c_sundials dl2c_wheel;
 static bool dl2c_wheel_loaded = false;
+static char dl2c_wheel_path[4096]; /* of a library to be opened when it is needed */
 static pthread_mutex_t dl2c_wheel_lock = PTHREAD_MUTEX_INITIALIZER;
 
 #define DL2C_SUN(function) dl2c_wheel.function
@@ -114,16 +115,25 @@ dl2c_status dl2c_solver_library(const char *path, char *problem, size_t room)
   if (path == NULL || problem == NULL || room == 0) return DL2C_ERR_ARG;
   problem[0] = '\0';
   pthread_mutex_lock(&dl2c_wheel_lock);
+#ifdef DL2C_SPARE_SOLVER
+  bool loaded = strlen(path) < sizeof dl2c_wheel_path;
+  if (loaded) memcpy(dl2c_wheel_path, path, strlen(path) + 1);
+#else
   if (!dl2c_wheel_loaded) dl2c_wheel_loaded = dl2c_wheel_open(path, problem, room);
   const bool loaded = dl2c_wheel_loaded;
+#endif
   pthread_mutex_unlock(&dl2c_wheel_lock);
   return loaded ? DL2C_OK : DL2C_ERR_SOLVER;
 }
 
-/* Whether functions can be called. */
+/* Whether functions can be called; a library that is needed for the first time is opened. */
 static bool dl2c_sundials_ready(void)
 {
+  char problem[256];
   pthread_mutex_lock(&dl2c_wheel_lock);
+  if (!dl2c_wheel_loaded && dl2c_wheel_path[0] != '\0')
+    dl2c_wheel_loaded = dl2c_wheel_open(dl2c_wheel_path, problem, sizeof problem);
+  dl2c_wheel_path[0] = '\0';
   const bool loaded = dl2c_wheel_loaded;
   pthread_mutex_unlock(&dl2c_wheel_lock);
   return loaded;

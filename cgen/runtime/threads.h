@@ -172,7 +172,7 @@ static dl2c_status dl2c_recruit(dl2c_team *team, const dl2c_batch *b)
   *member = (dl2c_member){.team = team, .view = *b};
 #if DL2C_SOLVED_FLOWS
   const dl2c_status solver =
-      dl2c_solver_create(DL2C_RTOL, DL2C_ATOL, DL2C_STIFF, &member->view.solver);
+      dl2c_solver_new(DL2C_RTOL, DL2C_ATOL, DL2C_STIFF, &member->view.solver);
   if (solver != DL2C_OK) return solver;
 #endif
   if (pthread_create(&member->thread, NULL, dl2c_serve, member) == 0) {

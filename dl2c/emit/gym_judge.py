@@ -1,15 +1,16 @@
 """Predicates, rewards and the end of episodes in plain Python (semantics 6)."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from dl2c.emit.cfile import place
 from dl2c.emit.gym_parts import condition, function
-from dl2c.emit.names import python_predicate
+from dl2c.emit.names import python_attribute, python_predicate
 from dl2c.emit.plan import Environment
 from dl2c.emit.python_expr import AND, OR, Bracketed, Expression, Writer, joined, statement
-from dl2c.ir.logic import relaxed
-from dl2c.ir.model import TRUE, And, Compare, Formula, Model, Or, Predicate, Trigger
+from dl2c.ir.model import TRUE, And, Compare, Comparison, Formula, Model, Or, Predicate, Symbol, Trigger
 from dl2c.ir.printer import print_formula
+from dl2c.ir.slack import relaxed, terms_of
 from dl2c.ir.watch import watches_of
 
 JUDGEMENT = '''\
@@ -29,10 +30,7 @@ def judge_functions(environment: Environment, writer: Writer) -> Iterator[str]:
     """One function for each predicate, then what they say together."""
     model = environment.model
     for predicate in model.predicates:
-        where = f"{place(predicate.span)}  @{predicate.category} {predicate.name}"
-        body = statement("return ", written(predicate, model, writer), "", 4)
-        head = f"def {python_predicate(predicate.name)}(s: State) -> bool:"
-        yield function(head, f"{where}: {print_formula(predicate.formula)}", body)
+        yield _holds(predicate, model, writer)
         if predicate.due is not None:
             about = f"When {predicate.name} must hold at the latest."
             yield condition(python_predicate(predicate.name, "due"), about, predicate.due, writer)
@@ -43,27 +41,51 @@ def judge_functions(environment: Environment, writer: Writer) -> Iterator[str]:
     yield _unmoved(model, writer)
 
 
-def written(predicate: Predicate, model: Model, writer: Writer) -> Expression:
-    """The predicate within its tolerance: `at_most(a, b)` for a <= b, where that says the same."""
-    if relaxed(predicate.formula, model.tolerance) != predicate.relaxed or model.tolerance == 0:
-        return writer.formula(predicate.relaxed)
-    return _tolerant(predicate.formula, writer)
+def _holds(predicate: Predicate, model: Model, writer: Writer) -> str:
+    """The predicate within its tolerance: `at_most(a, b, slack(a, b))` for a <= b, where that says the same.
+    Along motion slacks are those of the state `start` in which it begins.
+    """
+    about = (
+        f"{place(predicate.span)}  @{predicate.category} {predicate.name}: {print_formula(predicate.formula)}"
+    )
+    watched = any(model.predicates[w.predicate] is predicate for w in watches_of(model))
+    begins = ", start: State | None = None" if watched else ""
+    head = f"def {python_predicate(predicate.name)}(s: State{begins}) -> bool:"
+    before = replace(writer, name=_at_start) if watched else writer
+    lines = ["    start = s if start is None else start"] if watched and predicate.slacks else []
+    if relaxed(predicate.formula, model.tolerance) == predicate.relaxed and model.tolerance > 0:
+        within = _tolerant(predicate.formula, writer, before)
+    elif not watched or predicate.along is None:
+        within = writer.formula(predicate.relaxed)
+    else:
+        for symbol, term in predicate.slacks:
+            value = Bracketed("defined", (before.term(term),))
+            lines += statement(f"{symbol.name} = ", value, "", 4)
+
+        def named(symbol: Symbol) -> str:
+            return symbol.name if symbol.kind == "start" else writer.name(symbol)
+
+        within = replace(writer, name=named).formula(predicate.along)
+    return function(head, about, [*lines, *statement("return ", within, "", 4)])
 
 
-def _tolerant(formula: Formula, writer: Writer) -> Expression:
+def _at_start(symbol: Symbol) -> str:
+    return f"start.{python_attribute(symbol.name)}"
+
+
+NEAR: dict[Comparison, str] = {"=": "equal", "<": "less", ">": "less", "<=": "at_most", ">=": "at_most"}
+
+
+def _tolerant(formula: Formula, writer: Writer, before: Writer) -> Expression:
     match formula:
         case And(children):
-            return joined(AND, "and", [_tolerant(c, writer) for c in children])
+            return joined(AND, "and", [_tolerant(c, writer, before) for c in children])
         case Or(children):
-            return joined(OR, "or", [_tolerant(c, writer) for c in children])
-        case Compare("=", left, right):
-            return Bracketed("equal", (writer.term(left), writer.term(right)))
-        case Compare("<" | ">" as op, left, right):
-            sides = (left, right) if op == "<" else (right, left)
-            return Bracketed("less", tuple(map(writer.term, sides)))
-        case Compare("<=" | ">=" as op, left, right):
-            sides = (left, right) if op == "<=" else (right, left)
-            return Bracketed("at_most", tuple(map(writer.term, sides)))
+            return joined(OR, "or", [_tolerant(c, writer, before) for c in children])
+        case Compare(op, left, right) if op != "!=":
+            sides = (right, left) if op in (">", ">=") else (left, right)
+            slack = Bracketed("slack", tuple(before.term(t) for t in terms_of(formula)))
+            return Bracketed(NEAR[op], (*map(writer.term, sides), slack))
         case _:
             return writer.formula(formula)
 

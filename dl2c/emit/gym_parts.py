@@ -15,10 +15,11 @@ from dl2c.emit.plan import Environment
 from dl2c.emit.python_expr import SUM, WIDTH, Bracketed, Expression, Named, Writer, flat, statement
 from dl2c.ir.admission import Admission
 from dl2c.ir.kernel import FlowPlan, constant_along
-from dl2c.ir.logic import conjuncts, equalities_relaxed
+from dl2c.ir.logic import conjuncts
 from dl2c.ir.margins import margins_of, smooth
 from dl2c.ir.model import ONE, TRUE, Add, Compare, Formula, Model, Mul, Number, Symbol, Term
 from dl2c.ir.printer import print_flow
+from dl2c.ir.slack import equalities_relaxed
 from dl2c.ir.watch import watches_of
 from dl2c.paths.path import Input, Path
 

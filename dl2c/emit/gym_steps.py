@@ -168,8 +168,12 @@ class SupportEnv(gym.Env):
     def _observe(self) -> tuple[Any, bool]:
         """The observation, and whether the space's limits cut something off."""
         box = self.observation_space
-        exact = np.array([getattr(self.state, name) for name in OBSERVED], box.dtype)
-        seen = np.clip(exact, box.low, box.high)
+        values = np.array([getattr(self.state, name) for name in OBSERVED])
+        largest = np.finfo(box.dtype).max
+        low, high = np.maximum(box.low, -largest), np.minimum(box.high, largest)
+        with np.errstate(over="ignore"):
+            exact = values.astype(box.dtype)
+        seen = np.clip(exact, low, high)
         return seen, bool((seen != exact).any())
 
     def _with_mask(self, info: dict[str, Any]) -> dict[str, Any]:

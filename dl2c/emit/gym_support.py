@@ -63,19 +63,29 @@ def power(x, y):
         return math.nan
 
 
-def less(a, b):
+def defined(value):
+    """The value, or 0 where there is none."""
+    return value if abs(value) <= 1e100 else 0.0
+
+
+def slack(*terms):
+    """What a comparison of sums of these terms may be off by."""
+    return defined(TOLERANCE * (1 + sum(map(abs, terms))))
+
+
+def less(a, b, slack):
     """a < b, but for rounding."""
-    return a < b + TOLERANCE * (1 + abs(a) + abs(b))
+    return a < b + slack
 
 
-def at_most(a, b):
+def at_most(a, b, slack):
     """a <= b, but for rounding."""
-    return a <= b + TOLERANCE * (1 + abs(a) + abs(b))
+    return a <= b + slack
 
 
-def equal(a, b):
+def equal(a, b, slack):
     """a = b, but for rounding."""
-    return abs(a - b) <= TOLERANCE * (1 + abs(a) + abs(b))
+    return abs(a - b) <= slack
 
 
 def real_roots(c: Sequence[float]) -> list[float]:
@@ -310,8 +320,9 @@ def watched(
     at: Callable[[float], State], times: list[float]
 ) -> tuple[float, set[str], set[str]]:
     """When motion is cut short, and the predicates that failed or were met until then."""
+    start = at(times[0])
     failures = {
-        name: first_failure(lambda time, holds=holds: holds(at(time)), times)
+        name: first_failure(lambda time, holds=holds: holds(at(time), start), times)
         for name, (holds, _) in SAFETY.items()
     }
     stops = [found for name, found in failures.items() if found and SAFETY[name][1]]
@@ -321,9 +332,9 @@ def watched(
     for name, (due, holds) in OBLIGATIONS.items():
 
         def waits(time: float, due: Any = due, holds: Any = holds) -> bool:
-            return not due(at(time)) and not holds(at(time))
+            return not due(at(time)) and not holds(at(time), start)
 
         found = first_failure(waits, times)
         if found and found[1] <= last:
-            (met if holds(at(found[1])) else failed).add(name)
+            (met if holds(at(found[1]), start) else failed).add(name)
     return cut, failed, met

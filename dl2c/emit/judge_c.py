@@ -14,9 +14,9 @@ from dl2c.emit.cfile import LANES, each_flag, each_lane, function, place, wrappe
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import lane
 from dl2c.emit.plan import Environment
-from dl2c.ir.logic import equalities_relaxed
 from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Symbol, Term, Trigger
 from dl2c.ir.printer import print_formula, print_term
+from dl2c.ir.slack import equalities_relaxed
 from dl2c.ir.watch import watches_of
 from dl2c.options import Options
 

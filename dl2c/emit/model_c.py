@@ -18,6 +18,7 @@ from dl2c.emit.paths_c import path_functions, path_tables
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import rate_functions
 from dl2c.emit.sampler_c import sampler_functions, sampler_tables
+from dl2c.emit.start_c import start_functions
 from dl2c.emit.watch_c import watch_functions, watch_tables
 from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
 from dl2c.ir.model import Constant, Symbol
@@ -43,6 +44,7 @@ def model_c(environment: Environment) -> str:
     functions = [
         *flow_functions(environment, leaves),
         *watch_functions(environment, leaves),
+        *start_functions(environment, leaves),
         *rate_functions(environment, leaves),
         *_track_functions(environment, leaves),
         *path_functions(environment, leaves),

@@ -12,6 +12,7 @@ from dl2c.emit.paths_c import decides_in_lanes, flows_in_lanes, steps_in_lanes
 from dl2c.emit.plan import Environment
 from dl2c.emit.rates_c import root_count
 from dl2c.emit.sampler_c import free_names
+from dl2c.emit.start_c import projection_count, start_symbols
 from dl2c.emit.watch_c import margin_count, searched
 from dl2c.ir.model import Symbol
 from dl2c.ir.watch import watches_of
@@ -43,9 +44,16 @@ def _indices(environment: Environment) -> str:
     return (
         enumeration(variables, "NX", "state")
         + enumeration(constants, "NP", "constants of the episode")
+        + _starts(environment)
         + enumeration(inputs, "NU", "inputs")
         + enumeration(fact_names(model), "NFACT", "what a state is tested for")
     )
+
+
+def _starts(environment: Environment) -> str:
+    """Indices of what is computed where a flow begins, behind the constants."""
+    places = [index(s) + " = NP" * (k == 0) for k, s in enumerate(start_symbols(environment))]
+    return textwrap.fill(f"enum {{ {', '.join(places)} }};", 96) + "\n" if places else ""
 
 
 def _sizes(environment: Environment) -> str:
@@ -65,6 +73,8 @@ def _sizes(environment: Environment) -> str:
         "DL2C_TARGETED": int(sampling is not None and environment.options.initial_distribution == "target"),
         "NBLOCK": 0 if sampling is None else len(sampling.blocks),
         "NMARGIN": max(1, margin_count(environment)),
+        "NFROZEN": len(start_symbols(environment)),
+        "NPROJECTION": projection_count(environment),
         "NWATCH": len(watches_of(model)),
         "NCRITICAL": critical_count(environment),
         "DL2C_LOOPS": int(model.loops),
@@ -95,7 +105,7 @@ def _kernels(environment: Environment) -> str:
     options = environment.options
     kernels = {f.kernel for f in environment.flows}
     needs = {
-        "SOLVED": "cvodes" in kernels,
+        "SOLVED": "cvodes" in kernels or any(f.stiff for f in environment.flows),
         "DOPRI": "dopri5" in kernels,
         "LINEAR": "linear" in kernels,
         "TRACKED": bool(kernels - {"exact"}),
@@ -105,6 +115,8 @@ def _kernels(environment: Environment) -> str:
     if needs["SOLVED"] or needs["DOPRI"]:
         text += f"#define DL2C_RTOL {number(float(options.rtol))}\n"
         text += f"#define DL2C_ATOL {number(float(options.atol))}\n"
+    if needs["SOLVED"] and "cvodes" not in kernels:
+        text += "#define DL2C_SPARE_SOLVER 1\n"
     if needs["SOLVED"]:
         stiff = {"auto": "AUTO", "true": "YES", "false": "NO"}[options.stiff]
         text += f"#define DL2C_STIFF DL2C_STIFF_{stiff}\n"

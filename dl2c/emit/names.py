@@ -26,8 +26,9 @@ C_WORDS = frozenset(
         *("BUFSIZ", "DBL_MAX", "EOF", "I", "INFINITY", "NAN", "NULL", "errno", "linux", "stderr", "stdin"),
         *("stdout", "unix"),
         *("NBLOCK", "NBOX", "NCHART", "NCHOICE", "NCRITICAL", "NDECISION", "NDRAW", "NENVCHOICE"),
-        *("NENVINPUT", "NFACT", "NFLOW", "NFREE", "NINPUT", "NMARGIN", "NMASK", "NOBS", "NP", "NPATH"),
-        *("NPOINT", "NPRED", "NROOT", "NSTEPDRAW", "NU", "NWATCH", "NX", "p", "real", "u", "x", "y"),
+        *("NENVINPUT", "NFACT", "NFLOW", "NFREE", "NFROZEN", "NINPUT", "NMARGIN", "NMASK", "NOBS", "NP"),
+        *("NPATH", "NPOINT", "NPRED", "NPROJECTION", "NROOT", "NSTEPDRAW", "NU", "NWATCH", "NX"),
+        *("p", "real", "u", "x", "y"),
     ]
 )
 """Words that C, its library or the runtime already use."""
@@ -48,12 +49,12 @@ def member(name: str) -> str:
 
 def index(symbol: Symbol) -> str:
     """The enumerator of a symbol's place in its array."""
-    return f"{ {'variable': 'X', 'constant': 'P', 'input': 'U'}[symbol.kind] }_{symbol.name}"
+    return f"{ {'variable': 'X', 'constant': 'P', 'input': 'U', 'start': 'S'}[symbol.kind] }_{symbol.name}"
 
 
 def slot(symbol: Symbol, state: str = "x") -> str:
     """Where a symbol's value is kept."""
-    array = {"variable": state, "constant": "p", "input": "u"}[symbol.kind]
+    array = {"variable": state, "constant": "p", "input": "u", "start": "p"}[symbol.kind]
     return f"{array}[{index(symbol)}]"
 
 
@@ -70,8 +71,8 @@ def after(symbol: Symbol) -> str:
 RUNTIME_FILES = frozenset(
     [
         *("actions", "admissible", "ahead", "batch", "block", "convoy", "dense", "dl2c"),
-        *("dopri5", "events", "flow_cvodes", "flow_exact", "hull", "judge", "lanes", "linear"),
-        *("model", "move", "numbers", "numeric", "pieces", "rng", "sampler", "snapshot"),
+        *("dopri5", "events", "flow_cvodes", "flow_exact", "growth", "hull", "judge", "lanes", "linear"),
+        *("model", "move", "numbers", "numeric", "pieces", "project", "rng", "sampler", "snapshot"),
         *("state", "step", "stretch", "sundials", "sundials_system", "sundials_wheel", "target"),
         *("taylor", "threads", "travel"),
     ]

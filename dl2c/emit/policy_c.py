@@ -127,17 +127,19 @@ def _observe(unit: Unit, policy: NetworkPolicy, leaves: Leaves) -> str:
     lines: list[str] = []
     for k, (name, low, high) in enumerate(policy.interface.observations):
         value = leaves.term(f"shown_{name}", values[name], f"{name} as it is observed.", read)
-        if policy.interface.dtype == "float32" and not unit.single:
+        narrowed = policy.interface.dtype == "float32" and not unit.single
+        if narrowed:
             value = f"(real)(float){grouped(value)}"
-        if np.isfinite([low, high]).any():
+        if narrowed or np.isfinite([low, high]).any():
             value = f"clipped({value}, {_end(unit, low)}, {_end(unit, high)})"
         lines += wrapped(f"observation[{k}] = {value};")
     return function(declarations_of_policy(unit)["observe"], lines)
 
 
 def _end(unit: Unit, end: float) -> str:
-    """A limit of an observation; what has none is limited far outside of all states."""
-    bounded = float(np.clip(end, -3e38, 3e38))
+    """A limit of an observation; what has none is limited as in the environment, by the largest float."""
+    largest = float(np.finfo(np.float32).max)
+    bounded = float(np.clip(end, -largest, largest))
     return unit.literal(Fraction(bounded))
 
 

@@ -241,6 +241,9 @@ def statement(before: str, expression: Expression, after: str = "", indent: int 
         last = expression.parts[1]
         if isinstance(last, Bracketed) and len(margin + head) + len(last.head) < WIDTH:
             return _broken(last, head, after, indent)
+        first, rest = expression.parts[0], f" {expression.operators[0]} {flat(last)}{after}"
+        if isinstance(first, Bracketed) and first.head and len(margin + rest) < WIDTH:
+            return _broken(first, before, rest, indent)
     return [f"{margin}{before}(", *_body(expression, indent + 4), f"{margin}){after}"]
 
 

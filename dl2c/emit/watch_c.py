@@ -15,8 +15,7 @@ from dl2c.emit.names import after, index
 from dl2c.emit.plan import Environment
 from dl2c.ir.kernel import FlowPlan, constant_along
 from dl2c.ir.logic import conjunction
-from dl2c.ir.margins import margin_of
-from dl2c.ir.model import TRUE, And, Compare, Flow, Formula, Or, Symbol, Term, Truth
+from dl2c.ir.model import TRUE, And, Compare, Formula, Or, Symbol, Term, Truth
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.printer import print_formula, print_term
 from dl2c.ir.watch import watches_of
@@ -46,7 +45,6 @@ def _search_functions(environment: Environment, leaves: Leaves) -> list[str]:
         _taylor(environment, leaves),
         calm_function(environment, leaves),
         _solution(environment, leaves),
-        _project(environment, leaves),
     ]
 
 
@@ -221,40 +219,6 @@ def _still(formula: Formula, margins: tuple[Term, ...]) -> str:
             return f"({' & '.join(_still(c, margins) for c in children)})"
         case Or(children):
             return f"({' | '.join(_still(c, margins) for c in children)})"
-
-
-def _project(environment: Environment, leaves: Leaves) -> str:
-    """One Newton step onto each invariant, along its gradient."""
-    body: list[str] = []
-    for k, plan in enumerate(environment.flows):
-        if plan.kernel == "exact":
-            continue
-        lines: list[str] = []
-        for j, invariant in enumerate(plan.flow.invariants):
-            lines += ["{", *(f"  {line}" for line in _newton(k, j, invariant, plan.flow, leaves)), "}"]
-        body += _selected(k, lines)
-    return function(
-        "static inline void model_project(int flow, const real *p, real *y)",
-        body,
-        "Moves y, the end of a flow, onto the equalities that the flow leaves invariant.",
-    )
-
-
-def _newton(k: int, j: int, invariant: Compare, flow: Flow, leaves: Leaves) -> list[str]:
-    off = margin_of(invariant)
-    about = f"{place(invariant.span)}  {print_formula(invariant)}"
-    lines = wrapped(f"const real off = {leaves.term(f'flow{k}_invariant_off{j}', off, about, after)};")
-    changed: list[str] = []
-    for name, _ in flow.equations:
-        symbol = Symbol(name, "variable")
-        slope = leaves.partial(f"flow{k}_invariant_off{j}_{name}", off, symbol, about, after)
-        if slope is not None:
-            lines += wrapped(f"const real by_{name} = {slope};")
-            changed.append(name)
-    size = " + ".join(f"by_{name} * by_{name}" for name in changed)
-    lines += wrapped(f"const real size = {size};")
-    lines.append("const real step = size > 0.0 ? off / size : 0.0;")
-    return [*lines, *(f"{after(Symbol(n, 'variable'))} -= step * by_{n};" for n in changed)]
 
 
 def _selected(k: int, lines: list[str]) -> list[str]:

@@ -21,6 +21,7 @@ from dl2c.ir.model import And, Compare, Formula, Or, Symbol, Truth
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.roots import crossings, curve_of, sign_after
 from dl2c.ir.search import Halt, Search, Track
+from dl2c.ir.starts import begun
 
 SAMPLES = 512
 """Places at which margins that are not polynomials are looked at in exact arithmetic."""
@@ -41,6 +42,7 @@ def follow(
     search for events takes too long.
     """
     assert plan.solution is not None
+    env = begun(plan.starts, env, exact)
     run = course(plan.flow, plan.solution, env, exact)
     if exact:
         return _exactly(plan, run, part, waiting)

@@ -7,6 +7,7 @@ time, their coefficients. Interpreter and code generator read the same plan.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Literal, TypeAlias
 
 from dl2c.ir.exact import ExactPlan, Snap, plan
@@ -27,7 +28,8 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
-from dl2c.ir.polynomial import Coefficients
+from dl2c.ir.polynomial import Coefficients, polynomial
+from dl2c.ir.starts import Projection, Start, projections, slacks_of, steady, used
 from dl2c.ir.watch import Watch
 from dl2c.source import Span
 
@@ -58,7 +60,9 @@ class FlowPlan:
     `curves` are, for exact arithmetic, coefficients along the flow of polynomials with the signs of the
     margins; None where there are none. `quick` is the straight-line motion of simple flows. `snaps` says
     for a margin which variable is set to its bound when the flow ends there. `written` are the domain
-    and, for each watch, what implies that it stays, before they were split into margins.
+    and, for each watch, what stays, before they were split into margins. `starts` are what margins are
+    over besides state and constants; `projections` what the end of a numerical flow is moved onto. A
+    linear flow that may be `stiff` begins anew with CVODES where it needs too many power series.
     """
 
     flow: Flow
@@ -75,6 +79,9 @@ class FlowPlan:
     still_margins: tuple[Term, ...]
     still_curves: tuple[Coefficients, ...]
     written: tuple[Formula, ...]
+    starts: tuple[Start, ...] = ()
+    projections: tuple[Projection, ...] = ()
+    stiff: bool = False
 
     @property
     def formulas(self) -> tuple[Formula, ...]:
@@ -91,8 +98,29 @@ class Refused:
     help: str
 
 
-def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "auto") -> FlowPlan | Refused:
-    """The plan of a flow, or why there is none."""
+def plan_flow(
+    flow: Flow,
+    watches: Sequence[Watch],
+    integrator: Integrator = "auto",
+    equalities: Sequence[Compare] = (),
+    tolerance: Fraction = Fraction(0),
+) -> FlowPlan | Refused:
+    """The plan of a flow, or why there is none. `equalities` are what its end is projected onto where it
+    conserves them and they hold within the tolerance where it begins.
+    """
+    found = _planned(flow, watches, integrator, slacks_of(watches))
+    if isinstance(found, Refused) or found.kernel == "exact":
+        return found
+    calm = steady(flow, watches)
+    found = _planned(flow, calm.watches, integrator, (*slacks_of(watches), *calm.starts))
+    assert isinstance(found, FlowPlan)
+    return replace(found, projections=projections(flow, equalities, tolerance))
+
+
+def _planned(
+    flow: Flow, watches: Sequence[Watch], integrator: Integrator, starts: Sequence[Start]
+) -> FlowPlan | Refused:
+    """The plan of a flow whose margins may be over `starts`."""
 
     def moves(term: Term) -> bool:
         return not constant_along(term, flow)
@@ -105,33 +133,47 @@ def plan_flow(flow: Flow, watches: Sequence[Watch], integrator: Integrator = "au
         return Refused("its conditions have too many cases of abs, min and max", flow.span, FEWER)
     margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
     solved, why = _solved(flow, integrator)
-    kernel: Kernel = "exact" if solved is not None else "dopri5" if integrator == "dopri5" else "cvodes"
-    if solved is None and integrator not in ("cvodes", "dopri5") and is_linear(flow):
-        kernel, why = "linear", "its equations are linear: power series to the last digit"
-    elif solved is None and integrator == "exact":
+    kernel, why = ("exact", why) if solved is not None else _numeric(flow, integrator, why)
+    if solved is None and kernel == "exact":
         advice = "leave out `integrator=exact`, or make the flow polynomial in time"
         return Refused(why, flow.span, advice)
-    quick = plan(flow) if solved is not None else None
     still_margins = margins_of([still])
-    still_curves = None if solved is None else _curves(solved, [cleared(m, moves) for m in still_margins])
+    still_curves = (
+        None if solved is None else _curves(solved, [cleared(m, moves) for m in still_margins], starts)
+    )
     simple = still_curves is not None and all(len(c) <= QUICK_DEGREE + 1 for c in still_curves)
-    curves = None if solved is None else _curves(solved, [cleared(m, moves) for m in margins])
+    written = (flow.watched, *(w.stays for w in watches))
     return FlowPlan(
         flow=flow,
         kernel=kernel,
         reason=why,
         solution=solved,
-        quick=quick if isinstance(quick, ExactPlan) else None,
+        quick=_quick(flow) if solved is not None else None,
         domain=domain,
         watches=watched,
         margins=margins,
-        curves=curves,
+        curves=None if solved is None else _curves(solved, [cleared(m, moves) for m in margins]),
         snaps=tuple(_snaps(flow, margins)),
         still=still if simple else None,
         still_margins=still_margins,
         still_curves=still_curves if still_curves is not None and simple else (),
-        written=(flow.watched, *(w.plainly if w.kind == "safety" else w.stays for w in watches)),
+        written=written,
+        starts=used(starts, [*margins, *written]),
     )
+
+
+def _quick(flow: Flow) -> ExactPlan | None:
+    made = plan(flow)
+    return made if isinstance(made, ExactPlan) else None
+
+
+def _numeric(flow: Flow, integrator: Integrator, why: str) -> tuple[Kernel, str]:
+    """The kernel of a flow that is not solved, and why: the one asked for, or what suits it."""
+    if integrator in ("auto", "exact"):
+        if is_linear(flow):
+            return "linear", "its equations are linear: power series to the last digit"
+        return ("cvodes" if integrator == "auto" else "exact"), why
+    return integrator, why
 
 
 def _smoothed(watch: Watch, moves: Moves) -> Watch:
@@ -152,11 +194,16 @@ def _solved(flow: Flow, integrator: Integrator) -> tuple[Solution | None, str]:
     return solution, "its solution is a polynomial of time"
 
 
-def _curves(solution: Solution, margins: Sequence[Term]) -> tuple[Coefficients, ...] | None:
-    """The coefficients of every margin; None where one is no polynomial of a reasonable degree."""
+def _curves(
+    solution: Solution, margins: Sequence[Term], starts: Sequence[Start] = ()
+) -> tuple[Coefficients, ...] | None:
+    """The coefficients of every margin, over what `starts` stand for; None where one is no polynomial of a
+    reasonable degree.
+    """
+    curves = {**solution.curves, **{s.symbol: (s.value,) for s in starts}}
     found: list[Coefficients] = []
     for margin in margins:
-        curve = solution.compose(margin)
+        curve = polynomial(margin, curves)
         if curve is None or len(curve) > MAX_MARGIN_DEGREE + 1:
             return None
         found.append(curve)

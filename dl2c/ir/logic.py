@@ -1,4 +1,4 @@
-"""Algebra on terms and formulas of the IR: build, negate, relax, measure, substitute.
+"""Algebra on terms and formulas of the IR: build, negate, measure, substitute.
 
 All functions are total on well-formed trees and keep the order of floating-point
 operations; only subterms made of numbers alone are folded, exactly.
@@ -6,7 +6,6 @@ operations; only subterms made of numbers alone are folded, exactly.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
-from functools import reduce
 from typing import assert_never
 
 from dl2c.ir.model import (
@@ -165,49 +164,6 @@ def oriented(formula: Formula) -> Formula:
             return And(tuple(oriented(c) for c in children))
         case Or(children):
             return Or(tuple(oriented(c) for c in children))
-        case _:
-            return formula
-
-
-def relaxed(formula: Formula, tolerance: Fraction) -> Formula:
-    """Each atom widened by `tolerance * (1 + |left| + |right|)`, `!=` kept (semantics 5)."""
-    if tolerance == 0:
-        return formula
-    match formula:
-        case Truth():
-            return formula
-        case Compare(op, left, right, span=span):
-            if op == "!=":
-                return formula
-            sizes = [folded(Call("abs", (side,))) for side in (left, right) if side != ZERO]
-            slack = folded(Mul(Number(tolerance), reduce(lambda a, b: folded(Add(a, b)), sizes, ONE)))
-            match op:
-                case "=":
-                    difference = left if right == ZERO else folded(Sub(left, right))
-                    return Compare("<=", folded(Call("abs", (difference,))), slack, span=span)
-                case "<" | "<=":
-                    return Compare(op, left, slack if right == ZERO else folded(Add(right, slack)), span=span)
-                case ">" | ">=":
-                    return Compare(op, folded(Add(left, slack)), right, span=span)
-                case _:
-                    assert_never(op)
-        case And(children):
-            return And(tuple(relaxed(c, tolerance) for c in children))
-        case Or(children):
-            return Or(tuple(relaxed(c, tolerance) for c in children))
-        case _:
-            assert_never(formula)
-
-
-def equalities_relaxed(formula: Formula, tolerance: Fraction) -> Formula:
-    """Only the equalities widened, as by `relaxed`."""
-    match formula:
-        case Compare("="):
-            return relaxed(formula, tolerance)
-        case And(children):
-            return And(tuple(equalities_relaxed(c, tolerance) for c in children))
-        case Or(children):
-            return Or(tuple(equalities_relaxed(c, tolerance) for c in children))
         case _:
             return formula
 

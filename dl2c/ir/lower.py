@@ -271,26 +271,30 @@ def _predicates(problem: Problem, scope: Scope, options: Options) -> tuple[ir.Pr
         return tuple(_predicate(p, scope, options) for p in problem.predicates)
     implied: list[ir.Predicate] = []
     if problem.shape.postcondition is not None:
-        formula, relaxed = lower_predicate(problem.shape.postcondition, scope, options.tolerance)
+        lowered = lower_predicate("postcondition", problem.shape.postcondition, scope, options.tolerance)
         implied.append(
             ir.Predicate(
                 name="postcondition",
                 category="safety",
-                formula=formula,
-                relaxed=relaxed,
+                formula=lowered.formula,
+                relaxed=lowered.relaxed,
+                along=lowered.along,
+                slacks=lowered.slacks,
                 penalty=ir.Number(UNANNOTATED_PENALTY),
                 on_failure=ir.Trigger("terminate", "failure"),
                 span=problem.shape.postcondition.span,
             )
         )
     if problem.shape.progress is not None and problem.shape.postcondition is None:
-        formula, relaxed = lower_predicate(problem.shape.progress, scope, options.tolerance)
+        lowered = lower_predicate("progress", problem.shape.progress, scope, options.tolerance)
         implied.append(
             ir.Predicate(
                 name="progress",
                 category="progress",
-                formula=formula,
-                relaxed=relaxed,
+                formula=lowered.formula,
+                relaxed=lowered.relaxed,
+                along=lowered.along,
+                slacks=lowered.slacks,
                 reward=ir.ONE,
                 on_success=ir.Trigger("terminate", "success"),
                 span=problem.shape.progress.span,
@@ -301,12 +305,15 @@ def _predicates(problem: Problem, scope: Scope, options: Options) -> tuple[ir.Pr
 
 def _predicate(predicate: AnnotatedPredicate, scope: Scope, options: Options) -> ir.Predicate:
     annotation = predicate.annotation
-    formula, relaxed = lower_predicate(predicate.formula, scope, options.tolerance)
+    name = predicate.declaration.name
+    lowered = lower_predicate(name, predicate.formula, scope, options.tolerance)
     return ir.Predicate(
-        name=predicate.declaration.name,
+        name=name,
         category=annotation.category,
-        formula=formula,
-        relaxed=relaxed,
+        formula=lowered.formula,
+        relaxed=lowered.relaxed,
+        along=lowered.along,
+        slacks=lowered.slacks,
         reward=_value(predicate.reward, scope),
         penalty=_value(predicate.penalty, scope),
         shape=_value(predicate.shape, scope),

@@ -22,8 +22,8 @@ from dl2c.ir.logic import (
     disjunction,
     folded,
     mapped,
-    relaxed,
 )
+from dl2c.ir.slack import Slacks, settled
 from dl2c.parse import tree
 from dl2c.resolve.symbols import nodes
 from dl2c.source import Span
@@ -96,20 +96,35 @@ def _power(base: ir.Term, exponent: ir.Term) -> ir.Term:
             return ir.Call("pow", (base, exponent))
 
 
+STRICT = Slacks("", Fraction(0), {})
+"""Relaxes nothing."""
+
+
 def lower_formula(formula: tree.Formula, scope: Scope) -> ir.Formula:
     """The negation normal form of a formula, quantifiers eliminated; atoms between numbers are decided.
 
     Raises `CompileError` for quantifiers that cannot be eliminated.
     """
-    return _decided(_Lowering(ir.ZERO.value).formula(formula, scope))
+    return _decided(_Lowering(STRICT).formula(formula, scope))
 
 
-def lower_predicate(
-    formula: tree.Formula, scope: Scope, tolerance: Fraction
-) -> tuple[ir.Formula, ir.Formula]:
-    """An annotated predicate, as it is and with every atom of the source relaxed (semantics 5)."""
-    relaxed_formula = _Lowering(tolerance).formula(formula, scope)
-    return lower_formula(formula, scope), _decided(relaxed_formula)
+@dataclass(frozen=True, slots=True)
+class Lowered:
+    """An annotated predicate: as it is, with every atom of the source relaxed, and as it is watched along
+    flows (see `ir.Predicate`).
+    """
+
+    formula: ir.Formula
+    relaxed: ir.Formula
+    along: ir.Formula
+    slacks: tuple[tuple[ir.Symbol, ir.Term], ...]
+
+
+def lower_predicate(name: str, formula: tree.Formula, scope: Scope, tolerance: Fraction) -> Lowered:
+    """An annotated predicate of that name (semantics 5)."""
+    slacks = Slacks(name, tolerance, {})
+    along = _decided(_Lowering(slacks).formula(formula, scope))
+    return Lowered(lower_formula(formula, scope), settled(along, slacks.starts), along, slacks.starts)
 
 
 def _decided(formula: ir.Formula) -> ir.Formula:
@@ -118,9 +133,9 @@ def _decided(formula: ir.Formula) -> ir.Formula:
 
 @dataclass(frozen=True, slots=True)
 class _Lowering:
-    """Formulas in negation normal form, with every atom of the source relaxed by `tolerance`."""
+    """Formulas in negation normal form, with every atom of the source relaxed."""
 
-    tolerance: Fraction
+    slacks: Slacks
 
     def formula(self, formula: tree.Formula, scope: Scope, negated: bool = False) -> ir.Formula:
         """The formula or, `negated`, its negation; an undefined atom is false in both."""
@@ -131,7 +146,7 @@ class _Lowering:
             case tree.Compare(op, left, right):
                 sides = lower_term(left, scope), lower_term(right, scope)
                 atom = ir.Compare(NEGATED[op] if negated else op, *sides, span=formula.span)
-                return relaxed(atom, self.tolerance)
+                return self.slacks.relaxed(atom)
             case tree.Not(child):
                 return self.formula(child, scope, not negated)
             case tree.And(left, right):
@@ -166,7 +181,7 @@ def lower_delta(formula: tree.Formula, scope: Scope) -> ir.Term:
     """The distance to satisfaction of a formula (paper eq. 4-5)."""
     if quantifier := next((n for n in nodes(formula) if isinstance(n, (tree.Forall, tree.Exists))), None):
         raise CompileError(_no_distance(quantifier.span, "a quantifier compares no terms"))
-    term = delta(_Lowering(ir.ZERO.value).formula(formula, scope))
+    term = delta(_Lowering(STRICT).formula(formula, scope))
     if term is None:
         raise CompileError(_no_distance(formula.span, "it is always true or always false"))
     return term

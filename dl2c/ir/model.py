@@ -22,8 +22,8 @@ def _span() -> Span:
 
 # Terms ------------------------------------------------------------------------
 
-Kind: TypeAlias = Literal["variable", "constant", "input", "time"]
-"""Program variable, episode constant, agent input (by key), time since a flow began."""
+Kind: TypeAlias = Literal["variable", "constant", "input", "time", "start"]
+"""Program variable, episode constant, agent input (by key), time since a flow began, value at its start."""
 
 Function: TypeAlias = Literal[
     "abs", "min", "max", "sqrt", "exp", "sin", "cos", "tan", "arcsin", "arctan", "tanh", "pow"
@@ -290,10 +290,10 @@ class Trigger:
 class Predicate:
     """An annotated predicate, its parameters bound (semantics 1 and 6).
 
-    `formula` and `relaxed` are P, exact and with each atom of the source relaxed by the
-    tolerance. `reward`, `penalty`, `shape` are terms over the post-state, None where absent.
-    `due` is when a progress obligation must hold: P is then required wherever `due` is true;
-    None for a predicate that has no obligation.
+    `formula` and `relaxed` are P, exact and with each atom of the source relaxed by the tolerance;
+    `along`, unless None, is watched along flows, relaxed by what `slacks` are where one begins.
+    `reward`, `penalty`, `shape` are terms over the post-state, None where absent. `due` is when a
+    progress obligation must hold: P is then required wherever it is true; None without obligation.
     """
 
     name: str
@@ -306,6 +306,8 @@ class Predicate:
     on_success: Trigger | None = None
     on_failure: Trigger | None = None
     due: Formula | None = None
+    along: Formula | None = None
+    slacks: tuple[tuple[Symbol, Term], ...] = ()
     span: Span = _span()
 
 

@@ -52,7 +52,8 @@ class Watch:
     holds, else it failed if D (`due`) does.
 
     A flow that keeps to `plainly` all along and ends in `at_end` changes nothing: the watch does not
-    fail, and whether it was met does not matter.
+    fail, and whether it was met does not matter. `slacks` are the terms that its symbols of kind "start"
+    stand for.
     """
 
     predicate: int
@@ -63,6 +64,7 @@ class Watch:
     plainly: Formula
     at_end: Formula
     cuts: bool
+    slacks: tuple[tuple[Symbol, Term], ...] = ()
 
 
 def watches_of(model: Model) -> tuple[Watch, ...]:
@@ -71,16 +73,18 @@ def watches_of(model: Model) -> tuple[Watch, ...]:
     found: list[Watch] = []
     least = _least_constants(model)
     for k, predicate in enumerate(model.predicates):
-        exact, relaxed = (_guarded(f, least) for f in (predicate.formula, predicate.relaxed))
+        along = predicate.relaxed if predicate.along is None else predicate.along
+        exact, relaxed = (_guarded(f, least) for f in (predicate.formula, along))
         if predicate.category == "safety" and model.continuous:
             trigger = predicate.on_failure
             cuts = trigger is not None and trigger.action != "continue"
-            found.append(Watch(k, "safety", relaxed, TRUE, FALSE, exact, TRUE, cuts))
+            found.append(Watch(k, "safety", relaxed, TRUE, FALSE, exact, TRUE, cuts, predicate.slacks))
         elif predicate.category == "progress" and predicate.due is not None and predicate.due != TRUE:
             due, early = (_guarded(f, least) for f in (predicate.due, negation(predicate.due)))
-            stays = conjunction([early, _guarded(negation(predicate.relaxed), least)])
+            stays = conjunction([early, _guarded(negation(along), least)])
             plainly, at_end = (early, negation(predicate.due)) if last else (stays, TRUE)
-            found.append(Watch(k, "obligation", stays, due, relaxed, plainly, at_end, False))
+            slacks = predicate.slacks
+            found.append(Watch(k, "obligation", stays, due, relaxed, plainly, at_end, False, slacks))
     return tuple(found)
 
 

@@ -6,9 +6,10 @@ from dl2c.diagnostics import Diagnostic, warning
 from dl2c.emit.judge_c import observed
 from dl2c.interval.arithmetic import WHOLE, Interval, enclosure, evaluate
 from dl2c.interval.bounded import initial_box
+from dl2c.ir.kernel import constant_along
 from dl2c.ir.liveness import read_first
-from dl2c.ir.logic import symbols
-from dl2c.ir.model import ZERO, Bound, Compare, Formula, Model, Number, Predicate, Symbol, Term
+from dl2c.ir.logic import conjuncts, symbols
+from dl2c.ir.model import ONE, ZERO, Bound, Compare, Flow, Formula, Model, Number, Predicate, Symbol, Term
 from dl2c.lint.world import bounds_of, changing, rigid_facts
 from dl2c.options import DEFAULT_DT, Options
 from dl2c.paths.path import END, Paths
@@ -152,9 +153,20 @@ def _matters(symbol: Symbol, model: Model) -> bool:
 
 
 def durations(model: Model, options: Options) -> Iterator[Diagnostic]:
-    """`default-dt`."""
+    """`default-dt`, and `strict-clock` where a clock was probably meant to limit it."""
     for flow in model.flows:
-        if options.dt is None and not flow.horizons:
+        if options.dt is not None or flow.horizons:
+            continue
+        strict = [atom for atom in conjuncts(flow.watched) if _is_strict_clock(atom, flow)]
+        for atom in strict:
+            yield warning(
+                "strict-clock",
+                "a strict bound of a clock does not set how long this flow lasts",
+                atom.span if isinstance(atom, Compare) else flow.span,
+                f"it lasts {float(DEFAULT_DT):g} s, the default: an open end has no last instant",
+                "write `<=`, or say `@episode: dt=...`",
+            )
+        if not strict:
             default = f"{float(DEFAULT_DT):g} s, the default"
             lasts = f"it lasts {default}, or until its domain ends it"
             if flow.reach is not None:
@@ -166,6 +178,15 @@ def durations(model: Model, options: Options) -> Iterator[Diagnostic]:
                 lasts,
                 "add a clock, `t' = 1 & t <= ep`, or say `@episode: dt=...`",
             )
+
+
+def _is_strict_clock(atom: Formula, flow: Flow) -> bool:
+    """`t < e` or `e > t` with t' = 1 and e constant along the flow."""
+    match atom:
+        case Compare("<", Symbol(clock, "variable"), bound) | Compare(">", bound, Symbol(clock, "variable")):
+            return dict(flow.equations).get(clock) == ONE and constant_along(bound, flow)
+        case _:
+            return False
 
 
 def _is_point(interval: Interval) -> bool:

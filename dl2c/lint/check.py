@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from dl2c.diagnostics import CompileError, Diagnostic, in_source_order, warning
-from dl2c.lint import annotations, runs
+from dl2c.lint import annotations, choices, runs
 from dl2c.lint.codes import CODES
 from dl2c.lint.conditions import constant_tests
 from dl2c.lint.portable import portability, quotients
@@ -46,6 +46,7 @@ def lints(source: Source, model: Checked) -> Iterator[Diagnostic]:
     yield from annotations.limits(step, options, problem)
     yield from annotations.unobserved(step, problem)
     yield from annotations.durations(step, options)
+    yield from choices.flattened(problem)
     yield from runs.standstill(step, paths, options)
     yield from unit_mismatches(problem)
     yield from runs.postcondition(step, problem, paths, oracle)

@@ -12,9 +12,10 @@ from itertools import count
 from typing import assert_never
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
-from dl2c.ir.logic import conjunction, conjuncts, disjunction, relaxed
+from dl2c.ir.logic import conjunction, conjuncts, disjunction
 from dl2c.ir.model import TRUE, And, Compare, Formula, Model, Or, Truth
 from dl2c.ir.printer import print_formula
+from dl2c.ir.slack import relaxed, sides_of
 from dl2c.monitor.check import KINDS, OUT_OF_RANGE, Case, Check, Condition, Kind, Monitor, Tolerance
 from dl2c.monitor.control import control_paths, controller_check, place_of
 from dl2c.monitor.plant import model_check
@@ -93,9 +94,9 @@ def _kept(invariant: Formula, tolerance: Tolerance) -> Formula:
         case Or(children):
             return disjunction(_kept(c, tolerance) for c in children)
         case Compare("="):
-            return relaxed(invariant, DRIFT * tolerance.relative)
+            return relaxed(invariant, DRIFT * tolerance.relative, sides_of)
         case Compare() | Truth():
-            return relaxed(invariant, tolerance.relative)
+            return relaxed(invariant, tolerance.relative, sides_of)
         case _:
             assert_never(invariant)
 

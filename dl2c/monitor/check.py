@@ -11,7 +11,7 @@ from fractions import Fraction
 from itertools import accumulate
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from dl2c.ir.logic import folded, relaxed, symbols
+from dl2c.ir.logic import folded, symbols
 from dl2c.ir.model import (
     ONE,
     Add,
@@ -28,6 +28,7 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
+from dl2c.ir.slack import relaxed, sides_of
 from dl2c.source import NOWHERE, Span
 
 if TYPE_CHECKING:
@@ -134,7 +135,7 @@ class Tolerance:
                 return Or(tuple(map(self.met, children)))
             case Compare("=", left, right) if not (_is_copied(left) and _is_copied(right)):
                 chosen = any(s.kind == "input" for s in symbols(left, right))
-                return relaxed(test, self.relative) if chosen else test
+                return relaxed(test, self.relative, sides_of) if chosen else test
             case _:
                 return test
 

@@ -12,7 +12,7 @@ from functools import reduce
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir.flow import NotPolynomial, Solution, solve
-from dl2c.ir.logic import atoms, conjuncts, disjunction, folded, mapped, number, relaxed, substituted
+from dl2c.ir.logic import atoms, conjuncts, disjunction, folded, mapped, number, substituted
 from dl2c.ir.margins import margin_of
 from dl2c.ir.model import (
     ONE,
@@ -33,6 +33,7 @@ from dl2c.ir.model import (
 )
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.printer import print_formula
+from dl2c.ir.slack import relaxed, sides_of
 from dl2c.monitor.check import Case, Check, Condition, Tolerance, after
 from dl2c.monitor.control import Control, control_paths, place_of, tested, title_of
 from dl2c.paths.path import END
@@ -150,7 +151,7 @@ def _moved(motion: _Motion, clock: str, moving: Mapping[str, Coefficients]) -> I
     flow, slack = motion.flow, motion.tolerance.relative
     yield Condition(0, Compare(">=", motion.time, ZERO), "time does not run backwards", flow.span)
     if (longest := flow.reach or flow.cap) is not None:
-        capped = relaxed(Compare("<=", motion.time, Number(longest)), slack)
+        capped = relaxed(Compare("<=", motion.time, Number(longest)), slack, sides_of)
         yield Condition(0, capped, f"the flow lasts {float(longest):g} s at most", flow.span)
     for x, coefficients in moving.items():
         if x != clock:
@@ -159,7 +160,7 @@ def _moved(motion: _Motion, clock: str, moving: Mapping[str, Coefficients]) -> I
             )
     ends = {Symbol(x, "variable"): after(x) for x in motion.values}
     for part in conjuncts(flow.domain):
-        formula = mapped(relaxed(part, slack), lambda term: substituted(term, ends))
+        formula = mapped(relaxed(part, slack, sides_of), lambda term: substituted(term, ends))
         yield Condition(0, formula, f"at the end {print_formula(part)}", place_of(part))
     for part in conjuncts(flow.watched):
         if isinstance(part, Compare) and (between := _between(motion, part)) != TRUE:

@@ -7,6 +7,7 @@ who wants an environment elsewhere sends the model's text and options.
 
 import struct
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -345,6 +346,9 @@ def load_library(directory: Path) -> Library:
         )
     if any(flow.kernel == "cvodes" for flow in manifest.flows):
         load_solver(ffi, lib, manifest.options["sundials"])
+    elif any(flow.kernel == "linear" for flow in manifest.flows):
+        with suppress(NativeError):
+            load_solver(ffi, lib, manifest.options["sundials"])
     raw = ffi.new("dl2c_sizes *")
     lib.dl2c_model_sizes(raw)
     sizes = Sizes(**{f.name: int(getattr(raw, f.name)) for f in fields(Sizes)})

@@ -1,16 +1,18 @@
 """The limits of each input's Box: its declared bound and what the tests imply (semantics 2).
 
 The tests on a path are contracted by intervals, with the constants inside their bounds
-and the state unknown. A finite bound of the variable is intersected with the result.
+and the state unknown. A finite bound of the variable is intersected with the result. Where that leaves a
+side open, the state is where bounds and the precondition say: `?abs(u - w) <= 2` then limits u by
+what limits w, though w may leave that.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
-from dl2c.interval.bounded import closed
+from dl2c.interval.bounded import closed, initial_box
 from dl2c.interval.contract import contract
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import AssignAny, Bound, Formula, Model, Symbol
@@ -36,7 +38,10 @@ def input_limits(
     for assignment in assignments:
         declared = bounds[assignment.variable]
         others = {a.key: _interval(bounds[a.variable], None) for a in assignments}
-        low, high = _implied(model, assignment.key, declared, tests.get(assignment.key, []), others)
+        own = tests.get(assignment.key, [])
+        low, high = _implied(model, assignment.key, declared, own, others, {})
+        if (low is None or high is None) and own:
+            low, high = _implied(model, assignment.key, declared, own, others, _reached(model))
         if default is not None:
             low, high = closed(low, high, default)
         if low is None or high is None:
@@ -49,13 +54,18 @@ def input_limits(
 
 
 def _implied(
-    model: Model, key: str, declared: Bound, tests: list[Formula], inputs: dict[str, Interval]
+    model: Model,
+    key: str,
+    declared: Bound,
+    tests: list[Formula],
+    inputs: dict[str, Interval],
+    state: Mapping[Symbol, Interval],
 ) -> tuple[Fraction | None, Fraction | None]:
-    """The hull over all paths, inside the declared bound; None where a side stays open."""
+    """The hull over all paths and over `state`, inside the declared bound; None where a side stays open."""
     symbol = Symbol(key, "input")
     found: Interval | None = None
     for test in tests:
-        box = dict.fromkeys(symbols(test) | {symbol}, WHOLE)
+        box = {s: state.get(s, WHOLE) for s in symbols(test) | {symbol}}
         box |= {Symbol(c.name, "constant"): _interval(c.bound, c.value) for c in model.constants}
         box |= {Symbol(name, "input"): limits for name, limits in inputs.items()}
         inside = contract(test, box)
@@ -65,6 +75,12 @@ def _implied(
         return declared.low, declared.high
     low, high = _finite(found.low), _finite(found.high)
     return _last(declared.low, low, max), _last(declared.high, high, min)
+
+
+def _reached(model: Model) -> dict[Symbol, Interval]:
+    """Where variables are by their bounds and the precondition, as far as those say."""
+    box = initial_box(model) or {}
+    return {s: limits for s, limits in box.items() if s.kind == "variable"}
 
 
 def _hull(found: Interval | None, more: Interval) -> Interval:

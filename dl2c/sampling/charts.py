@@ -12,9 +12,10 @@ from typing import TypeAlias
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import INF, Box, Interval, enclosure, meet
 from dl2c.interval.contract import contract
-from dl2c.ir.logic import conjunction, conjuncts, mapped, negation, oriented, relaxed, symbols
+from dl2c.ir.logic import conjunction, conjuncts, mapped, negation, oriented, symbols
 from dl2c.ir.model import ZERO, Bound, Compare, Constant, Formula, Number, Sub, Symbol, Term, Variable
 from dl2c.ir.normal import normal_form
+from dl2c.ir.slack import relaxed, sides_of
 from dl2c.sampling.acceptance import LARGEST
 from dl2c.sampling.algebra import term_of
 from dl2c.sampling.cases import Conjuncts, TooMany, alternatives
@@ -207,7 +208,7 @@ def _apart(kept: Sequence[Sequence[Chart]], cases: Sequence[Conjuncts], box: Box
                 formula=conjunction([chart.formula, outside]),
             )
         if charts:
-            earlier.append(conjunction(relaxed(c, APART) if _is_equality(c) else c for c in case))
+            earlier.append(conjunction(relaxed(c, APART, sides_of) if _is_equality(c) else c for c in case))
 
 
 def _is_equality(formula: Formula) -> bool:

@@ -1,0 +1,150 @@
+"""How much an atom may be missed by, so that rounding ends no episode of a proved model (semantics 5).
+
+An atom `a <= b` is relaxed to `a <= b + slack`, where the slack is `tolerance * (1 + the sizes of the
+terms of a - b)`: what the difference of large terms may be off by grows with them, however small
+it is itself. A state is judged with its own slack. Along a flow the slack is the number that it is where the
+flow begins, for which the formula has a symbol: it does not move, so it adds no cases and no
+degree to what is watched.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import reduce
+from typing import TypeAlias, assert_never
+
+from dl2c.ir.logic import folded, mapped, substituted, symbols
+from dl2c.ir.model import (
+    ONE,
+    ZERO,
+    Add,
+    And,
+    Call,
+    Compare,
+    Formula,
+    Mul,
+    Neg,
+    Number,
+    Or,
+    Sub,
+    Symbol,
+    Term,
+    Truth,
+)
+
+Scale: TypeAlias = Callable[[Compare], Iterator[Term]]
+"""The terms whose sizes the slack of an atom grows with."""
+
+
+def terms_of(atom: Compare) -> Iterator[Term]:
+    """The additive terms of both sides as written: operands of their + and -, products whole."""
+    for side in (atom.left, atom.right):
+        yield from _additive(side)
+
+
+def _additive(term: Term) -> Iterator[Term]:
+    match term:
+        case Add(left, right) | Sub(left, right):
+            yield from _additive(left)
+            yield from _additive(right)
+        case Neg(child):
+            yield from _additive(child)
+        case _ if term != ZERO:
+            yield term
+        case _:
+            pass
+
+
+def sides_of(atom: Compare) -> Iterator[Term]:
+    """Both sides, whatever they are made of."""
+    yield from (side for side in (atom.left, atom.right) if side != ZERO)
+
+
+def slack_of(atom: Compare, tolerance: Fraction, scale: Scale = terms_of) -> Term:
+    """What an atom is relaxed by."""
+    sizes = [folded(Call("abs", (term,))) for term in scale(atom)]
+    return folded(Mul(Number(tolerance), reduce(lambda a, b: folded(Add(a, b)), sizes, ONE)))
+
+
+def widened(atom: Compare, slack: Term) -> Compare:
+    """The atom, missed by `slack` at most; `!=` as it is."""
+    left, right, span = atom.left, atom.right, atom.span
+    match atom.op:
+        case "!=":
+            return atom
+        case "=":
+            difference = left if right == ZERO else folded(Sub(left, right))
+            return Compare("<=", folded(Call("abs", (difference,))), slack, span=span)
+        case "<" | "<=":
+            return Compare(atom.op, left, slack if right == ZERO else folded(Add(right, slack)), span=span)
+        case ">" | ">=":
+            return Compare(atom.op, folded(Add(left, slack)), right, span=span)
+        case _:
+            assert_never(atom.op)
+
+
+def relaxed(formula: Formula, tolerance: Fraction, scale: Scale = terms_of) -> Formula:
+    """Each atom widened by its slack, `!=` kept."""
+    if tolerance == 0:
+        return formula
+    match formula:
+        case Truth():
+            return formula
+        case Compare():
+            return widened(formula, slack_of(formula, tolerance, scale))
+        case And(children):
+            return And(tuple(relaxed(c, tolerance, scale) for c in children))
+        case Or(children):
+            return Or(tuple(relaxed(c, tolerance, scale) for c in children))
+        case _:
+            assert_never(formula)
+
+
+def equalities_relaxed(formula: Formula, tolerance: Fraction) -> Formula:
+    """Only the equalities widened, as by `relaxed`."""
+    match formula:
+        case Compare("="):
+            return relaxed(formula, tolerance)
+        case And(children):
+            return And(tuple(equalities_relaxed(c, tolerance) for c in children))
+        case Or(children):
+            return Or(tuple(equalities_relaxed(c, tolerance) for c in children))
+        case _:
+            return formula
+
+
+@dataclass(frozen=True, slots=True)
+class Slacks:
+    """The slacks of one predicate, each with the symbol that stands for it along a flow.
+
+    Numbers stay as they are. A slack over a quantifier's variable is eliminated with its atom; it grows with
+    both sides as wholes, since each size in it is two cases.
+    """
+
+    name: str
+    tolerance: Fraction
+    terms: dict[Term, Symbol]
+
+    def relaxed(self, atom: Compare) -> Compare:
+        """The atom with a symbol for its slack."""
+        if self.tolerance == 0 or atom.op == "!=":
+            return atom
+        slack = slack_of(atom, self.tolerance)
+        names = symbols(slack)
+        if any(" " in s.name for s in names):
+            return widened(atom, slack_of(atom, self.tolerance, sides_of))
+        if not names:
+            return widened(atom, slack)
+        fresh = Symbol(f"{self.name}_slack{len(self.terms)}", "start")
+        return widened(atom, self.terms.setdefault(slack, fresh))
+
+    @property
+    def starts(self) -> tuple[tuple[Symbol, Term], ...]:
+        """Every symbol with what it stands for where a flow begins."""
+        return tuple((symbol, term) for term, symbol in self.terms.items())
+
+
+def settled(formula: Formula, starts: tuple[tuple[Symbol, Term], ...]) -> Formula:
+    """The formula in a state alone: symbols of slacks replaced by the slacks."""
+    values = dict(starts)
+    return mapped(formula, lambda term: substituted(term, values))
