@@ -71,9 +71,9 @@ def draw_case(motion: Motion, random: Random, thin: float = -7, forms: int = len
 class Tally:
     """How flows were judged; `wrong` has the first few that were not right, `faulty` how often which are."""
 
-    counts: Counter[str] = field(default_factory=lambda: Counter[str]())
-    faulty: Counter[str] = field(default_factory=lambda: Counter[str]())
-    wrong: list[str] = field(default_factory=lambda: list[str]())
+    counts: Counter[str] = field(default_factory=Counter[str])
+    faulty: Counter[str] = field(default_factory=Counter[str])
+    wrong: list[str] = field(default_factory=list[str])
 
     def add(self, verdict: str, what: str, told: str) -> None:
         self.counts[verdict] += 1

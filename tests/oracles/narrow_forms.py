@@ -1,7 +1,7 @@
 """Conditions on x that fail on a narrow interval around c, in many ways of writing it, and nothing else.
 
 Each is known in three ways that share no code with dl2c: its text, the open interval on which it fails in
-closed form, and its two sides as written, which mpmath evaluates at high precision or in intervals of doubles.
+closed form, and its two sides as written, which mpmath evaluates at forty digits or in intervals of doubles.
 """
 
 from collections.abc import Callable
