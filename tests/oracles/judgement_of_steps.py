@@ -102,9 +102,9 @@ def step(problem: Problem, state: State, request: tuple[int, ...], rules: Rules,
     penalty = rules.blocked_penalty if blocked else ZERO
     if run is None:
         return nothing_done(problem, state, rules, penalty)
+    latched = {p.name for p in problem.predicates if p.category == "safety"} & run.violated
     held = {
-        p.name: satisfied(p.condition, run.state, rules.tolerance)
-        and not (p.category == "safety" and p.name in run.violated)
+        p.name: p.name not in latched and satisfied(p.condition, run.state, rules.tolerance)
         for p in problem.predicates
     }
     reward = penalty
@@ -142,7 +142,7 @@ def end_of_step(
     if deadlocked(problem, state):
         return settled, None if last else "deadlock", "truncate"
     if last:
-        return settled, "time_limit", "truncate"
+        return "none", "time_limit", "truncate"
     return written, "", ""
 
 
@@ -162,15 +162,10 @@ def unannotated(problem: Problem) -> Problem:
 
 
 def agreed(problem: Problem, state: State, request: tuple[int, ...], rules: Rules, number: int) -> Outcome:
-    """The outcome, if it does not depend on whether the conditions of obligations are relaxed."""
+    """The outcome, if it does not depend on whether obligations are watched where safety is not."""
     outcome = step(problem, state, request, rules, number)
-    if rules.tolerance and any(p.due for p in problem.predicates):
-        other = step(problem, state, request, replace(rules, relax_due=True), number)
-        near = abs(outcome.duration - other.duration) < Fraction(1, 10**6)
-        if not near or (outcome.status, outcome.reason, outcome.cost) != (
-            other.status,
-            other.reason,
-            other.cost,
-        ):
-            raise Undecided("slack of an obligation")
+    if rules.safety_check == "step" and any(p.due for p in problem.predicates):
+        other = step(problem, state, request, replace(rules, dues_after_steps=True), number)
+        if outcome != other:
+            raise Undecided("obligations where safety is judged after steps")
     return outcome

@@ -58,8 +58,8 @@ class Rules:
     dt: Fraction | None = None
     max_flow: Fraction = Fraction(1000)
     max_episode_steps: int = 1000
-    relax_due: bool = False
-    """Whether the conditions of obligations are relaxed, as parts of the postcondition, or as written."""
+    dues_after_steps: bool = False
+    """Whether `safety_check="step"` keeps obligations from being watched along flows too."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def follow(flow: Flow, run: Run, problem: Problem, rules: Rules, watched: bool) 
 def watch(motion: Motion, end: Instant, run: Run, problem: Problem, rules: Rules) -> Instant | None:
     """Notes what is violated up to the instant at which the flow is cut, which is returned."""
     failures = {p.name: f for p in problem.predicates if (f := failing(p, motion, end, run, rules))}
-    cuts = [f for n, f in failures.items() if ending_of(problem, n) in ENDS]
+    cuts = [f for name, f in failures.items() if cutting(problem, name)]
     if cuts and run.cut:
         raise Undecided("a second cut in one step")
     cut = min(cuts, key=lambda f: (f.instant.time, not f.attained), default=None)
@@ -223,7 +223,7 @@ def failing(p: Predicate, motion: Motion, end: Instant, run: Run, rules: Rules) 
     """When a @safety predicate, or the obligation of a @progress predicate, is first violated."""
     condition = truth(p.condition, motion, rules.tolerance)
     if p.category == "safety":
-        return first_failure(condition, end)
+        return first_failure(condition, end) if rules.safety_check != "step" else None
     if not p.due or p.name in run.arrived:
         return None
     failure = first_failure(obligation(p, motion, rules), end)
@@ -236,9 +236,8 @@ def failing(p: Predicate, motion: Motion, end: Instant, run: Run, rules: Rules) 
 
 
 def obligation(p: Predicate, motion: Motion, rules: Rules) -> Truth:
-    """Nothing is due, or the predicate holds."""
-    relaxed = rules.tolerance if rules.relax_due else ZERO
-    idle = Tree(True, tuple(truth(due, motion, relaxed, positive=False) for due in p.due))
+    """Nothing is due, which is exact, or the predicate holds, which is relaxed."""
+    idle = Tree(True, tuple(truth(due, motion, positive=False) for due in p.due))
     return Tree(False, (idle, truth(p.condition, motion, rules.tolerance)))
 
 
@@ -247,9 +246,10 @@ def arrives(p: Predicate, motion: Motion, end: Instant, rules: Rules) -> bool:
     return first_failure(negated(truth(p.condition, motion, rules.tolerance)), end) is not None
 
 
-def ending_of(problem: Problem, name: str) -> str:
+def cutting(problem: Problem, name: str) -> bool:
+    """Whether a violation ends the flow: of @safety that ends the episode. Obligations cut nothing."""
     found = next(p for p in problem.predicates if p.name == name)
-    return found.on_failure.action if found.on_failure else ""
+    return found.category == "safety" and found.on_failure is not None and found.on_failure.action in ENDS
 
 
 # Runs --------------------------------------------------------------------------
@@ -272,7 +272,8 @@ def execute(problem: Problem, state: State, decisions: Sequence[int], rules: Rul
             case If(condition, then, otherwise):
                 rest = [*(then if satisfied(condition, run.state) else otherwise), *rest]
             case Flow():
-                watched = rules.safety_check == "flows" or (rules.safety_check == "continuous" and not rest)
+                after_steps = rules.safety_check == "step" and rules.dues_after_steps
+                watched = rules.safety_check == "flows" or (not rest and not after_steps)
                 follow(statement, run, problem, rules, watched)
     return run
 
