@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo paper studies test test-slow test-target test-ray lint docs bench corpus sampling-report fuzz clean
+.PHONY: help demo paper studies test test-slow test-events test-target test-ray lint docs bench corpus sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | paper | studies | test | test-slow | test-target | test-ray | lint | docs | bench | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | paper | studies | test | test-slow | test-events | test-target | test-ray | lint | docs | bench | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -34,6 +34,11 @@ test: $(READY)
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q -m slow
+
+# Random flows and programs against oracles that share no code with what they judge: half an hour or so on two
+# cores. DL2C_FLOWS, DL2C_PROGRAMS and DL2C_SEED say how many and which; each test prints them.
+test-events: $(READY)
+	$(BIN)/python -m pytest -n $(WORKERS) -q -rP -m slow tests/campaigns
 
 # Exported monitors on an emulated Cortex-M4, and what an analyser says of their C.
 TARGET_PROGRAMS := arm-none-eabi-gcc qemu-system-arm frama-c
