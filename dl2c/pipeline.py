@@ -299,11 +299,8 @@ def _plans(model: "Model", paths: "Paths", options: Options) -> tuple["FlowPlan"
     from dl2c.ir.watch import watches_along
     from dl2c.paths.stiffness import with_solver
 
-    equalities = equalities_of(model)
-    plans = [
-        plan_flow(f, watches_along(model, k), options.integrator, equalities, model.tolerance)
-        for k, f in enumerate(model.flows)
-    ]
+    others = (options.integrator, equalities_of(model), model.tolerance)
+    plans = [plan_flow(f, watches_along(model, k), *others) for k, f in enumerate(model.flows)]
     refused = [_refused(p) for p in plans if isinstance(p, Refused)]
     if refused:
         raise CompileError(refused)

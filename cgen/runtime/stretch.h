@@ -309,6 +309,7 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
   stretch->width = 1.0;
   stretch->looks = 0;
   memset(sign, 1, NMARGIN);
+  memset(events.at_end, 0, sizeof events.at_end);
   if (FLOW_MARGINS[stretch->flow] == 0) return DL2C_NO_HALT;
   dl2c_track_hull(stretch->track, hull);
   if (dl2c_calm(stretch, hull, bounded, watch)) {

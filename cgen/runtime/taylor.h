@@ -42,7 +42,6 @@ typedef struct dl2c_taylor {
 /* Sums of bounds are rounded up by this factor. */
 #define DL2C_ROUND_UP (1.0 + 0x1p-49)
 
-/* A number known exactly. */
 static inline dl2c_taylor dl2c_taylor_number(real a)
 {
   dl2c_taylor t = {.c = {a}, .hull = dl2c_hull_at(a)};
@@ -52,19 +51,16 @@ static inline dl2c_taylor dl2c_taylor_number(real a)
   return t;
 }
 
-/* How far the polynomial goes from its middle, without the middle. */
+/* How far the polynomial goes from its middle; with the middle, how large it is; where it is at u. */
 static inline real dl2c_taylor_spread(const dl2c_taylor *a)
 {
   return fabs(a->c[1]) + fabs(a->c[2]) + fabs(a->c[3]) + fabs(a->c[4]);
 }
 
-/* The largest value that the polynomial may have. */
 static inline real dl2c_taylor_size(const dl2c_taylor *a)
 {
   return fabs(a->c[0]) + dl2c_taylor_spread(a);
 }
-
-/* The polynomial at u in [-1,1]. */
 static inline real dl2c_taylor_at(const dl2c_taylor *a, real u)
 {
   return (((a->c[4] * u + a->c[3]) * u + a->c[2]) * u + a->c[1]) * u + a->c[0];

@@ -44,6 +44,7 @@ def describe(manifest: Manifest) -> None:
             _inputs(manifest.drawn_inputs),
         ),
         ("Continuous evolutions", ("ODE", "kernel", "because"), _flows(manifest)),
+        ("Events of continuous evolutions", ("line", "condition", "where it fails is"), _events(manifest)),
         ("Predicates", ("name", "category"), [(p.name, p.category) for p in manifest.predicates]),
         ("Options", ("name", "value"), [(k, str(v)) for k, v in sorted(manifest.options.items())]),
     ):
@@ -81,6 +82,10 @@ def _choices(choices: Iterable[ChoiceSpec]) -> list[tuple[str, ...]]:
 
 def _inputs(inputs: Iterable[InputSpec]) -> list[tuple[str, ...]]:
     return [(i.key, i.variable, f"{i.low:g}", f"{i.high:g}") for i in inputs]
+
+
+def _events(manifest: Manifest) -> list[tuple[str, ...]]:
+    return [(f.text.split("  ")[0], *event) for f in manifest.flows for event in f.events]
 
 
 def _flows(manifest: Manifest) -> list[tuple[str, ...]]:

@@ -37,7 +37,7 @@ def _calm(k: int, plan: FlowPlan, leaves: Leaves) -> list[str]:
     )
     domain, *stays = (_holds(f, terms) for f in plan.written)
     waiting = [f"((watch[{w}] != DL2C_WATCHING) | {holds})" for w, holds in enumerate(stays)]
-    return [*terms.lines, *wrapped(f"return {' & '.join([f'(!bounded | {domain})', *waiting])};")]
+    return [*terms.lines, *wrapped(f"return {' & '.join([f'((!bounded) | {domain})', *waiting])};")]
 
 
 def _holds(formula: Formula, terms: Enclosed) -> str:

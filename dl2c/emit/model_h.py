@@ -58,7 +58,7 @@ def _starts(environment: Environment) -> str:
 
 def _sizes(environment: Environment) -> str:
     """Sizes as enumerations, and what else the runtime is told by name."""
-    model, paths, sampling = environment.model, environment.paths, environment.sampling
+    model, paths = environment.model, environment.paths
     sizes = {
         **_decisions(paths),
         "NPRED": len(model.predicates),
@@ -67,11 +67,7 @@ def _sizes(environment: Environment) -> str:
         "NPATH": max(1, len(paths.paths)),
         "NFLOW": len(model.flows),
         "NROOT": root_count(environment),
-        "NFREE": free_names(sampling),
-        "NCHART": 0 if sampling is None else len(sampling.charts),
-        "DL2C_WEIGHTED": int(sampling is not None and sampling.weighted),
-        "DL2C_TARGETED": int(sampling is not None and environment.options.initial_distribution == "target"),
-        "NBLOCK": 0 if sampling is None else len(sampling.blocks),
+        **_samples(environment),
         "NMARGIN": max(1, margin_count(environment)),
         "NFROZEN": len(start_symbols(environment)),
         "NPROJECTION": projection_count(environment),
@@ -98,6 +94,18 @@ def _sizes(environment: Environment) -> str:
         + ("" if environment.monitor is None else "#define DL2C_MONITORED 1\n")
         + f"typedef {kind} dl2c_obs;\n"
     )
+
+
+def _samples(environment: Environment) -> dict[str, int]:
+    """What initial states are drawn with."""
+    sampling = environment.sampling
+    return {
+        "NFREE": free_names(sampling),
+        "NCHART": 0 if sampling is None else len(sampling.charts),
+        "DL2C_WEIGHTED": int(sampling is not None and sampling.weighted),
+        "DL2C_TARGETED": int(sampling is not None and environment.options.initial_distribution == "target"),
+        "NBLOCK": 0 if sampling is None else len(sampling.blocks),
+    }
 
 
 def _kernels(environment: Environment) -> str:

@@ -138,9 +138,7 @@ def _planned(
         advice = "leave out `integrator=exact`, or make the flow polynomial in time"
         return Refused(why, flow.span, advice)
     still_margins = margins_of([still])
-    still_curves = (
-        None if solved is None else _curves(solved, [cleared(m, moves) for m in still_margins], starts)
-    )
+    still_curves = None if solved is None else _curves(solved, still_margins, moves, starts)
     simple = still_curves is not None and all(len(c) <= QUICK_DEGREE + 1 for c in still_curves)
     written = (flow.watched, *(w.stays for w in watches))
     return FlowPlan(
@@ -152,7 +150,7 @@ def _planned(
         domain=domain,
         watches=watched,
         margins=margins,
-        curves=None if solved is None else _curves(solved, [cleared(m, moves) for m in margins]),
+        curves=None if solved is None else _curves(solved, margins, moves),
         snaps=tuple(_snaps(flow, margins)),
         still=still if simple else None,
         still_margins=still_margins,
@@ -195,15 +193,15 @@ def _solved(flow: Flow, integrator: Integrator) -> tuple[Solution | None, str]:
 
 
 def _curves(
-    solution: Solution, margins: Sequence[Term], starts: Sequence[Start] = ()
+    solution: Solution, margins: Sequence[Term], moves: Moves, starts: Sequence[Start] = ()
 ) -> tuple[Coefficients, ...] | None:
-    """The coefficients of every margin, over what `starts` stand for; None where one is no polynomial of a
-    reasonable degree.
+    """The coefficients of polynomials with the signs of the margins, over what `starts` stand for; None where
+    one is no polynomial of a reasonable degree.
     """
     curves = {**solution.curves, **{s.symbol: (s.value,) for s in starts}}
     found: list[Coefficients] = []
     for margin in margins:
-        curve = polynomial(margin, curves)
+        curve = polynomial(cleared(margin, moves), curves)
         if curve is None or len(curve) > MAX_MARGIN_DEGREE + 1:
             return None
         found.append(curve)

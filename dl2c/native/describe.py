@@ -9,6 +9,7 @@ from dl2c.emit.cfile import place
 from dl2c.emit.judge_c import observation_limits, observed
 from dl2c.emit.monitor_h import Unit
 from dl2c.emit.plan import Environment
+from dl2c.ir.certainty import certainties
 from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import Bound, Constant, Role, Variable
 from dl2c.ir.printer import print_flow, print_number
@@ -52,7 +53,12 @@ def manifest_of(environment: Environment, key: str, platform: dict[str, str]) ->
         run_texts=tuple(_run_text(environment, run) for run in paths.runs),
         predicates=tuple(PredicateSpec(p.name, p.category) for p in model.predicates),
         flows=tuple(
-            FlowSpec(f"{place(f.flow.span)}  {print_flow(f.flow)}", f.kernel, f.reason)
+            FlowSpec(
+                f"{place(f.flow.span)}  {print_flow(f.flow)}",
+                f.kernel,
+                f.reason,
+                tuple(certainties(f, model)),
+            )
             for f in environment.flows
         ),
         certificate="none" if plan is None else plan.certificate,

@@ -14,7 +14,7 @@ from typing import Any, NoReturn, cast, get_args, get_origin, get_type_hints
 from dl2c.native.errors import NativeError
 from dl2c.options import Options, with_options
 
-MANIFEST_VERSION = 3
+MANIFEST_VERSION = 4
 
 MAX_BYTES = 64 * 1024**2
 """What is longer is no manifest."""
@@ -65,11 +65,13 @@ class PredicateSpec:
 
 @dataclass(frozen=True, slots=True)
 class FlowSpec:
-    """How one ODE is integrated, and why (`text` is its dL text with the line)."""
+    """How one ODE is integrated, and why (`text` is its dL text with the line). `events` are its conditions,
+    each with what is certain about where it first fails."""
 
     text: str
     kernel: str
     reason: str
+    events: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,21 +7,24 @@
 
 enum { X_h, X_v, X_door, X_load, X_waited, X_clock, X_t, NX }; /* state */
 enum { P_speed, NP }; /* constants of the episode */
+enum { S_closed_slack0 = NP, S_closed_slack1, S_closed_slack2, S_delivered_slack0,
+S_delivered_slack1 };
 enum { NU }; /* inputs */
 enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F_postcondition,
        NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 2, NCHOICE = 2, NENVCHOICE = 0, NMASK = 6,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2,
-NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 5, NDEGREE =
-1, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0, DL2C_STEPS_IN_LANES =
-0, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0, DL2C_JOINT_INPUTS = 0,
-DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 6, NFROZEN =
+5, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0,
+DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
+DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_DOPRI_FLOWS 0
+#define DL2C_LINEAR_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
-#define DL2C_SAMPLED_FLOWS 0
+#define DL2C_SEARCHED_FLOWS 1
 typedef float dl2c_obs;
 
 #endif
@@ -54,47 +57,106 @@ static inline bool flow1_inside(real t)
   return t <= 0.5;
 }
 
-/* lift.kyx:47  3 - h, coefficient of tau^0 */
-static inline real flow0_watch_curve1_c0(real h)
+/* lift.kyx:47  margin of 3 - h */
+static inline real flow0_margin1(real h)
 {
   return 3.0 - h;
 }
 
-/* lift.kyx:47  3 - h, coefficient of tau^1 */
-static inline real flow0_watch_curve1_c1(real v)
+/* lift.kyx:49  margin of 0 + closed_slack0 - h */
+static inline real flow1_margin0(real h, real closed_slack0)
 {
-  return -v;
+  return 0.0 + closed_slack0 - h;
 }
 
-/* lift.kyx:49  0 + 0.000000001 * (1 + abs(h)) - h, coefficient of tau^0 */
-static inline real flow1_watch_curve0_c0(real h)
+/* lift.kyx:49  margin of h + closed_slack1 - 3 */
+static inline real flow1_margin1(real h, real closed_slack1)
 {
-  return 1e-09 * (1.0 + fabs(h)) - h;
+  return h + closed_slack1 - 3.0;
 }
 
-/* lift.kyx:49  h + 0.000000001 * (1 + abs(h) + 3) - 3, coefficient of tau^0 */
-static inline real flow1_watch_curve1_c0(real h)
+/* lift.kyx:49  margin of closed_slack2 - abs(door) */
+static inline real flow1_margin2(real door, real closed_slack2)
 {
-  return h + 1e-09 * (1.0 + fabs(h) + 3.0) - 3.0;
+  return closed_slack2 - fabs(door);
 }
 
-/* lift.kyx:49  0.000000001 * (1 + abs(door)) - abs(door), coefficient of tau^0 */
-static inline real flow1_watch_curve2_c0(real door)
-{
-  const real t0 = fabs(door);
-  return 1e-09 * (1.0 + t0) - t0;
-}
-
-/* lift.kyx:49  clock - 20, coefficient of tau^0 */
-static inline real flow1_watch_curve3_c0(real clock)
+/* lift.kyx:49  margin of clock - 20 */
+static inline real flow1_margin3(real clock)
 {
   return clock - 20.0;
 }
 
-/* lift.kyx:49  load + 0.000000001 * (1 + abs(load) + 1) - 1, coefficient of tau^0 */
-static inline real flow1_watch_curve4_c0(real load)
+/* lift.kyx:49  margin of h + delivered_slack0 - 3 */
+static inline real flow1_margin4(real h, real delivered_slack0)
 {
-  return load + 1e-09 * (1.0 + fabs(load) + 1.0) - 1.0;
+  return h + delivered_slack0 - 3.0;
+}
+
+/* lift.kyx:49  margin of load + delivered_slack1 - 1 */
+static inline real flow1_margin5(real load, real delivered_slack1)
+{
+  return load + delivered_slack1 - 1.0;
+}
+
+/* lift.kyx:49  does not move */
+static inline real flow1_margins_still0(real h, real closed_slack0)
+{
+  return 0.0 + closed_slack0 - h;
+}
+
+/* lift.kyx:49  does not move */
+static inline real flow1_margins_still1(real h, real closed_slack1)
+{
+  return h + closed_slack1 - 3.0;
+}
+
+/* lift.kyx:49  does not move */
+static inline real flow1_margins_still2(real door, real closed_slack2)
+{
+  return closed_slack2 - fabs(door);
+}
+
+/* lift.kyx:49  does not move */
+static inline real flow1_margins_still5(real h, real delivered_slack0)
+{
+  return h + delivered_slack0 - 3.0;
+}
+
+/* lift.kyx:49  does not move */
+static inline real flow1_margins_still6(real load, real delivered_slack1)
+{
+  return load + delivered_slack1 - 1.0;
+}
+
+/* does not move */
+static inline real flow1_calm_still0(real h, real closed_slack0)
+{
+  return 0.0 + closed_slack0 - h;
+}
+
+/* does not move */
+static inline real flow1_calm_still1(real h, real closed_slack1)
+{
+  return h + closed_slack1 - 3.0;
+}
+
+/* does not move */
+static inline real flow1_calm_still2(real door, real closed_slack2)
+{
+  return closed_slack2 - fabs(door);
+}
+
+/* does not move */
+static inline real flow1_calm_still5(real h, real delivered_slack0)
+{
+  return 3.0 - (h + delivered_slack0);
+}
+
+/* does not move */
+static inline real flow1_calm_still6(real load, real delivered_slack1)
+{
+  return 1.0 - (load + delivered_slack1);
 }
 
 /* lift.kyx:49  0 - h, coefficient of tau^0 */
@@ -115,16 +177,46 @@ static inline real flow1_watch_still3_c0(real clock)
   return 20.0 - clock;
 }
 
-/* lift.kyx:49  3 - (h + 0.000000001 * (1 + abs(h) + 3)), coefficient of tau^0 */
+/* lift.kyx:49  3 - (h + delivered_slack0), coefficient of tau^0 */
 static inline real flow1_watch_still4_c0(real h)
 {
   return 3.0 - (h + 1e-09 * (1.0 + fabs(h) + 3.0));
 }
 
-/* lift.kyx:49  1 - (load + 0.000000001 * (1 + abs(load) + 1)), coefficient of tau^0 */
+/* lift.kyx:49  1 - (load + delivered_slack1), coefficient of tau^0 */
 static inline real flow1_watch_still5_c0(real load)
 {
   return 1.0 - (load + 1e-09 * (1.0 + fabs(load) + 1.0));
+}
+
+/* lift.kyx:49  closed_slack0 = 0.000000001 * (1 + abs(h)) */
+static inline real flow1_closed_slack0(real h)
+{
+  return 1e-09 * (1.0 + fabs(h));
+}
+
+/* lift.kyx:49  closed_slack1 = 0.000000001 * (1 + abs(h) + 3) */
+static inline real flow1_closed_slack1(real h)
+{
+  return 1e-09 * (1.0 + fabs(h) + 3.0);
+}
+
+/* lift.kyx:49  closed_slack2 = 0.000000001 * (1 + abs(door)) */
+static inline real flow1_closed_slack2(real door)
+{
+  return 1e-09 * (1.0 + fabs(door));
+}
+
+/* lift.kyx:49  delivered_slack0 = 0.000000001 * (1 + abs(h) + 3) */
+static inline real flow1_delivered_slack0(real h)
+{
+  return 1e-09 * (1.0 + fabs(h) + 3.0);
+}
+
+/* lift.kyx:49  delivered_slack1 = 0.000000001 * (1 + abs(load) + 1) */
+static inline real flow1_delivered_slack1(real load)
+{
+  return 1e-09 * (1.0 + fabs(load) + 1.0);
 }
 
 /* lift.kyx:47  h <= 3, margin 3 - h */
@@ -409,7 +501,21 @@ static inline bool model_inside(int flow, const real *y, const real *p)
 /* How long the clocks of a flow let it last. False where a value is undefined. */
 static inline bool model_begin(int flow, const real *x, const real *p, real *horizon)
 {
-  (void)flow; (void)x; (void)p; (void)horizon;
+  (void)p;
+  if (flow == 0) {
+    const real until0 = 0.5;
+    const real left0 = until0 - x[X_t];
+    real end = left0;
+    *horizon = end;
+    return isfinite(left0);
+  }
+  if (flow == 1) {
+    const real until0 = 0.5;
+    const real left0 = until0 - x[X_t];
+    real end = left0;
+    *horizon = end;
+    return isfinite(left0);
+  }
   return false;
 }
 
@@ -420,38 +526,117 @@ static inline bool model_begin(int flow, const real *x, const real *p, real *hor
 static inline void model_settle(int flow, const real *x, const real *p, real end,
                                 const int8_t *sign, real *y)
 {
-  (void)flow; (void)x; (void)p; (void)end; (void)sign; (void)y;
+  (void)p;
+  if (flow == 0) {
+    const real until0 = 0.5;
+    const real left0 = until0 - x[X_t];
+    y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
+    if (sign[0] == 0) y[X_h] = 0.0;
+    if (sign[1] == 0) y[X_h] = 3.0;
+  }
+  if (flow == 1) {
+    const real until0 = 0.5;
+    const real left0 = until0 - x[X_t];
+    y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
+  }
+}
+
+/* A margin in a state. */
+static inline real model_margin(int flow, int margin, const real *x, const real *p)
+{
+  if (flow == 0) {
+    if (margin == 0) return x[X_h];
+    if (margin == 1) return flow0_margin1(x[X_h]);
+  }
+  if (flow == 1) {
+    if (margin == 0) return flow1_margin0(x[X_h], p[S_closed_slack0]);
+    if (margin == 1) return flow1_margin1(x[X_h], p[S_closed_slack1]);
+    if (margin == 2) return flow1_margin2(x[X_door], p[S_closed_slack2]);
+    if (margin == 3) return flow1_margin3(x[X_clock]);
+    if (margin == 4) return flow1_margin4(x[X_h], p[S_delivered_slack0]);
+    if (margin == 5) return flow1_margin5(x[X_load], p[S_delivered_slack1]);
+  }
+  return 0.0;
 }
 
 /*
- * Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE +
- * 1)
+ * Models of all margins where the state moves like z; what does not move is taken from x.   g:
+ * (NMARGIN)
  */
-static inline void model_polynomials(int flow, const real *x, const real *p, real (*c)[NDEGREE + 1],
-                                     int32_t *degree)
+static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const real *p,
+                         dl2c_taylor *g)
+{
+  if (flow == 0) {
+    const dl2c_taylor part0 = dl2c_taylor_number(3.0);
+    const dl2c_taylor part1 = dl2c_taylor_sub(&part0, &z[X_h]);
+    g[0] = z[X_h];
+    g[1] = part1;
+  }
+  if (flow == 1) {
+    const dl2c_taylor part0 = dl2c_taylor_number(flow1_margins_still0(x[X_h], p[S_closed_slack0]));
+    const dl2c_taylor part1 = dl2c_taylor_number(flow1_margins_still1(x[X_h], p[S_closed_slack1]));
+    const dl2c_taylor part2 = dl2c_taylor_number(flow1_margins_still2(x[X_door], p[S_closed_slack2]));
+    const dl2c_taylor part3 = dl2c_taylor_number(20.0);
+    const dl2c_taylor part4 = dl2c_taylor_sub(&z[X_clock], &part3);
+    const dl2c_taylor part5 = dl2c_taylor_number(flow1_margins_still5(x[X_h], p[S_delivered_slack0]));
+    const dl2c_taylor part6 = dl2c_taylor_number(flow1_margins_still6(x[X_load],
+        p[S_delivered_slack1]));
+    g[0] = part0;
+    g[1] = part1;
+    g[2] = part2;
+    g[3] = part4;
+    g[4] = part5;
+    g[5] = part6;
+  }
+}
+
+/*
+ * Whether the domain of a flow, if it counts, and the watches still open plainly hold in all
+ * states within z; what does not move is taken from x.
+ */
+static inline bool model_calm(int flow, const dl2c_hull *z, const real *x, const real *p,
+                              bool bounded, const uint8_t *watch)
+{
+  if (flow == 0) {
+    const dl2c_hull part0 = dl2c_hull_at(3.0);
+    const dl2c_hull part1 = dl2c_hull_sub(part0, z[X_h]);
+    return ((!bounded) | (dl2c_hull_positive(z[X_h]) & dl2c_hull_positive(part1)))
+        & ((watch[0] != DL2C_WATCHING) | true) & ((watch[1] != DL2C_WATCHING) | true);
+  }
+  if (flow == 1) {
+    const dl2c_hull part0 = dl2c_hull_at(flow1_calm_still0(x[X_h], p[S_closed_slack0]));
+    const dl2c_hull part1 = dl2c_hull_at(flow1_calm_still1(x[X_h], p[S_closed_slack1]));
+    const dl2c_hull part2 = dl2c_hull_at(flow1_calm_still2(x[X_door], p[S_closed_slack2]));
+    const dl2c_hull part3 = dl2c_hull_at(20.0);
+    const dl2c_hull part4 = dl2c_hull_sub(part3, z[X_clock]);
+    const dl2c_hull part5 = dl2c_hull_at(flow1_calm_still5(x[X_h], p[S_delivered_slack0]));
+    const dl2c_hull part6 = dl2c_hull_at(flow1_calm_still6(x[X_load], p[S_delivered_slack1]));
+    return ((!bounded) | true) & ((watch[0] != DL2C_WATCHING) | (dl2c_hull_positive(part0)
+        | dl2c_hull_positive(part1) | dl2c_hull_positive(part2))) & ((watch[1] != DL2C_WATCHING)
+        | (dl2c_hull_positive(part4) & (dl2c_hull_positive(part5) | dl2c_hull_positive(part6))));
+  }
+  return false;
+}
+
+/*
+ * Motion from x as polynomials of the time; returns their degree.   c: (NX), the constant
+ * coefficients are there
+ */
+static int model_solution(int flow, const real *x, const real *p, real (*c)[DL2C_TRACK_DEGREE + 1])
 {
   (void)p;
   if (flow == 0) {
-    c[0][0] = x[X_h];
-    c[0][1] = x[X_v];
-    degree[0] = 1;
-    c[1][0] = flow0_watch_curve1_c0(x[X_h]);
-    c[1][1] = flow0_watch_curve1_c1(x[X_v]);
-    degree[1] = 1;
+    c[X_h][1] = x[X_v];
+    c[X_clock][1] = 1.0;
+    c[X_t][1] = 1.0;
+    return 1;
   }
   if (flow == 1) {
-    c[0][0] = flow1_watch_curve0_c0(x[X_h]);
-    degree[0] = 0;
-    c[1][0] = flow1_watch_curve1_c0(x[X_h]);
-    degree[1] = 0;
-    c[2][0] = flow1_watch_curve2_c0(x[X_door]);
-    degree[2] = 0;
-    c[3][0] = flow1_watch_curve3_c0(x[X_clock]);
-    c[3][1] = 1.0;
-    degree[3] = 1;
-    c[4][0] = flow1_watch_curve4_c0(x[X_load]);
-    degree[4] = 0;
+    c[X_clock][1] = 1.0;
+    c[X_t][1] = 1.0;
+    return 1;
   }
+  return 0;
 }
 
 /* Whether a condition watched along a flow holds where its margins have these signs. */
@@ -475,11 +660,11 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
     if (formula == 3)
       return false;
     if (formula == 4)
-      return ((sign[3] < 0) & ((sign[1] < 0) | (sign[4] < 0)));
+      return ((sign[3] < 0) & ((sign[4] < 0) | (sign[5] < 0)));
     if (formula == 5)
       return (sign[3] >= 0);
     if (formula == 6)
-      return ((sign[1] >= 0) & (sign[4] >= 0));
+      return ((sign[4] >= 0) & (sign[5] >= 0));
   }
   return true;
 }
@@ -502,6 +687,18 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
         & dl2c_stays_open(still3) & (dl2c_stays_open(still4) | dl2c_stays_open(still5)));
   }
   return true;
+}
+
+/* What does not change along a flow from x, behind the constants.   p: (NP + NFROZEN) */
+static inline void model_freeze(int flow, const real *x, real *p)
+{
+  if (flow == 1) {
+    p[S_closed_slack0] = dl2c_frozen(flow1_closed_slack0(x[X_h]));
+    p[S_closed_slack1] = dl2c_frozen(flow1_closed_slack1(x[X_h]));
+    p[S_closed_slack2] = dl2c_frozen(flow1_closed_slack2(x[X_door]));
+    p[S_delivered_slack0] = dl2c_frozen(flow1_delivered_slack0(x[X_h]));
+    p[S_delivered_slack1] = dl2c_frozen(flow1_delivered_slack1(x[X_load]));
+  }
 }
 
 /* How fast the variables change along a flow; 0 where its ODE does not name one. */
@@ -927,11 +1124,11 @@ static const dl2c_path PATHS[11] = {
   {1, -1, 2, PATH9_MET, PATH9_MARKED, 0, PATH9_INPUTS, 0},
   {1, -1, 0, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
 };
-static const real FLOW_REACH[2] = {0.0, 0.0};
-static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};
-static const int32_t FLOW_MARGINS[2] = {2, 5};
+static const real FLOW_REACH[2] = {0.0, 0.0};
+static const uint8_t WATCH_CUTS[2] = {1, 0};
+static const int32_t FLOW_MARGINS[2] = {2, 6};
 static const int32_t SAMPLE_START[2] = {0, 1};
 static const real SAMPLE_LOW[1][3] = {{0.0, 0.0, 0.5}};
 static const real SAMPLE_HIGH[1][3] = {{3.0, 1.0, 2.0}};

@@ -7,20 +7,22 @@
 
 enum { X_x, X_f, X_t, NX }; /* state */
 enum { P_ep, P_H, NP }; /* constants of the episode */
+enum { S_inside_slack0 = NP, S_inside_slack1 };
 enum { U_assign_f, NU }; /* inputs */
 enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 1, NENVINPUT = 0, NDECISION = 0, NCHOICE = 0, NENVCHOICE = 0, NMASK = 0,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
-NFREE = 2, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 5, NDEGREE =
-1, NWATCH = 1, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1, DL2C_STEPS_IN_LANES =
-1, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0, DL2C_JOINT_INPUTS = 0,
-DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+NFREE = 2, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 3, NFROZEN =
+2, NPROJECTION = 0, NWATCH = 1, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1,
+DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
+DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_DOPRI_FLOWS 0
+#define DL2C_LINEAR_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
-#define DL2C_SAMPLED_FLOWS 0
+#define DL2C_SEARCHED_FLOWS 1
 typedef float dl2c_obs;
 
 #endif
@@ -35,52 +37,28 @@ static inline bool flow0_inside(real x_v, real t, real ep)
   return (t <= ep) & (x_v >= 0.0);
 }
 
-/* tank.kyx:33  x + 0.000000001 * (1 + x), coefficient of tau^0 */
-static inline real flow0_watch_curve1_c0(real x_v)
+/* tank.kyx:33  margin of x + inside_slack0 */
+static inline real flow0_margin1(real x_v, real inside_slack0)
 {
-  return x_v + 1e-09 * (1.0 + x_v);
+  return x_v + inside_slack0;
 }
 
-/* tank.kyx:33  x + 0.000000001 * (1 + x), coefficient of tau^1 */
-static inline real flow0_watch_curve1_c1(real f)
+/* tank.kyx:33  margin of H + inside_slack1 - x */
+static inline real flow0_margin2(real x_v, real H, real inside_slack1)
 {
-  return f + 1e-09 * f;
+  return H + inside_slack1 - x_v;
 }
 
-/* tank.kyx:33  x + 0.000000001 * (1 + (-x)), coefficient of tau^0 */
-static inline real flow0_watch_curve2_c0(real x_v)
+/* tank.kyx:33  does not move */
+static inline real flow0_margins_still2(real H, real inside_slack1)
 {
-  return x_v + 1e-09 * (1.0 + -x_v);
+  return H + inside_slack1;
 }
 
-/* tank.kyx:33  x + 0.000000001 * (1 + (-x)), coefficient of tau^1 */
-static inline real flow0_watch_curve2_c1(real f)
+/* does not move */
+static inline real flow0_calm_still2(real H, real inside_slack1)
 {
-  return f + 1e-09 * -f;
-}
-
-/* tank.kyx:33  H + 0.000000001 * (1 + x + abs(H)) - x, coefficient of tau^0 */
-static inline real flow0_watch_curve3_c0(real x_v, real H)
-{
-  return H + 1e-09 * (1.0 + x_v + fabs(H)) - x_v;
-}
-
-/* tank.kyx:33  H + 0.000000001 * (1 + x + abs(H)) - x, coefficient of tau^1 */
-static inline real flow0_watch_curve3_c1(real f)
-{
-  return 1e-09 * f - f;
-}
-
-/* tank.kyx:33  H + 0.000000001 * (1 + (-x) + abs(H)) - x, coefficient of tau^0 */
-static inline real flow0_watch_curve4_c0(real x_v, real H)
-{
-  return H + 1e-09 * (1.0 + -x_v + fabs(H)) - x_v;
-}
-
-/* tank.kyx:33  H + 0.000000001 * (1 + (-x) + abs(H)) - x, coefficient of tau^1 */
-static inline real flow0_watch_curve4_c1(real f)
-{
-  return 1e-09 * -f - f;
+  return H + inside_slack1;
 }
 
 /* tank.kyx:33  H - x, coefficient of tau^0 */
@@ -93,6 +71,18 @@ static inline real flow0_watch_still1_c0(real x_v, real H)
 static inline real flow0_watch_still1_c1(real f)
 {
   return -f;
+}
+
+/* tank.kyx:33  inside_slack0 = 0.000000001 * (1 + abs(x)) */
+static inline real flow0_inside_slack0(real x_v)
+{
+  return 1e-09 * (1.0 + fabs(x_v));
+}
+
+/* tank.kyx:33  inside_slack1 = 0.000000001 * (1 + abs(x) + abs(H)) */
+static inline real flow0_inside_slack1(real x_v, real H)
+{
+  return 1e-09 * (1.0 + fabs(x_v) + fabs(H));
 }
 
 /* tank.kyx:30  0 <= ep & x >= 0 */
@@ -215,7 +205,13 @@ static inline bool model_inside(int flow, const real *y, const real *p)
 /* How long the clocks of a flow let it last. False where a value is undefined. */
 static inline bool model_begin(int flow, const real *x, const real *p, real *horizon)
 {
-  (void)flow; (void)x; (void)p; (void)horizon;
+  if (flow == 0) {
+    const real until0 = p[P_ep];
+    const real left0 = until0 - x[X_t];
+    real end = left0;
+    *horizon = end;
+    return isfinite(left0);
+  }
   return false;
 }
 
@@ -226,33 +222,76 @@ static inline bool model_begin(int flow, const real *x, const real *p, real *hor
 static inline void model_settle(int flow, const real *x, const real *p, real end,
                                 const int8_t *sign, real *y)
 {
-  (void)flow; (void)x; (void)p; (void)end; (void)sign; (void)y;
+  if (flow == 0) {
+    const real until0 = p[P_ep];
+    const real left0 = until0 - x[X_t];
+    y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
+    if (sign[0] == 0) y[X_x] = 0.0;
+  }
+}
+
+/* A margin in a state. */
+static inline real model_margin(int flow, int margin, const real *x, const real *p)
+{
+  if (flow == 0) {
+    if (margin == 0) return x[X_x];
+    if (margin == 1) return flow0_margin1(x[X_x], p[S_inside_slack0]);
+    if (margin == 2) return flow0_margin2(x[X_x], p[P_H], p[S_inside_slack1]);
+  }
+  return 0.0;
 }
 
 /*
- * Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE +
- * 1)
+ * Models of all margins where the state moves like z; what does not move is taken from x.   g:
+ * (NMARGIN)
  */
-static inline void model_polynomials(int flow, const real *x, const real *p, real (*c)[NDEGREE + 1],
-                                     int32_t *degree)
+static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const real *p,
+                         dl2c_taylor *g)
 {
+  (void)x;
   if (flow == 0) {
-    c[0][0] = x[X_x];
-    c[0][1] = x[X_f];
-    degree[0] = 1;
-    c[1][0] = flow0_watch_curve1_c0(x[X_x]);
-    c[1][1] = flow0_watch_curve1_c1(x[X_f]);
-    degree[1] = 1;
-    c[2][0] = flow0_watch_curve2_c0(x[X_x]);
-    c[2][1] = flow0_watch_curve2_c1(x[X_f]);
-    degree[2] = 1;
-    c[3][0] = flow0_watch_curve3_c0(x[X_x], p[P_H]);
-    c[3][1] = flow0_watch_curve3_c1(x[X_f]);
-    degree[3] = 1;
-    c[4][0] = flow0_watch_curve4_c0(x[X_x], p[P_H]);
-    c[4][1] = flow0_watch_curve4_c1(x[X_f]);
-    degree[4] = 1;
+    const dl2c_taylor part0 = dl2c_taylor_number(p[S_inside_slack0]);
+    const dl2c_taylor part1 = dl2c_taylor_add(&z[X_x], &part0);
+    const dl2c_taylor part2 = dl2c_taylor_number(flow0_margins_still2(p[P_H], p[S_inside_slack1]));
+    const dl2c_taylor part3 = dl2c_taylor_sub(&part2, &z[X_x]);
+    g[0] = z[X_x];
+    g[1] = part1;
+    g[2] = part3;
   }
+}
+
+/*
+ * Whether the domain of a flow, if it counts, and the watches still open plainly hold in all
+ * states within z; what does not move is taken from x.
+ */
+static inline bool model_calm(int flow, const dl2c_hull *z, const real *x, const real *p,
+                              bool bounded, const uint8_t *watch)
+{
+  (void)x;
+  if (flow == 0) {
+    const dl2c_hull part0 = dl2c_hull_at(p[S_inside_slack0]);
+    const dl2c_hull part1 = dl2c_hull_add(z[X_x], part0);
+    const dl2c_hull part2 = dl2c_hull_at(flow0_calm_still2(p[P_H], p[S_inside_slack1]));
+    const dl2c_hull part3 = dl2c_hull_sub(part2, z[X_x]);
+    return ((!bounded) | dl2c_hull_positive(z[X_x])) & ((watch[0] != DL2C_WATCHING)
+        | (dl2c_hull_positive(part1) & dl2c_hull_positive(part3)));
+  }
+  return false;
+}
+
+/*
+ * Motion from x as polynomials of the time; returns their degree.   c: (NX), the constant
+ * coefficients are there
+ */
+static int model_solution(int flow, const real *x, const real *p, real (*c)[DL2C_TRACK_DEGREE + 1])
+{
+  (void)p;
+  if (flow == 0) {
+    c[X_x][1] = x[X_f];
+    c[X_t][1] = 1.0;
+    return 1;
+  }
+  return 0;
 }
 
 /* Whether a condition watched along a flow holds where its margins have these signs. */
@@ -262,7 +301,7 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
     if (formula == 0)
       return (sign[0] >= 0);
     if (formula == 1)
-      return (((sign[1] >= 0) | (sign[2] >= 0)) & ((sign[3] >= 0) | (sign[4] >= 0)));
+      return ((sign[1] >= 0) & (sign[2] >= 0));
     if (formula == 3)
       return false;
   }
@@ -280,6 +319,15 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
     return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1));
   }
   return true;
+}
+
+/* What does not change along a flow from x, behind the constants.   p: (NP + NFROZEN) */
+static inline void model_freeze(int flow, const real *x, real *p)
+{
+  if (flow == 0) {
+    p[S_inside_slack0] = dl2c_frozen(flow0_inside_slack0(x[X_x]));
+    p[S_inside_slack1] = dl2c_frozen(flow0_inside_slack1(x[X_x], p[P_H]));
+  }
 }
 
 /* How fast the variables change along a flow; 0 where its ODE does not name one. */
@@ -535,11 +583,11 @@ static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0};
 static const dl2c_input PATH0_INPUTS[] = {{0, 1, -1, 1}};
 static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS, 0}};
-static const real FLOW_REACH[1] = {0.0};
-static const uint8_t WATCH_CUTS[1] = {1};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};
-static const int32_t FLOW_MARGINS[1] = {5};
+static const real FLOW_REACH[1] = {0.0};
+static const uint8_t WATCH_CUTS[1] = {1};
+static const int32_t FLOW_MARGINS[1] = {3};
 static const int32_t SAMPLE_START[3] = {0, 1, 5};
 static const real SAMPLE_LOW[5][2] = {{0.5, 0.0}, {0.0, 4.0}, {0.0, 4.5}, {0.0, 5.0}, {0.0, 5.5}};
 static const real SAMPLE_HIGH[5][2] = {{1.0, 0.0}, {4.5, 4.5}, {5.0, 5.0}, {5.5, 5.5}, {6.0, 6.0}};

@@ -11,16 +11,17 @@ enum { U_assign_wind, U_assign_gust, U_prefix_assign_v, NU }; /* inputs */
 enum { F_inside_holds, F_near_holds, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 2, NDECISION = 3, NCHOICE = 2, NENVCHOICE = 1, NMASK = 5,
 NSTEPDRAW = 4, NDRAW = 6, NPRED = 2, NOBS = 5, NPOINT = 5, NPATH = 12, NFLOW = 2, NROOT = 1,
-NFREE = 5, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 1, NDEGREE =
-1, NWATCH = 0, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0, DL2C_STEPS_IN_LANES =
-0, DL2C_LOOKS_AHEAD = 1, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0, DL2C_JOINT_INPUTS = 0,
-DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3, DL2C_POINT_PREFIX = 4 };
+NFREE = 5, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 1, NFROZEN =
+0, NPROJECTION = 0, NWATCH = 0, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0,
+DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 1, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
+DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3, DL2C_POINT_PREFIX = 4 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_DOPRI_FLOWS 0
+#define DL2C_LINEAR_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
-#define DL2C_SAMPLED_FLOWS 0
+#define DL2C_SEARCHED_FLOWS 1
 typedef float dl2c_obs;
 
 #endif
@@ -53,16 +54,10 @@ static inline real flow1_domain_margin0_c1(real v)
   return -v;
 }
 
-/* walk.kyx:32  8 - x, coefficient of tau^0 */
-static inline real flow1_watch_curve0_c0(real x_v)
+/* walk.kyx:32  margin of 8 - x */
+static inline real flow1_margin0(real x_v)
 {
   return 8.0 - x_v;
-}
-
-/* walk.kyx:32  8 - x, coefficient of tau^1 */
-static inline real flow1_watch_curve0_c1(real v)
-{
-  return -v;
 }
 
 /* walk.kyx:32  x <= 8, margin 8 - x */
@@ -317,7 +312,19 @@ static inline bool model_inside(int flow, const real *y, const real *p)
 /* How long the clocks of a flow let it last. False where a value is undefined. */
 static inline bool model_begin(int flow, const real *x, const real *p, real *horizon)
 {
-  (void)flow; (void)x; (void)p; (void)horizon;
+  (void)p;
+  if (flow == 0) {
+    const real until0 = 1.0;
+    const real left0 = until0 - x[X_t];
+    real end = left0;
+    *horizon = end;
+    return isfinite(left0);
+  }
+  if (flow == 1) {
+    real end = 0.1;
+    *horizon = end;
+    return true;
+  }
   return false;
 }
 
@@ -328,27 +335,85 @@ static inline bool model_begin(int flow, const real *x, const real *p, real *hor
 static inline void model_settle(int flow, const real *x, const real *p, real end,
                                 const int8_t *sign, real *y)
 {
-  (void)flow; (void)x; (void)p; (void)end; (void)sign; (void)y;
+  (void)p;
+  if (flow == 0) {
+    const real until0 = 1.0;
+    const real left0 = until0 - x[X_t];
+    y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
+    if (sign[0] == 0) y[X_x] = 0.0;
+  }
+  if (flow == 1) {
+    if (sign[0] == 0) y[X_x] = 8.0;
+  }
 }
 
-/*
- * Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE +
- * 1)
- */
-static inline void model_polynomials(int flow, const real *x, const real *p, real (*c)[NDEGREE + 1],
-                                     int32_t *degree)
+/* A margin in a state. */
+static inline real model_margin(int flow, int margin, const real *x, const real *p)
 {
   (void)p;
   if (flow == 0) {
-    c[0][0] = x[X_x];
-    c[0][1] = x[X_v];
-    degree[0] = 1;
+    if (margin == 0) return x[X_x];
   }
   if (flow == 1) {
-    c[0][0] = flow1_watch_curve0_c0(x[X_x]);
-    c[0][1] = flow1_watch_curve0_c1(x[X_v]);
-    degree[0] = 1;
+    if (margin == 0) return flow1_margin0(x[X_x]);
   }
+  return 0.0;
+}
+
+/*
+ * Models of all margins where the state moves like z; what does not move is taken from x.   g:
+ * (NMARGIN)
+ */
+static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const real *p,
+                         dl2c_taylor *g)
+{
+  (void)x; (void)p;
+  if (flow == 0) {
+    g[0] = z[X_x];
+  }
+  if (flow == 1) {
+    const dl2c_taylor part0 = dl2c_taylor_number(8.0);
+    const dl2c_taylor part1 = dl2c_taylor_sub(&part0, &z[X_x]);
+    g[0] = part1;
+  }
+}
+
+/*
+ * Whether the domain of a flow, if it counts, and the watches still open plainly hold in all
+ * states within z; what does not move is taken from x.
+ */
+static inline bool model_calm(int flow, const dl2c_hull *z, const real *x, const real *p,
+                              bool bounded, const uint8_t *watch)
+{
+  (void)x; (void)p; (void)watch;
+  if (flow == 0) {
+    return ((!bounded) | dl2c_hull_positive(z[X_x]));
+  }
+  if (flow == 1) {
+    const dl2c_hull part0 = dl2c_hull_at(8.0);
+    const dl2c_hull part1 = dl2c_hull_sub(part0, z[X_x]);
+    return ((!bounded) | dl2c_hull_positive(part1));
+  }
+  return false;
+}
+
+/*
+ * Motion from x as polynomials of the time; returns their degree.   c: (NX), the constant
+ * coefficients are there
+ */
+static int model_solution(int flow, const real *x, const real *p, real (*c)[DL2C_TRACK_DEGREE + 1])
+{
+  (void)p;
+  if (flow == 0) {
+    c[X_x][1] = x[X_v];
+    c[X_t][1] = 1.0;
+    return 1;
+  }
+  if (flow == 1) {
+    c[X_x][1] = x[X_v];
+    return 1;
+  }
+  return 0;
 }
 
 /* Whether a condition watched along a flow holds where its margins have these signs. */
@@ -370,6 +435,12 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
 {
   (void)flow; (void)x; (void)p; (void)duration; (void)y;
   return true;
+}
+
+/* What does not change along a flow from x, behind the constants.   p: (NP + NFROZEN) */
+static inline void model_freeze(int flow, const real *x, real *p)
+{
+  (void)flow; (void)x; (void)p;
 }
 
 /* How fast the variables change along a flow; 0 where its ODE does not name one. */
@@ -816,10 +887,10 @@ static const dl2c_path PATHS[12] = {
   {-1, -1, 1, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
   {1, -1, 0, PATH11_MET, PATH11_MARKED, 1, PATH11_INPUTS, 0},
 };
-static const real FLOW_REACH[2] = {0.0, 0.0};
-static const uint8_t WATCH_CUTS[1] = {0};
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};
+static const real FLOW_REACH[2] = {0.0, 0.0};
+static const uint8_t WATCH_CUTS[1] = {0};
 static const int32_t FLOW_MARGINS[2] = {1, 1};
 static const int32_t SAMPLE_START[2] = {0, 1};
 static const real SAMPLE_LOW[1][5] = {{1.0, -1.0, 0.0, 0.0, 1.0}};

@@ -7,20 +7,24 @@
 
 enum { X_xr, X_vr, X_ar, X_xg, X_t, X_T, NX }; /* state */
 enum { P_ep, P_b, P_A, P_GDelta, P_Vmax, NP }; /* constants of the episode */
+enum { S_loopInv_slack0 = NP, S_loopInv_slack1, S_loopInv_slack2, S_loopInv_slack3,
+S_loopInv_slack4, S_loopInv_slack5, S_loopInv_slack6, S_loopInv_slack7, S_loopInv_slack8,
+S_ensure_slack0, S_ensure_slack1 };
 enum { NU }; /* inputs */
 enum { F_loopInv_holds, F_ensure_holds, F_ensure_due, F_ensure_failed, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 1, NCHOICE = 1, NENVCHOICE = 0, NMASK = 4,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT = 1,
-NFREE = 8, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 46, NDEGREE =
-2, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1, DL2C_STEPS_IN_LANES =
-1, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0, DL2C_JOINT_INPUTS = 0,
-DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+NFREE = 8, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 17, NFROZEN =
+11, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1,
+DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
+DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FLOWS_IN_LANES 0
 #define DL2C_SOLVED_FLOWS 0
 #define DL2C_DOPRI_FLOWS 0
+#define DL2C_LINEAR_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
-#define DL2C_SAMPLED_FLOWS 0
+#define DL2C_SEARCHED_FLOWS 1
 typedef float dl2c_obs;
 
 #endif
@@ -41,950 +45,281 @@ static inline real flow0_xr_c2(real ar)
   return ar / 2.0;
 }
 
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + vr), coefficient of tau^0 */
-static inline real flow0_watch_curve1_c0(real vr)
+/* waypoint.kyx:68  margin of vr + loopInv_slack0 */
+static inline real flow0_margin1(real vr, real loopInv_slack0)
 {
-  return vr + 1e-09 * (1.0 + vr);
+  return vr + loopInv_slack0;
 }
 
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + vr), coefficient of tau^1 */
-static inline real flow0_watch_curve1_c1(real ar)
+/* waypoint.kyx:68  margin of Vmax + loopInv_slack1 - vr */
+static inline real flow0_margin2(real vr, real Vmax, real loopInv_slack1)
 {
-  return ar + 1e-09 * ar;
+  return Vmax + loopInv_slack1 - vr;
 }
 
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr)), coefficient of tau^0 */
-static inline real flow0_watch_curve2_c0(real vr)
+/* waypoint.kyx:68  margin of (xg + GDelta + loopInv_slack2) * (2 * b) - (xr * (2 * b) + vr^2) */
+static inline real flow0_margin3(real xr, real vr, real xg, real b, real GDelta,
+                                 real loopInv_slack2)
 {
-  return vr + 1e-09 * (1.0 + -vr);
+  const real t0 = 2.0 * b;
+  return (xg + GDelta + loopInv_slack2) * t0 - (xr * t0 + vr * vr);
 }
 
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr)), coefficient of tau^1 */
-static inline real flow0_watch_curve2_c1(real ar)
+/* waypoint.kyx:68  margin of xg - GDelta + loopInv_slack3 - xr */
+static inline real flow0_margin4(real xr, real xg, real GDelta, real loopInv_slack3)
 {
-  return ar + 1e-09 * -ar;
+  return xg - GDelta + loopInv_slack3 - xr;
 }
 
-/* waypoint.kyx:68  Vmax + 0.000000001 * (1 + vr + abs(Vmax)) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve3_c0(real vr, real Vmax)
+/* waypoint.kyx:68  margin of loopInv_slack0 - vr */
+static inline real flow0_margin5(real vr, real loopInv_slack0)
 {
-  return Vmax + 1e-09 * (1.0 + vr + fabs(Vmax)) - vr;
+  return loopInv_slack0 - vr;
 }
 
-/* waypoint.kyx:68  Vmax + 0.000000001 * (1 + vr + abs(Vmax)) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve3_c1(real ar)
+/* waypoint.kyx:68  margin of loopInv_slack0 - (-vr) */
+static inline real flow0_margin6(real vr, real loopInv_slack0)
 {
-  return 1e-09 * ar - ar;
+  return loopInv_slack0 - -vr;
 }
 
-/* waypoint.kyx:68  Vmax + 0.000000001 * (1 + (-vr) + abs(Vmax)) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve4_c0(real vr, real Vmax)
+/* waypoint.kyx:68  margin of (T + loopInv_slack4) * b - vr */
+static inline real flow0_margin7(real vr, real T, real b, real loopInv_slack4)
 {
-  return Vmax + 1e-09 * (1.0 + -vr + fabs(Vmax)) - vr;
+  return (T + loopInv_slack4) * b - vr;
 }
 
-/* waypoint.kyx:68  Vmax + 0.000000001 * (1 + (-vr) + abs(Vmax)) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve4_c1(real ar)
+/* waypoint.kyx:68  margin of xr + loopInv_slack5 - (xg - GDelta) */
+static inline real flow0_margin8(real xr, real xg, real GDelta, real loopInv_slack5)
 {
-  return 1e-09 * -ar - ar;
+  return xr + loopInv_slack5 - (xg - GDelta);
 }
 
-/* waypoint.kyx:68  2 * b, coefficient of tau^0 */
-static inline real flow0_watch_curve5_c0(real b)
+/* waypoint.kyx:68  margin of vr + loopInv_slack6 - A * ep */
+static inline real flow0_margin9(real vr, real ep, real A, real loopInv_slack6)
+{
+  return vr + loopInv_slack6 - A * ep;
+}
+
+/*
+ * waypoint.kyx:68  margin of (T + loopInv_slack7) * (b * (A * ep)) - ((xg - xr - GDelta + ep *
+ * (A * ep)) * b + Vmax * (A * ep))
+ */
+static inline real flow0_margin10(real xr, real xg, real T, real ep, real b, real A, real GDelta,
+                                  real Vmax, real loopInv_slack7)
+{
+  const real t0 = A * ep;
+  return (T + loopInv_slack7) * (b * t0) - ((xg - xr - GDelta + ep * t0) * b + Vmax * t0);
+}
+
+/* waypoint.kyx:68  margin of A * ep + loopInv_slack6 - vr */
+static inline real flow0_margin11(real vr, real ep, real A, real loopInv_slack6)
+{
+  return A * ep + loopInv_slack6 - vr;
+}
+
+/*
+ * waypoint.kyx:68  margin of (T + loopInv_slack8) * (b * (A * ep * A)) - (((ep * A - vr) * (A *
+ * ep) + (xg - xr - GDelta) * A + ep * (A * ep * A)) * b + Vmax * (A * ep * A))
+ */
+static inline real flow0_margin12(real xr, real vr, real xg, real T, real ep, real b, real A,
+                                  real GDelta, real Vmax, real loopInv_slack8)
+{
+  const real t0 = A * ep;
+  const real t1 = t0 * A;
+  return (T + loopInv_slack8) * (b * t1) - (((ep * A - vr) * t0 + (xg - xr - GDelta) * A + ep * t1) * b + Vmax * t1);
+}
+
+/* waypoint.kyx:68  margin of 0 - T */
+static inline real flow0_margin13(real T)
+{
+  return 0.0 - T;
+}
+
+/* waypoint.kyx:68  margin of xr + ensure_slack0 - (xg - GDelta) */
+static inline real flow0_margin14(real xr, real xg, real GDelta, real ensure_slack0)
+{
+  return xr + ensure_slack0 - (xg - GDelta);
+}
+
+/* waypoint.kyx:68  margin of ensure_slack1 - vr */
+static inline real flow0_margin15(real vr, real ensure_slack1)
+{
+  return ensure_slack1 - vr;
+}
+
+/* waypoint.kyx:68  margin of ensure_slack1 - (-vr) */
+static inline real flow0_margin16(real vr, real ensure_slack1)
+{
+  return ensure_slack1 - -vr;
+}
+
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still2(real Vmax, real loopInv_slack1)
+{
+  return Vmax + loopInv_slack1;
+}
+
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still4(real xg, real b, real GDelta, real loopInv_slack2)
+{
+  return (xg + GDelta + loopInv_slack2) * (2.0 * b);
+}
+
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still5(real b)
 {
   return 2.0 * b;
 }
 
-/* waypoint.kyx:68  xr + vr^2 / (2 * b) - (-(xr + vr^2 / (2 * b))), coefficient of tau^0 */
-static inline real flow0_watch_curve6_c0(real xr, real vr, real b)
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still10(real xg, real GDelta, real loopInv_slack3)
 {
-  const real t0 = xr + vr * vr / (2.0 * b);
-  return t0 - -t0;
+  return xg - GDelta + loopInv_slack3;
 }
 
-/* waypoint.kyx:68  xr + vr^2 / (2 * b) - (-(xr + vr^2 / (2 * b))), coefficient of tau^1 */
-static inline real flow0_watch_curve6_c1(real vr, real ar, real b)
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still22(real xg, real GDelta)
 {
-  const real t0 = vr + (vr * ar + ar * vr) / (2.0 * b);
-  return t0 - -t0;
+  return xg - GDelta;
 }
 
-/* waypoint.kyx:68  xr + vr^2 / (2 * b) - (-(xr + vr^2 / (2 * b))), coefficient of tau^2 */
-static inline real flow0_watch_curve6_c2(real ar, real b)
-{
-  const real t0 = ar / 2.0 + ar * ar / (2.0 * b);
-  return t0 - -t0;
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)))
- * * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^0
- */
-static inline real flow0_watch_curve7_c0(real xr, real vr, real xg, real b, real GDelta)
-{
-  const real t0 = xg + GDelta;
-  const real t1 = vr * vr;
-  const real t2 = 2.0 * b;
-  return (t0 + 1e-09 * (1.0 + (xr + t1 / t2) + fabs(t0))) * t2 - (xr * t2 + t1);
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)))
- * * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^1
- */
-static inline real flow0_watch_curve7_c1(real vr, real ar, real b)
-{
-  const real t0 = vr * ar + ar * vr;
-  const real t1 = 2.0 * b;
-  return 1e-09 * (vr + t0 / t1) * t1 - (vr * t1 + t0);
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (xr + vr^2 / (2 * b)) + abs(xg + GDelta)))
- * * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^2
- */
-static inline real flow0_watch_curve7_c2(real ar, real b)
-{
-  const real t0 = ar / 2.0;
-  const real t1 = ar * ar;
-  const real t2 = 2.0 * b;
-  return 1e-09 * (t0 + t1 / t2) * t2 - (t0 * t2 + t1);
-}
-
-/* waypoint.kyx:68  -(xr + vr^2 / (2 * b)) - (xr + vr^2 / (2 * b)), coefficient of tau^0 */
-static inline real flow0_watch_curve8_c0(real xr, real vr, real b)
-{
-  const real t0 = xr + vr * vr / (2.0 * b);
-  return -t0 - t0;
-}
-
-/* waypoint.kyx:68  -(xr + vr^2 / (2 * b)) - (xr + vr^2 / (2 * b)), coefficient of tau^1 */
-static inline real flow0_watch_curve8_c1(real vr, real ar, real b)
-{
-  const real t0 = vr + (vr * ar + ar * vr) / (2.0 * b);
-  return -t0 - t0;
-}
-
-/* waypoint.kyx:68  -(xr + vr^2 / (2 * b)) - (xr + vr^2 / (2 * b)), coefficient of tau^2 */
-static inline real flow0_watch_curve8_c2(real ar, real b)
-{
-  const real t0 = ar / 2.0 + ar * ar / (2.0 * b);
-  return -t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg +
- * GDelta))) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^0
- */
-static inline real flow0_watch_curve9_c0(real xr, real vr, real xg, real b, real GDelta)
-{
-  const real t0 = xg + GDelta;
-  const real t1 = vr * vr;
-  const real t2 = 2.0 * b;
-  return (t0 + 1e-09 * (1.0 + -(xr + t1 / t2) + fabs(t0))) * t2 - (xr * t2 + t1);
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg +
- * GDelta))) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^1
- */
-static inline real flow0_watch_curve9_c1(real vr, real ar, real b)
-{
-  const real t0 = vr * ar + ar * vr;
-  const real t1 = 2.0 * b;
-  return 1e-09 * -(vr + t0 / t1) * t1 - (vr * t1 + t0);
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001 * (1 + (-(xr + vr^2 / (2 * b))) + abs(xg +
- * GDelta))) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^2
- */
-static inline real flow0_watch_curve9_c2(real ar, real b)
-{
-  const real t0 = ar / 2.0;
-  const real t1 = ar * ar;
-  const real t2 = 2.0 * b;
-  return 1e-09 * -(t0 + t1 / t2) * t2 - (t0 * t2 + t1);
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
- * tau^0
- */
-static inline real flow0_watch_curve10_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return t0 + 1e-09 * (1.0 + fabs(t0) + xr) - xr;
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
- * tau^1
- */
-static inline real flow0_watch_curve10_c1(real vr)
-{
-  return 1e-09 * vr - vr;
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + xr) - xr, coefficient of
- * tau^2
- */
-static inline real flow0_watch_curve10_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return 1e-09 * t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
- * of tau^0
- */
-static inline real flow0_watch_curve11_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return t0 + 1e-09 * (1.0 + fabs(t0) + -xr) - xr;
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
- * of tau^1
- */
-static inline real flow0_watch_curve11_c1(real vr)
-{
-  return 1e-09 * -vr - vr;
-}
-
-/*
- * waypoint.kyx:68  xg - GDelta + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - xr, coefficient
- * of tau^2
- */
-static inline real flow0_watch_curve11_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return 1e-09 * -t0 - t0;
-}
-
-/* waypoint.kyx:68  0.000000001 * (1 + vr) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve12_c0(real vr)
-{
-  return 1e-09 * (1.0 + vr) - vr;
-}
-
-/* waypoint.kyx:68  0.000000001 * (1 + vr) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve12_c1(real ar)
-{
-  return 1e-09 * ar - ar;
-}
-
-/* waypoint.kyx:68  0.000000001 * (1 + (-vr)) - (-vr), coefficient of tau^0 */
-static inline real flow0_watch_curve13_c0(real vr)
-{
-  const real t0 = -vr;
-  return 1e-09 * (1.0 + t0) - t0;
-}
-
-/* waypoint.kyx:68  0.000000001 * (1 + (-vr)) - (-vr), coefficient of tau^1 */
-static inline real flow0_watch_curve13_c1(real ar)
-{
-  const real t0 = -ar;
-  return 1e-09 * t0 - t0;
-}
-
-/* waypoint.kyx:68  T - (-T), coefficient of tau^0 */
-static inline real flow0_watch_curve14_c0(real T)
-{
-  return T - -T;
-}
-
-/* waypoint.kyx:68  vr / b - (-(vr / b)), coefficient of tau^0 */
-static inline real flow0_watch_curve16_c0(real vr, real b)
-{
-  const real t0 = vr / b;
-  return t0 - -t0;
-}
-
-/* waypoint.kyx:68  vr / b - (-(vr / b)), coefficient of tau^1 */
-static inline real flow0_watch_curve16_c1(real ar, real b)
-{
-  const real t0 = ar / b;
-  return t0 - -t0;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + vr / b)) * b - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve17_c0(real vr, real T, real b)
-{
-  return (T + 1e-09 * (1.0 + T + vr / b)) * b - vr;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + vr / b)) * b - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve17_c1(real ar, real b)
-{
-  return (-1.0 + 1e-09 * (-1.0 + ar / b)) * b - ar;
-}
-
-/* waypoint.kyx:68  -(vr / b) - vr / b, coefficient of tau^0 */
-static inline real flow0_watch_curve18_c0(real vr, real b)
-{
-  const real t0 = vr / b;
-  return -t0 - t0;
-}
-
-/* waypoint.kyx:68  -(vr / b) - vr / b, coefficient of tau^1 */
-static inline real flow0_watch_curve18_c1(real ar, real b)
-{
-  const real t0 = ar / b;
-  return -t0 - t0;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(vr / b)))) * b - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve19_c0(real vr, real T, real b)
-{
-  return (T + 1e-09 * (1.0 + T + -(vr / b))) * b - vr;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(vr / b)))) * b - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve19_c1(real ar, real b)
-{
-  return (-1.0 + 1e-09 * (-1.0 + -(ar / b))) * b - ar;
-}
-
-/* waypoint.kyx:68  -T - T, coefficient of tau^0 */
-static inline real flow0_watch_curve20_c0(real T)
-{
-  return -T - T;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + vr / b)) * b - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve21_c0(real vr, real T, real b)
-{
-  return (T + 1e-09 * (1.0 + -T + vr / b)) * b - vr;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + vr / b)) * b - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve21_c1(real ar, real b)
-{
-  return (-1.0 + 1e-09 * (1.0 + ar / b)) * b - ar;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(vr / b)))) * b - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve22_c0(real vr, real T, real b)
-{
-  return (T + 1e-09 * (1.0 + -T + -(vr / b))) * b - vr;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(vr / b)))) * b - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve22_c1(real ar, real b)
-{
-  return (-1.0 + 1e-09 * (1.0 + -(ar / b))) * b - ar;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
- * of tau^0
- */
-static inline real flow0_watch_curve23_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return xr + 1e-09 * (1.0 + xr + fabs(t0)) - t0;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
- * of tau^1
- */
-static inline real flow0_watch_curve23_c1(real vr)
-{
-  return vr + 1e-09 * vr;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + xr + abs(xg - GDelta)) - (xg - GDelta), coefficient
- * of tau^2
- */
-static inline real flow0_watch_curve23_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return t0 + 1e-09 * t0;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
- * coefficient of tau^0
- */
-static inline real flow0_watch_curve24_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return xr + 1e-09 * (1.0 + -xr + fabs(t0)) - t0;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
- * coefficient of tau^1
- */
-static inline real flow0_watch_curve24_c1(real vr)
-{
-  return vr + 1e-09 * -vr;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + (-xr) + abs(xg - GDelta)) - (xg - GDelta),
- * coefficient of tau^2
- */
-static inline real flow0_watch_curve24_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return t0 + 1e-09 * -t0;
-}
-
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + vr + abs(A * ep)) - A * ep, coefficient of tau^0 */
-static inline real flow0_watch_curve25_c0(real vr, real ep, real A)
-{
-  const real t0 = A * ep;
-  return vr + 1e-09 * (1.0 + vr + fabs(t0)) - t0;
-}
-
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + vr + abs(A * ep)) - A * ep, coefficient of tau^1 */
-static inline real flow0_watch_curve25_c1(real ar)
-{
-  return ar + 1e-09 * ar;
-}
-
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr) + abs(A * ep)) - A * ep, coefficient of tau^0 */
-static inline real flow0_watch_curve26_c0(real vr, real ep, real A)
-{
-  const real t0 = A * ep;
-  return vr + 1e-09 * (1.0 + -vr + fabs(t0)) - t0;
-}
-
-/* waypoint.kyx:68  vr + 0.000000001 * (1 + (-vr) + abs(A * ep)) - A * ep, coefficient of tau^1 */
-static inline real flow0_watch_curve26_c1(real ar)
-{
-  return ar + 1e-09 * -ar;
-}
-
-/* waypoint.kyx:68  A * ep, coefficient of tau^0 */
-static inline real flow0_watch_curve27_c0(real ep, real A)
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still26(real ep, real A)
 {
   return A * ep;
 }
 
-/*
- * waypoint.kyx:68  (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b)), coefficient of tau^0
- */
-static inline real flow0_watch_curve28_c0(real xr, real xg, real ep, real b, real A, real GDelta,
-                                          real Vmax)
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still30(real ep, real b, real A)
 {
-  const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return t0 - -t0;
+  return b * (A * ep);
 }
 
-/*
- * waypoint.kyx:68  (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b)), coefficient of tau^1
- */
-static inline real flow0_watch_curve28_c1(real vr, real ep, real A)
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still36(real ep, real A)
 {
-  const real t0 = -vr / (A * ep);
-  return t0 - -t0;
+  return ep * (A * ep);
 }
 
-/*
- * waypoint.kyx:68  (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b)), coefficient of tau^2
- */
-static inline real flow0_watch_curve28_c2(real ar, real ep, real A)
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still39(real ep, real A, real Vmax)
 {
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return t0 - -t0;
+  return Vmax * (A * ep);
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)))
- * * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)), coefficient of
- * tau^0
- */
-static inline real flow0_watch_curve29_c0(real xr, real xg, real T, real ep, real b, real A,
-                                          real GDelta, real Vmax)
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still42(real ep, real A, real loopInv_slack6)
 {
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  return (T + 1e-09 * (1.0 + T + (t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
+  return A * ep + loopInv_slack6;
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)))
- * * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)), coefficient of
- * tau^1
- */
-static inline real flow0_watch_curve29_c1(real vr, real ep, real b, real A)
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still46(real ep, real b, real A)
 {
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (-1.0 + t0 / t1)) * (b * t1) - t0 * b;
+  return b * (A * ep * A);
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + ((xg - xr - GDelta) / (A * ep) + ep + Vmax / b)))
- * * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)), coefficient of
- * tau^2
- */
-static inline real flow0_watch_curve29_c2(real ar, real ep, real b, real A)
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still48(real ep, real A)
 {
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * (t0 / t1) * (b * t1) - t0 * b;
+  return ep * A;
 }
 
-/*
- * waypoint.kyx:68  -((xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - ((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b), coefficient of tau^0
- */
-static inline real flow0_watch_curve30_c0(real xr, real xg, real ep, real b, real A, real GDelta,
-                                          real Vmax)
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still54(real ep, real A)
 {
-  const real t0 = (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return -t0 - t0;
+  return ep * (A * ep * A);
 }
 
-/*
- * waypoint.kyx:68  -((xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - ((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b), coefficient of tau^1
- */
-static inline real flow0_watch_curve30_c1(real vr, real ep, real A)
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still57(real ep, real A, real Vmax)
 {
-  const real t0 = -vr / (A * ep);
-  return -t0 - t0;
+  return Vmax * (A * ep * A);
 }
 
-/*
- * waypoint.kyx:68  -((xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - ((xg - xr - GDelta) / (A *
- * ep) + ep + Vmax / b), coefficient of tau^2
- */
-static inline real flow0_watch_curve30_c2(real ar, real ep, real A)
+/* does not move */
+static inline real flow0_calm_still2(real Vmax, real loopInv_slack1)
 {
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return -t0 - t0;
+  return Vmax + loopInv_slack1;
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^0
- */
-static inline real flow0_watch_curve31_c0(real xr, real xg, real T, real ep, real b, real A,
-                                          real GDelta, real Vmax)
+/* does not move */
+static inline real flow0_calm_still4(real xg, real b, real GDelta, real loopInv_slack2)
 {
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  return (T + 1e-09 * (1.0 + T + -(t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
+  return (xg + GDelta + loopInv_slack2) * (2.0 * b);
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^1
- */
-static inline real flow0_watch_curve31_c1(real vr, real ep, real b, real A)
+/* does not move */
+static inline real flow0_calm_still5(real b)
 {
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (-1.0 + -(t0 / t1))) * (b * t1) - t0 * b;
+  return 2.0 * b;
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^2
- */
-static inline real flow0_watch_curve31_c2(real ar, real ep, real b, real A)
+/* does not move */
+static inline real flow0_calm_still10(real xg, real GDelta, real loopInv_slack3)
 {
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * -(t0 / t1) * (b * t1) - t0 * b;
+  return xg - GDelta + loopInv_slack3;
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^0
- */
-static inline real flow0_watch_curve32_c0(real xr, real xg, real T, real ep, real b, real A,
-                                          real GDelta, real Vmax)
+/* does not move */
+static inline real flow0_calm_still21(real xg, real GDelta)
 {
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  return (T + 1e-09 * (1.0 + -T + (t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
+  return xg - GDelta;
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^1
- */
-static inline real flow0_watch_curve32_c1(real vr, real ep, real b, real A)
+/* does not move */
+static inline real flow0_calm_still25(real ep, real A)
 {
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (1.0 + t0 / t1)) * (b * t1) - t0 * b;
+  return A * ep;
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + ((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^2
- */
-static inline real flow0_watch_curve32_c2(real ar, real ep, real b, real A)
+/* does not move */
+static inline real flow0_calm_still29(real ep, real b, real A)
 {
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * (t0 / t1) * (b * t1) - t0 * b;
+  return b * (A * ep);
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^0
- */
-static inline real flow0_watch_curve33_c0(real xr, real xg, real T, real ep, real b, real A,
-                                          real GDelta, real Vmax)
+/* does not move */
+static inline real flow0_calm_still35(real ep, real A)
 {
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  return (T + 1e-09 * (1.0 + -T + -(t0 / t1 + ep + Vmax / b))) * (b * t1) - ((t0 + ep * t1) * b + Vmax * t1);
+  return ep * (A * ep);
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^1
- */
-static inline real flow0_watch_curve33_c1(real vr, real ep, real b, real A)
+/* does not move */
+static inline real flow0_calm_still38(real ep, real A, real Vmax)
 {
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (1.0 + -(t0 / t1))) * (b * t1) - t0 * b;
+  return Vmax * (A * ep);
 }
 
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-((xg - xr - GDelta) / (A * ep) + ep + Vmax /
- * b)))) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A * ep)),
- * coefficient of tau^2
- */
-static inline real flow0_watch_curve33_c2(real ar, real ep, real b, real A)
+/* does not move */
+static inline real flow0_calm_still41(real ep, real A, real loopInv_slack6)
 {
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * -(t0 / t1) * (b * t1) - t0 * b;
+  return A * ep + loopInv_slack6;
 }
 
-/* waypoint.kyx:68  A * ep + 0.000000001 * (1 + vr + abs(A * ep)) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve34_c0(real vr, real ep, real A)
+/* does not move */
+static inline real flow0_calm_still45(real ep, real b, real A)
 {
-  const real t0 = A * ep;
-  return t0 + 1e-09 * (1.0 + vr + fabs(t0)) - vr;
+  return b * (A * ep * A);
 }
 
-/* waypoint.kyx:68  A * ep + 0.000000001 * (1 + vr + abs(A * ep)) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve34_c1(real ar)
+/* does not move */
+static inline real flow0_calm_still47(real ep, real A)
 {
-  return 1e-09 * ar - ar;
+  return ep * A;
 }
 
-/* waypoint.kyx:68  A * ep + 0.000000001 * (1 + (-vr) + abs(A * ep)) - vr, coefficient of tau^0 */
-static inline real flow0_watch_curve35_c0(real vr, real ep, real A)
+/* does not move */
+static inline real flow0_calm_still53(real ep, real A)
 {
-  const real t0 = A * ep;
-  return t0 + 1e-09 * (1.0 + -vr + fabs(t0)) - vr;
+  return ep * (A * ep * A);
 }
 
-/* waypoint.kyx:68  A * ep + 0.000000001 * (1 + (-vr) + abs(A * ep)) - vr, coefficient of tau^1 */
-static inline real flow0_watch_curve35_c1(real ar)
+/* does not move */
+static inline real flow0_calm_still56(real ep, real A, real Vmax)
 {
-  return 1e-09 * -ar - ar;
-}
-
-/*
- * waypoint.kyx:68  ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-(ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b)), coefficient of tau^0
- */
-static inline real flow0_watch_curve37_c0(real xr, real vr, real xg, real ep, real b, real A,
-                                          real GDelta, real Vmax)
-{
-  const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return t0 - -t0;
-}
-
-/*
- * waypoint.kyx:68  ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-(ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b)), coefficient of tau^1
- */
-static inline real flow0_watch_curve37_c1(real vr, real ar, real ep, real A)
-{
-  const real t0 = -(ar / A) + -vr / (A * ep);
-  return t0 - -t0;
-}
-
-/*
- * waypoint.kyx:68  ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b - (-(ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b)), coefficient of tau^2
- */
-static inline real flow0_watch_curve37_c2(real ar, real ep, real A)
-{
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return t0 - -t0;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
- * + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A + ep
- * * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
- */
-static inline real flow0_watch_curve38_c0(real xr, real vr, real xg, real T, real ep, real b,
-                                          real A, real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  const real t2 = t1 * A;
-  const real t3 = (T + 1e-09 * (1.0 + T + (ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
-  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
- * + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A + ep
- * * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
- */
-static inline real flow0_watch_curve38_c1(real vr, real ar, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (-1.0 + (-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep
- * + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A + ep
- * * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
- */
-static inline real flow0_watch_curve38_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * (t0 / t1) * (b * (t1 * A)) - t0 * A * b;
-}
-
-/*
- * waypoint.kyx:68  -(ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - (ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^0
- */
-static inline real flow0_watch_curve39_c0(real xr, real vr, real xg, real ep, real b, real A,
-                                          real GDelta, real Vmax)
-{
-  const real t0 = ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b;
-  return -t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  -(ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - (ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^1
- */
-static inline real flow0_watch_curve39_c1(real vr, real ar, real ep, real A)
-{
-  const real t0 = -(ar / A) + -vr / (A * ep);
-  return -t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  -(ep - vr / A + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b) - (ep - vr / A
- * + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b), coefficient of tau^2
- */
-static inline real flow0_watch_curve39_c2(real ar, real ep, real A)
-{
-  const real t0 = -(ar / 2.0) / (A * ep);
-  return -t0 - t0;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
- */
-static inline real flow0_watch_curve40_c0(real xr, real vr, real xg, real T, real ep, real b,
-                                          real A, real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  const real t2 = t1 * A;
-  const real t3 = (T + 1e-09 * (1.0 + T + -(ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
-  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
- */
-static inline real flow0_watch_curve40_c1(real vr, real ar, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (-1.0 + -(-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + T + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
- */
-static inline real flow0_watch_curve40_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * -(t0 / t1) * (b * (t1 * A)) - t0 * A * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
- */
-static inline real flow0_watch_curve41_c0(real xr, real vr, real xg, real T, real ep, real b,
-                                          real A, real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  const real t2 = t1 * A;
-  const real t3 = (T + 1e-09 * (1.0 + -T + (ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
-  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
- */
-static inline real flow0_watch_curve41_c1(real vr, real ar, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (1.0 + (-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (ep - vr / A + (xg - xr - GDelta) / (A * ep) +
- * ep + Vmax / b))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A +
- * ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
- */
-static inline real flow0_watch_curve41_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * (t0 / t1) * (b * (t1 * A)) - t0 * A * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
- * + ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
- * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
- */
-static inline real flow0_watch_curve42_c0(real xr, real vr, real xg, real T, real ep, real b,
-                                          real A, real GDelta, real Vmax)
-{
-  const real t0 = xg - xr - GDelta;
-  const real t1 = A * ep;
-  const real t2 = t1 * A;
-  const real t3 = (T + 1e-09 * (1.0 + -T + -(ep - vr / A + t0 / t1 + ep + Vmax / b))) * (b * t2);
-  return t3 - (((ep * A - vr) * t1 + t0 * A + ep * t2) * b + Vmax * t2);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
- * + ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
- * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
- */
-static inline real flow0_watch_curve42_c1(real vr, real ar, real ep, real b, real A)
-{
-  const real t0 = -vr;
-  const real t1 = A * ep;
-  return (-1.0 + 1e-09 * (1.0 + -(-(ar / A) + t0 / t1))) * (b * (t1 * A)) - (-ar * t1 + t0 * A) * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001 * (1 + (-T) + (-(ep - vr / A + (xg - xr - GDelta) / (A * ep)
- * + ep + Vmax / b)))) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
- * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
- */
-static inline real flow0_watch_curve42_c2(real ar, real ep, real b, real A)
-{
-  const real t0 = -(ar / 2.0);
-  const real t1 = A * ep;
-  return 1e-09 * -(t0 / t1) * (b * (t1 * A)) - t0 * A * b;
-}
-
-/* waypoint.kyx:68  0 - T, coefficient of tau^0 */
-static inline real flow0_watch_curve43_c0(real T)
-{
-  return -T;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
- * of tau^0
- */
-static inline real flow0_watch_curve44_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return xr + 1e-09 * (1.0 + fabs(t0) + xr) - t0;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
- * of tau^1
- */
-static inline real flow0_watch_curve44_c1(real vr)
-{
-  return vr + 1e-09 * vr;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + xr) - (xg - GDelta), coefficient
- * of tau^2
- */
-static inline real flow0_watch_curve44_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return t0 + 1e-09 * t0;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
- * coefficient of tau^0
- */
-static inline real flow0_watch_curve45_c0(real xr, real xg, real GDelta)
-{
-  const real t0 = xg - GDelta;
-  return xr + 1e-09 * (1.0 + fabs(t0) + -xr) - t0;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
- * coefficient of tau^1
- */
-static inline real flow0_watch_curve45_c1(real vr)
-{
-  return vr + 1e-09 * -vr;
-}
-
-/*
- * waypoint.kyx:68  xr + 0.000000001 * (1 + abs(xg - GDelta) + (-xr)) - (xg - GDelta),
- * coefficient of tau^2
- */
-static inline real flow0_watch_curve45_c2(real ar)
-{
-  const real t0 = ar / 2.0;
-  return t0 + 1e-09 * -t0;
+  return Vmax * (A * ep * A);
 }
 
 /* waypoint.kyx:68  Vmax - vr, coefficient of tau^0 */
@@ -1144,6 +479,86 @@ static inline bool flow0_watch_at_end(real T)
   return T > 0.0;
 }
 
+/* waypoint.kyx:68  loopInv_slack0 = 0.000000001 * (1 + abs(vr)) */
+static inline real flow0_loopInv_slack0(real vr)
+{
+  return 1e-09 * (1.0 + fabs(vr));
+}
+
+/* waypoint.kyx:68  loopInv_slack1 = 0.000000001 * (1 + abs(vr) + abs(Vmax)) */
+static inline real flow0_loopInv_slack1(real vr, real Vmax)
+{
+  return 1e-09 * (1.0 + fabs(vr) + fabs(Vmax));
+}
+
+/*
+ * waypoint.kyx:68  loopInv_slack2 = 0.000000001 * (1 + abs(xr) + abs(vr^2 / (2 * b)) + abs(xg) +
+ * abs(GDelta))
+ */
+static inline real flow0_loopInv_slack2(real xr, real vr, real xg, real b, real GDelta)
+{
+  return 1e-09 * (1.0 + fabs(xr) + fabs(vr * vr / (2.0 * b)) + fabs(xg) + fabs(GDelta));
+}
+
+/* waypoint.kyx:68  loopInv_slack3 = 0.000000001 * (1 + abs(xg) + abs(GDelta) + abs(xr)) */
+static inline real flow0_loopInv_slack3(real xr, real xg, real GDelta)
+{
+  return 1e-09 * (1.0 + fabs(xg) + fabs(GDelta) + fabs(xr));
+}
+
+/* waypoint.kyx:68  loopInv_slack4 = 0.000000001 * (1 + abs(T) + abs(vr / b)) */
+static inline real flow0_loopInv_slack4(real vr, real T, real b)
+{
+  return 1e-09 * (1.0 + fabs(T) + fabs(vr / b));
+}
+
+/* waypoint.kyx:68  loopInv_slack5 = 0.000000001 * (1 + abs(xr) + abs(xg) + abs(GDelta)) */
+static inline real flow0_loopInv_slack5(real xr, real xg, real GDelta)
+{
+  return 1e-09 * (1.0 + fabs(xr) + fabs(xg) + fabs(GDelta));
+}
+
+/* waypoint.kyx:68  loopInv_slack6 = 0.000000001 * (1 + abs(vr) + abs(A * ep)) */
+static inline real flow0_loopInv_slack6(real vr, real ep, real A)
+{
+  return 1e-09 * (1.0 + fabs(vr) + fabs(A * ep));
+}
+
+/*
+ * waypoint.kyx:68  loopInv_slack7 = 0.000000001 * (1 + abs(T) + abs((xg - xr - GDelta) / (A *
+ * ep)) + abs(ep) + abs(Vmax / b))
+ */
+static inline real flow0_loopInv_slack7(real xr, real xg, real T, real ep, real b, real A,
+                                        real GDelta, real Vmax)
+{
+  const real t0 = 1.0 + fabs(T) + fabs((xg - xr - GDelta) / (A * ep)) + fabs(ep) + fabs(Vmax / b);
+  return 1e-09 * t0;
+}
+
+/*
+ * waypoint.kyx:68  loopInv_slack8 = 0.000000001 * (1 + abs(T) + abs(ep) + abs(vr / A) + abs((xg
+ * - xr - GDelta) / (A * ep)) + abs(ep) + abs(Vmax / b))
+ */
+static inline real flow0_loopInv_slack8(real xr, real vr, real xg, real T, real ep, real b, real A,
+                                        real GDelta, real Vmax)
+{
+  const real t0 = fabs(ep);
+  const real t1 = 1.0 + fabs(T) + t0 + fabs(vr / A) + fabs((xg - xr - GDelta) / (A * ep)) + t0;
+  return 1e-09 * (t1 + fabs(Vmax / b));
+}
+
+/* waypoint.kyx:68  ensure_slack0 = 0.000000001 * (1 + abs(xg) + abs(GDelta) + abs(xr)) */
+static inline real flow0_ensure_slack0(real xr, real xg, real GDelta)
+{
+  return 1e-09 * (1.0 + fabs(xg) + fabs(GDelta) + fabs(xr));
+}
+
+/* waypoint.kyx:68  ensure_slack1 = 0.000000001 * (1 + abs(vr)) */
+static inline real flow0_ensure_slack1(real vr)
+{
+  return 1e-09 * (1.0 + fabs(vr));
+}
+
 /* waypoint.kyx:62  xr > xg - GDelta & 0 <= ep & vr >= 0 */
 static inline bool path0_guard(real xr, real vr, real xg, real ep, real GDelta)
 {
@@ -1198,32 +613,37 @@ static inline bool loopInv_holds(real xr, real vr, real xg, real T, real ep, rea
   const real t0 = fabs(vr);
   const real t1 = 1.0 + t0;
   const real t2 = 1e-09 * t1;
-  const real t3 = xr + vr * vr / (2.0 * b);
-  const real t4 = xg + GDelta;
-  const real t5 = xg - GDelta;
-  const real t6 = fabs(t5);
-  const real t7 = fabs(xr);
-  const real t8 = vr / b;
-  const real t9 = 1.0 + fabs(T);
-  const real t10 = A * ep;
-  const real t11 = 1e-09 * (t1 + fabs(t10));
-  const real t12 = (xg - xr - GDelta) / t10;
-  const real t13 = Vmax / b;
-  const real t14 = t12 + ep + t13;
-  const real t15 = ep - vr / A + t12 + ep + t13;
+  const real t3 = vr * vr / (2.0 * b);
+  const real t4 = fabs(xr);
+  const real t5 = 1.0 + t4;
+  const real t6 = fabs(xg);
+  const real t7 = fabs(GDelta);
+  const real t8 = xg - GDelta;
+  const real t9 = vr / b;
+  const real t10 = 1.0 + fabs(T);
+  const real t11 = A * ep;
+  const real t12 = 1e-09 * (t1 + fabs(t11));
+  const real t13 = (xg - xr - GDelta) / t11;
+  const real t14 = Vmax / b;
+  const real t15 = fabs(t13);
+  const real t16 = fabs(ep);
+  const real t17 = fabs(t14);
+  const real t18 = vr / A;
+  const bool t19 = ep - t18 + t13 + ep + t14 < T + 1e-09 * (t10 + t16 + fabs(t18) + t15 + t16 + t17);
   return (vr + t2 >= 0.0) & (vr <= Vmax + 1e-09 * (t1 + fabs(Vmax)))
-      & (t3 < t4 + 1e-09 * (1.0 + fabs(t3) + fabs(t4))) & ((xr <= t5 + 1e-09 * (1.0 + t6 + t7))
-      | (t0 <= t2) | (t8 <= T + 1e-09 * (t9 + fabs(t8)))) & ((t5 < xr + 1e-09 * (1.0 + t7 + t6))
-      | ((t10 <= vr + t11) & (t14 < T + 1e-09 * (t9 + fabs(t14)))) | ((vr <= t10 + t11)
-      & (t15 < T + 1e-09 * (t9 + fabs(t15)))));
+      & (xr + t3 < xg + GDelta + 1e-09 * (t5 + fabs(t3) + t6 + t7))
+      & ((xr <= t8 + 1e-09 * (1.0 + t6 + t7 + t4)) | (t0 <= t2)
+      | (t9 <= T + 1e-09 * (t10 + fabs(t9)))) & ((t8 < xr + 1e-09 * (t5 + t6 + t7))
+      | ((t11 <= vr + t12) & (t13 + ep + t14 < T + 1e-09 * (t10 + t15 + t16 + t17)))
+      | ((vr <= t11 + t12) & t19));
 }
 
 /* waypoint.kyx:59  @progress ensure: xg - GDelta < xr & vr = 0, within tolerance */
 static inline bool ensure_holds(real xr, real vr, real xg, real GDelta)
 {
-  const real t0 = xg - GDelta;
-  const real t1 = fabs(vr);
-  return (t0 < xr + 1e-09 * (1.0 + fabs(t0) + fabs(xr))) & (t1 <= 1e-09 * (1.0 + t1));
+  const real t0 = fabs(vr);
+  return (xg - GDelta < xr + 1e-09 * (1.0 + fabs(xg) + fabs(GDelta) + fabs(xr)))
+      & (t0 <= 1e-09 * (1.0 + t0));
 }
 
 /* waypoint.kyx:59  ensure is due: T <= 0 */
@@ -1332,7 +752,13 @@ static inline bool model_inside(int flow, const real *y, const real *p)
 /* How long the clocks of a flow let it last. False where a value is undefined. */
 static inline bool model_begin(int flow, const real *x, const real *p, real *horizon)
 {
-  (void)flow; (void)x; (void)p; (void)horizon;
+  if (flow == 0) {
+    const real until0 = p[P_ep];
+    const real left0 = until0 - x[X_t];
+    real end = left0;
+    *horizon = end;
+    return isfinite(left0);
+  }
   return false;
 }
 
@@ -1343,186 +769,242 @@ static inline bool model_begin(int flow, const real *x, const real *p, real *hor
 static inline void model_settle(int flow, const real *x, const real *p, real end,
                                 const int8_t *sign, real *y)
 {
-  (void)flow; (void)x; (void)p; (void)end; (void)sign; (void)y;
+  if (flow == 0) {
+    const real until0 = p[P_ep];
+    const real left0 = until0 - x[X_t];
+    y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
+    if (sign[0] == 0) y[X_vr] = 0.0;
+  }
+}
+
+/* A margin in a state. */
+static inline real model_margin(int flow, int margin, const real *x, const real *p)
+{
+  if (flow == 0) {
+    if (margin == 0) return x[X_vr];
+    if (margin == 1) return flow0_margin1(x[X_vr], p[S_loopInv_slack0]);
+    if (margin == 2) return flow0_margin2(x[X_vr], p[P_Vmax], p[S_loopInv_slack1]);
+    if (margin == 3) return flow0_margin3(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta],
+        p[S_loopInv_slack2]);
+    if (margin == 4) return flow0_margin4(x[X_xr], x[X_xg], p[P_GDelta], p[S_loopInv_slack3]);
+    if (margin == 5) return flow0_margin5(x[X_vr], p[S_loopInv_slack0]);
+    if (margin == 6) return flow0_margin6(x[X_vr], p[S_loopInv_slack0]);
+    if (margin == 7) return flow0_margin7(x[X_vr], x[X_T], p[P_b], p[S_loopInv_slack4]);
+    if (margin == 8) return flow0_margin8(x[X_xr], x[X_xg], p[P_GDelta], p[S_loopInv_slack5]);
+    if (margin == 9) return flow0_margin9(x[X_vr], p[P_ep], p[P_A], p[S_loopInv_slack6]);
+    if (margin == 10) return flow0_margin10(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
+        p[P_GDelta], p[P_Vmax], p[S_loopInv_slack7]);
+    if (margin == 11) return flow0_margin11(x[X_vr], p[P_ep], p[P_A], p[S_loopInv_slack6]);
+    if (margin == 12) return flow0_margin12(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b],
+        p[P_A], p[P_GDelta], p[P_Vmax], p[S_loopInv_slack8]);
+    if (margin == 13) return flow0_margin13(x[X_T]);
+    if (margin == 14) return flow0_margin14(x[X_xr], x[X_xg], p[P_GDelta], p[S_ensure_slack0]);
+    if (margin == 15) return flow0_margin15(x[X_vr], p[S_ensure_slack1]);
+    if (margin == 16) return flow0_margin16(x[X_vr], p[S_ensure_slack1]);
+  }
+  return 0.0;
 }
 
 /*
- * Coefficients of all margins by powers of the time since a flow began.   c: (NMARGIN, NDEGREE +
- * 1)
+ * Models of all margins where the state moves like z; what does not move is taken from x.   g:
+ * (NMARGIN)
  */
-static inline void model_polynomials(int flow, const real *x, const real *p, real (*c)[NDEGREE + 1],
-                                     int32_t *degree)
+static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const real *p,
+                         dl2c_taylor *g)
 {
   if (flow == 0) {
-    c[0][0] = x[X_vr];
-    c[0][1] = x[X_ar];
-    degree[0] = 1;
-    c[1][0] = flow0_watch_curve1_c0(x[X_vr]);
-    c[1][1] = flow0_watch_curve1_c1(x[X_ar]);
-    degree[1] = 1;
-    c[2][0] = flow0_watch_curve2_c0(x[X_vr]);
-    c[2][1] = flow0_watch_curve2_c1(x[X_ar]);
-    degree[2] = 1;
-    c[3][0] = flow0_watch_curve3_c0(x[X_vr], p[P_Vmax]);
-    c[3][1] = flow0_watch_curve3_c1(x[X_ar]);
-    degree[3] = 1;
-    c[4][0] = flow0_watch_curve4_c0(x[X_vr], p[P_Vmax]);
-    c[4][1] = flow0_watch_curve4_c1(x[X_ar]);
-    degree[4] = 1;
-    c[5][0] = flow0_watch_curve5_c0(p[P_b]);
-    degree[5] = 0;
-    c[6][0] = flow0_watch_curve6_c0(x[X_xr], x[X_vr], p[P_b]);
-    c[6][1] = flow0_watch_curve6_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[6][2] = flow0_watch_curve6_c2(x[X_ar], p[P_b]);
-    degree[6] = 2;
-    c[7][0] = flow0_watch_curve7_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
-    c[7][1] = flow0_watch_curve7_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[7][2] = flow0_watch_curve7_c2(x[X_ar], p[P_b]);
-    degree[7] = 2;
-    c[8][0] = flow0_watch_curve8_c0(x[X_xr], x[X_vr], p[P_b]);
-    c[8][1] = flow0_watch_curve8_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[8][2] = flow0_watch_curve8_c2(x[X_ar], p[P_b]);
-    degree[8] = 2;
-    c[9][0] = flow0_watch_curve9_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta]);
-    c[9][1] = flow0_watch_curve9_c1(x[X_vr], x[X_ar], p[P_b]);
-    c[9][2] = flow0_watch_curve9_c2(x[X_ar], p[P_b]);
-    degree[9] = 2;
-    c[10][0] = flow0_watch_curve10_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[10][1] = flow0_watch_curve10_c1(x[X_vr]);
-    c[10][2] = flow0_watch_curve10_c2(x[X_ar]);
-    degree[10] = 2;
-    c[11][0] = flow0_watch_curve11_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[11][1] = flow0_watch_curve11_c1(x[X_vr]);
-    c[11][2] = flow0_watch_curve11_c2(x[X_ar]);
-    degree[11] = 2;
-    c[12][0] = flow0_watch_curve12_c0(x[X_vr]);
-    c[12][1] = flow0_watch_curve12_c1(x[X_ar]);
-    degree[12] = 1;
-    c[13][0] = flow0_watch_curve13_c0(x[X_vr]);
-    c[13][1] = flow0_watch_curve13_c1(x[X_ar]);
-    degree[13] = 1;
-    c[14][0] = flow0_watch_curve14_c0(x[X_T]);
-    c[14][1] = -2.0;
-    degree[14] = 1;
-    c[15][0] = p[P_b];
-    degree[15] = 0;
-    c[16][0] = flow0_watch_curve16_c0(x[X_vr], p[P_b]);
-    c[16][1] = flow0_watch_curve16_c1(x[X_ar], p[P_b]);
-    degree[16] = 1;
-    c[17][0] = flow0_watch_curve17_c0(x[X_vr], x[X_T], p[P_b]);
-    c[17][1] = flow0_watch_curve17_c1(x[X_ar], p[P_b]);
-    degree[17] = 1;
-    c[18][0] = flow0_watch_curve18_c0(x[X_vr], p[P_b]);
-    c[18][1] = flow0_watch_curve18_c1(x[X_ar], p[P_b]);
-    degree[18] = 1;
-    c[19][0] = flow0_watch_curve19_c0(x[X_vr], x[X_T], p[P_b]);
-    c[19][1] = flow0_watch_curve19_c1(x[X_ar], p[P_b]);
-    degree[19] = 1;
-    c[20][0] = flow0_watch_curve20_c0(x[X_T]);
-    c[20][1] = 2.0;
-    degree[20] = 1;
-    c[21][0] = flow0_watch_curve21_c0(x[X_vr], x[X_T], p[P_b]);
-    c[21][1] = flow0_watch_curve21_c1(x[X_ar], p[P_b]);
-    degree[21] = 1;
-    c[22][0] = flow0_watch_curve22_c0(x[X_vr], x[X_T], p[P_b]);
-    c[22][1] = flow0_watch_curve22_c1(x[X_ar], p[P_b]);
-    degree[22] = 1;
-    c[23][0] = flow0_watch_curve23_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[23][1] = flow0_watch_curve23_c1(x[X_vr]);
-    c[23][2] = flow0_watch_curve23_c2(x[X_ar]);
-    degree[23] = 2;
-    c[24][0] = flow0_watch_curve24_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[24][1] = flow0_watch_curve24_c1(x[X_vr]);
-    c[24][2] = flow0_watch_curve24_c2(x[X_ar]);
-    degree[24] = 2;
-    c[25][0] = flow0_watch_curve25_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[25][1] = flow0_watch_curve25_c1(x[X_ar]);
-    degree[25] = 1;
-    c[26][0] = flow0_watch_curve26_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[26][1] = flow0_watch_curve26_c1(x[X_ar]);
-    degree[26] = 1;
-    c[27][0] = flow0_watch_curve27_c0(p[P_ep], p[P_A]);
-    degree[27] = 0;
-    c[28][0] = flow0_watch_curve28_c0(x[X_xr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[28][1] = flow0_watch_curve28_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[28][2] = flow0_watch_curve28_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[28] = 2;
-    c[29][0] = flow0_watch_curve29_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[29][1] = flow0_watch_curve29_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
-    c[29][2] = flow0_watch_curve29_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[29] = 2;
-    c[30][0] = flow0_watch_curve30_c0(x[X_xr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[30][1] = flow0_watch_curve30_c1(x[X_vr], p[P_ep], p[P_A]);
-    c[30][2] = flow0_watch_curve30_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[30] = 2;
-    c[31][0] = flow0_watch_curve31_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[31][1] = flow0_watch_curve31_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
-    c[31][2] = flow0_watch_curve31_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[31] = 2;
-    c[32][0] = flow0_watch_curve32_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[32][1] = flow0_watch_curve32_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
-    c[32][2] = flow0_watch_curve32_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[32] = 2;
-    c[33][0] = flow0_watch_curve33_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[33][1] = flow0_watch_curve33_c1(x[X_vr], p[P_ep], p[P_b], p[P_A]);
-    c[33][2] = flow0_watch_curve33_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[33] = 2;
-    c[34][0] = flow0_watch_curve34_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[34][1] = flow0_watch_curve34_c1(x[X_ar]);
-    degree[34] = 1;
-    c[35][0] = flow0_watch_curve35_c0(x[X_vr], p[P_ep], p[P_A]);
-    c[35][1] = flow0_watch_curve35_c1(x[X_ar]);
-    degree[35] = 1;
-    c[36][0] = p[P_A];
-    degree[36] = 0;
-    c[37][0] = flow0_watch_curve37_c0(x[X_xr], x[X_vr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[37][1] = flow0_watch_curve37_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[37][2] = flow0_watch_curve37_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[37] = 2;
-    c[38][0] = flow0_watch_curve38_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[38][1] = flow0_watch_curve38_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    c[38][2] = flow0_watch_curve38_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[38] = 2;
-    c[39][0] = flow0_watch_curve39_c0(x[X_xr], x[X_vr], x[X_xg], p[P_ep], p[P_b], p[P_A], p[P_GDelta],
-        p[P_Vmax]);
-    c[39][1] = flow0_watch_curve39_c1(x[X_vr], x[X_ar], p[P_ep], p[P_A]);
-    c[39][2] = flow0_watch_curve39_c2(x[X_ar], p[P_ep], p[P_A]);
-    degree[39] = 2;
-    c[40][0] = flow0_watch_curve40_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[40][1] = flow0_watch_curve40_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    c[40][2] = flow0_watch_curve40_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[40] = 2;
-    c[41][0] = flow0_watch_curve41_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[41][1] = flow0_watch_curve41_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    c[41][2] = flow0_watch_curve41_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[41] = 2;
-    c[42][0] = flow0_watch_curve42_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax]);
-    c[42][1] = flow0_watch_curve42_c1(x[X_vr], x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    c[42][2] = flow0_watch_curve42_c2(x[X_ar], p[P_ep], p[P_b], p[P_A]);
-    degree[42] = 2;
-    c[43][0] = flow0_watch_curve43_c0(x[X_T]);
-    c[43][1] = 1.0;
-    degree[43] = 1;
-    c[44][0] = flow0_watch_curve44_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[44][1] = flow0_watch_curve44_c1(x[X_vr]);
-    c[44][2] = flow0_watch_curve44_c2(x[X_ar]);
-    degree[44] = 2;
-    c[45][0] = flow0_watch_curve45_c0(x[X_xr], x[X_xg], p[P_GDelta]);
-    c[45][1] = flow0_watch_curve45_c1(x[X_vr]);
-    c[45][2] = flow0_watch_curve45_c2(x[X_ar]);
-    degree[45] = 2;
+    const dl2c_taylor part0 = dl2c_taylor_number(p[S_loopInv_slack0]);
+    const dl2c_taylor part1 = dl2c_taylor_add(&z[X_vr], &part0);
+    const dl2c_taylor part2 = dl2c_taylor_number(flow0_margins_still2(p[P_Vmax],
+        p[S_loopInv_slack1]));
+    const dl2c_taylor part3 = dl2c_taylor_sub(&part2, &z[X_vr]);
+    const dl2c_taylor part4 = dl2c_taylor_number(flow0_margins_still4(x[X_xg], p[P_b], p[P_GDelta],
+        p[S_loopInv_slack2]));
+    const dl2c_taylor part5 = dl2c_taylor_number(flow0_margins_still5(p[P_b]));
+    const dl2c_taylor part6 = dl2c_taylor_mul(&z[X_xr], &part5);
+    const dl2c_taylor part7 = dl2c_taylor_square(&z[X_vr]);
+    const dl2c_taylor part8 = dl2c_taylor_add(&part6, &part7);
+    const dl2c_taylor part9 = dl2c_taylor_sub(&part4, &part8);
+    const dl2c_taylor part10 = dl2c_taylor_number(flow0_margins_still10(x[X_xg], p[P_GDelta],
+        p[S_loopInv_slack3]));
+    const dl2c_taylor part11 = dl2c_taylor_sub(&part10, &z[X_xr]);
+    const dl2c_taylor part12 = dl2c_taylor_sub(&part0, &z[X_vr]);
+    const dl2c_taylor part13 = dl2c_taylor_neg(&z[X_vr]);
+    const dl2c_taylor part14 = dl2c_taylor_sub(&part0, &part13);
+    const dl2c_taylor part15 = dl2c_taylor_number(p[S_loopInv_slack4]);
+    const dl2c_taylor part16 = dl2c_taylor_add(&z[X_T], &part15);
+    const dl2c_taylor part17 = dl2c_taylor_number(p[P_b]);
+    const dl2c_taylor part18 = dl2c_taylor_mul(&part16, &part17);
+    const dl2c_taylor part19 = dl2c_taylor_sub(&part18, &z[X_vr]);
+    const dl2c_taylor part20 = dl2c_taylor_number(p[S_loopInv_slack5]);
+    const dl2c_taylor part21 = dl2c_taylor_add(&z[X_xr], &part20);
+    const dl2c_taylor part22 = dl2c_taylor_number(flow0_margins_still22(x[X_xg], p[P_GDelta]));
+    const dl2c_taylor part23 = dl2c_taylor_sub(&part21, &part22);
+    const dl2c_taylor part24 = dl2c_taylor_number(p[S_loopInv_slack6]);
+    const dl2c_taylor part25 = dl2c_taylor_add(&z[X_vr], &part24);
+    const dl2c_taylor part26 = dl2c_taylor_number(flow0_margins_still26(p[P_ep], p[P_A]));
+    const dl2c_taylor part27 = dl2c_taylor_sub(&part25, &part26);
+    const dl2c_taylor part28 = dl2c_taylor_number(p[S_loopInv_slack7]);
+    const dl2c_taylor part29 = dl2c_taylor_add(&z[X_T], &part28);
+    const dl2c_taylor part30 = dl2c_taylor_number(flow0_margins_still30(p[P_ep], p[P_b], p[P_A]));
+    const dl2c_taylor part31 = dl2c_taylor_mul(&part29, &part30);
+    const dl2c_taylor part32 = dl2c_taylor_number(x[X_xg]);
+    const dl2c_taylor part33 = dl2c_taylor_sub(&part32, &z[X_xr]);
+    const dl2c_taylor part34 = dl2c_taylor_number(p[P_GDelta]);
+    const dl2c_taylor part35 = dl2c_taylor_sub(&part33, &part34);
+    const dl2c_taylor part36 = dl2c_taylor_number(flow0_margins_still36(p[P_ep], p[P_A]));
+    const dl2c_taylor part37 = dl2c_taylor_add(&part35, &part36);
+    const dl2c_taylor part38 = dl2c_taylor_mul(&part37, &part17);
+    const dl2c_taylor part39 = dl2c_taylor_number(flow0_margins_still39(p[P_ep], p[P_A], p[P_Vmax]));
+    const dl2c_taylor part40 = dl2c_taylor_add(&part38, &part39);
+    const dl2c_taylor part41 = dl2c_taylor_sub(&part31, &part40);
+    const dl2c_taylor part42 = dl2c_taylor_number(flow0_margins_still42(p[P_ep], p[P_A],
+        p[S_loopInv_slack6]));
+    const dl2c_taylor part43 = dl2c_taylor_sub(&part42, &z[X_vr]);
+    const dl2c_taylor part44 = dl2c_taylor_number(p[S_loopInv_slack8]);
+    const dl2c_taylor part45 = dl2c_taylor_add(&z[X_T], &part44);
+    const dl2c_taylor part46 = dl2c_taylor_number(flow0_margins_still46(p[P_ep], p[P_b], p[P_A]));
+    const dl2c_taylor part47 = dl2c_taylor_mul(&part45, &part46);
+    const dl2c_taylor part48 = dl2c_taylor_number(flow0_margins_still48(p[P_ep], p[P_A]));
+    const dl2c_taylor part49 = dl2c_taylor_sub(&part48, &z[X_vr]);
+    const dl2c_taylor part50 = dl2c_taylor_mul(&part49, &part26);
+    const dl2c_taylor part51 = dl2c_taylor_number(p[P_A]);
+    const dl2c_taylor part52 = dl2c_taylor_mul(&part35, &part51);
+    const dl2c_taylor part53 = dl2c_taylor_add(&part50, &part52);
+    const dl2c_taylor part54 = dl2c_taylor_number(flow0_margins_still54(p[P_ep], p[P_A]));
+    const dl2c_taylor part55 = dl2c_taylor_add(&part53, &part54);
+    const dl2c_taylor part56 = dl2c_taylor_mul(&part55, &part17);
+    const dl2c_taylor part57 = dl2c_taylor_number(flow0_margins_still57(p[P_ep], p[P_A], p[P_Vmax]));
+    const dl2c_taylor part58 = dl2c_taylor_add(&part56, &part57);
+    const dl2c_taylor part59 = dl2c_taylor_sub(&part47, &part58);
+    const dl2c_taylor part60 = dl2c_taylor_number(0.0);
+    const dl2c_taylor part61 = dl2c_taylor_sub(&part60, &z[X_T]);
+    const dl2c_taylor part62 = dl2c_taylor_number(p[S_ensure_slack0]);
+    const dl2c_taylor part63 = dl2c_taylor_add(&z[X_xr], &part62);
+    const dl2c_taylor part64 = dl2c_taylor_sub(&part63, &part22);
+    const dl2c_taylor part65 = dl2c_taylor_number(p[S_ensure_slack1]);
+    const dl2c_taylor part66 = dl2c_taylor_sub(&part65, &z[X_vr]);
+    const dl2c_taylor part67 = dl2c_taylor_sub(&part65, &part13);
+    g[0] = z[X_vr];
+    g[1] = part1;
+    g[2] = part3;
+    g[3] = part9;
+    g[4] = part11;
+    g[5] = part12;
+    g[6] = part14;
+    g[7] = part19;
+    g[8] = part23;
+    g[9] = part27;
+    g[10] = part41;
+    g[11] = part43;
+    g[12] = part59;
+    g[13] = part61;
+    g[14] = part64;
+    g[15] = part66;
+    g[16] = part67;
   }
+}
+
+/*
+ * Whether the domain of a flow, if it counts, and the watches still open plainly hold in all
+ * states within z; what does not move is taken from x.
+ */
+static inline bool model_calm(int flow, const dl2c_hull *z, const real *x, const real *p,
+                              bool bounded, const uint8_t *watch)
+{
+  if (flow == 0) {
+    const dl2c_hull part0 = dl2c_hull_at(p[S_loopInv_slack0]);
+    const dl2c_hull part1 = dl2c_hull_add(z[X_vr], part0);
+    const dl2c_hull part2 = dl2c_hull_at(flow0_calm_still2(p[P_Vmax], p[S_loopInv_slack1]));
+    const dl2c_hull part3 = dl2c_hull_sub(part2, z[X_vr]);
+    const dl2c_hull part4 = dl2c_hull_at(flow0_calm_still4(x[X_xg], p[P_b], p[P_GDelta],
+        p[S_loopInv_slack2]));
+    const dl2c_hull part5 = dl2c_hull_at(flow0_calm_still5(p[P_b]));
+    const dl2c_hull part6 = dl2c_hull_mul(z[X_xr], part5);
+    const dl2c_hull part7 = dl2c_hull_square(z[X_vr]);
+    const dl2c_hull part8 = dl2c_hull_add(part6, part7);
+    const dl2c_hull part9 = dl2c_hull_sub(part4, part8);
+    const dl2c_hull part10 = dl2c_hull_at(flow0_calm_still10(x[X_xg], p[P_GDelta],
+        p[S_loopInv_slack3]));
+    const dl2c_hull part11 = dl2c_hull_sub(part10, z[X_xr]);
+    const dl2c_hull part12 = dl2c_hull_abs(z[X_vr]);
+    const dl2c_hull part13 = dl2c_hull_sub(part0, part12);
+    const dl2c_hull part14 = dl2c_hull_at(p[S_loopInv_slack4]);
+    const dl2c_hull part15 = dl2c_hull_add(z[X_T], part14);
+    const dl2c_hull part16 = dl2c_hull_at(p[P_b]);
+    const dl2c_hull part17 = dl2c_hull_mul(part15, part16);
+    const dl2c_hull part18 = dl2c_hull_sub(part17, z[X_vr]);
+    const dl2c_hull part19 = dl2c_hull_at(p[S_loopInv_slack5]);
+    const dl2c_hull part20 = dl2c_hull_add(z[X_xr], part19);
+    const dl2c_hull part21 = dl2c_hull_at(flow0_calm_still21(x[X_xg], p[P_GDelta]));
+    const dl2c_hull part22 = dl2c_hull_sub(part20, part21);
+    const dl2c_hull part23 = dl2c_hull_at(p[S_loopInv_slack6]);
+    const dl2c_hull part24 = dl2c_hull_add(z[X_vr], part23);
+    const dl2c_hull part25 = dl2c_hull_at(flow0_calm_still25(p[P_ep], p[P_A]));
+    const dl2c_hull part26 = dl2c_hull_sub(part24, part25);
+    const dl2c_hull part27 = dl2c_hull_at(p[S_loopInv_slack7]);
+    const dl2c_hull part28 = dl2c_hull_add(z[X_T], part27);
+    const dl2c_hull part29 = dl2c_hull_at(flow0_calm_still29(p[P_ep], p[P_b], p[P_A]));
+    const dl2c_hull part30 = dl2c_hull_mul(part28, part29);
+    const dl2c_hull part31 = dl2c_hull_at(x[X_xg]);
+    const dl2c_hull part32 = dl2c_hull_sub(part31, z[X_xr]);
+    const dl2c_hull part33 = dl2c_hull_at(p[P_GDelta]);
+    const dl2c_hull part34 = dl2c_hull_sub(part32, part33);
+    const dl2c_hull part35 = dl2c_hull_at(flow0_calm_still35(p[P_ep], p[P_A]));
+    const dl2c_hull part36 = dl2c_hull_add(part34, part35);
+    const dl2c_hull part37 = dl2c_hull_mul(part36, part16);
+    const dl2c_hull part38 = dl2c_hull_at(flow0_calm_still38(p[P_ep], p[P_A], p[P_Vmax]));
+    const dl2c_hull part39 = dl2c_hull_add(part37, part38);
+    const dl2c_hull part40 = dl2c_hull_sub(part30, part39);
+    const dl2c_hull part41 = dl2c_hull_at(flow0_calm_still41(p[P_ep], p[P_A], p[S_loopInv_slack6]));
+    const dl2c_hull part42 = dl2c_hull_sub(part41, z[X_vr]);
+    const dl2c_hull part43 = dl2c_hull_at(p[S_loopInv_slack8]);
+    const dl2c_hull part44 = dl2c_hull_add(z[X_T], part43);
+    const dl2c_hull part45 = dl2c_hull_at(flow0_calm_still45(p[P_ep], p[P_b], p[P_A]));
+    const dl2c_hull part46 = dl2c_hull_mul(part44, part45);
+    const dl2c_hull part47 = dl2c_hull_at(flow0_calm_still47(p[P_ep], p[P_A]));
+    const dl2c_hull part48 = dl2c_hull_sub(part47, z[X_vr]);
+    const dl2c_hull part49 = dl2c_hull_mul(part48, part25);
+    const dl2c_hull part50 = dl2c_hull_at(p[P_A]);
+    const dl2c_hull part51 = dl2c_hull_mul(part34, part50);
+    const dl2c_hull part52 = dl2c_hull_add(part49, part51);
+    const dl2c_hull part53 = dl2c_hull_at(flow0_calm_still53(p[P_ep], p[P_A]));
+    const dl2c_hull part54 = dl2c_hull_add(part52, part53);
+    const dl2c_hull part55 = dl2c_hull_mul(part54, part16);
+    const dl2c_hull part56 = dl2c_hull_at(flow0_calm_still56(p[P_ep], p[P_A], p[P_Vmax]));
+    const dl2c_hull part57 = dl2c_hull_add(part55, part56);
+    const dl2c_hull part58 = dl2c_hull_sub(part46, part57);
+    const dl2c_hull part59 = dl2c_hull_at(p[S_ensure_slack0]);
+    const dl2c_hull part60 = dl2c_hull_add(z[X_xr], part59);
+    const dl2c_hull part61 = dl2c_hull_sub(part21, part60);
+    const dl2c_hull part62 = dl2c_hull_at(p[S_ensure_slack1]);
+    const dl2c_hull part63 = dl2c_hull_sub(part12, part62);
+    return ((!bounded) | dl2c_hull_positive(z[X_vr])) & ((watch[0] != DL2C_WATCHING)
+        | (dl2c_hull_positive(part1) & dl2c_hull_positive(part3) & dl2c_hull_positive(part9)
+        & (dl2c_hull_positive(part11) | dl2c_hull_positive(part13) | dl2c_hull_positive(part18))
+        & (dl2c_hull_positive(part22) | (dl2c_hull_positive(part26) & dl2c_hull_positive(part40))
+        | (dl2c_hull_positive(part42) & dl2c_hull_positive(part58))))) & ((watch[1] != DL2C_WATCHING)
+        | (dl2c_hull_positive(z[X_T]) & (dl2c_hull_positive(part61) | dl2c_hull_positive(part63))));
+  }
+  return false;
+}
+
+/*
+ * Motion from x as polynomials of the time; returns their degree.   c: (NX), the constant
+ * coefficients are there
+ */
+static int model_solution(int flow, const real *x, const real *p, real (*c)[DL2C_TRACK_DEGREE + 1])
+{
+  (void)p;
+  if (flow == 0) {
+    c[X_xr][1] = x[X_vr];
+    c[X_xr][2] = flow0_xr_c2(x[X_ar]);
+    c[X_vr][1] = x[X_ar];
+    c[X_t][1] = 1.0;
+    c[X_T][1] = -1.0;
+    return 2;
+  }
+  return 0;
 }
 
 /* Whether a condition watched along a flow holds where its margins have these signs. */
@@ -1532,36 +1014,17 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
     if (formula == 0)
       return (sign[0] >= 0);
     if (formula == 1)
-      return (((sign[1] >= 0) | (sign[2] >= 0)) & ((sign[3] >= 0) | (sign[4] >= 0)) & (((sign[5] != 0)
-          & (sign[6] > 0) & (sign[5] != 0) & (sign[7] > 0)) | ((sign[5] != 0) & (sign[8] >= 0)
-          & (sign[5] != 0) & (sign[9] > 0))) & ((sign[10] >= 0) | (sign[11] >= 0) | (sign[12] >= 0)
-          | (sign[13] >= 0) | ((sign[14] > 0) & (((sign[15] != 0) & (sign[16] > 0) & (sign[15] != 0)
-          & (sign[17] >= 0)) | ((sign[15] != 0) & (sign[18] >= 0) & (sign[15] != 0) & (sign[19] >= 0))))
-          | ((sign[20] >= 0) & (((sign[15] != 0) & (sign[16] > 0) & (sign[15] != 0) & (sign[21] >= 0))
-          | ((sign[15] != 0) & (sign[18] >= 0) & (sign[15] != 0) & (sign[22] >= 0))))) & ((sign[23] > 0)
-          | (sign[24] > 0) | (((sign[25] >= 0) | (sign[26] >= 0)) & (((sign[14] > 0) & (((sign[27] != 0)
-          & (sign[15] != 0) & (sign[28] > 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[29] > 0))
-          | ((sign[27] != 0) & (sign[15] != 0) & (sign[30] >= 0) & (sign[27] != 0) & (sign[15] != 0)
-          & (sign[31] > 0)))) | ((sign[20] >= 0) & (((sign[27] != 0) & (sign[15] != 0) & (sign[28] > 0)
-          & (sign[27] != 0) & (sign[15] != 0) & (sign[32] > 0)) | ((sign[27] != 0) & (sign[15] != 0)
-          & (sign[30] >= 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[33] > 0))))))
-          | (((sign[34] >= 0) | (sign[35] >= 0)) & (((sign[14] > 0) & (((sign[36] != 0)
-          & (sign[27] != 0) & (sign[15] != 0) & (sign[37] > 0) & (sign[36] != 0) & (sign[27] != 0)
-          & (sign[15] != 0) & (sign[38] > 0)) | ((sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0)
-          & (sign[39] >= 0) & (sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[40] > 0))))
-          | ((sign[20] >= 0) & (((sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[37] > 0)
-          & (sign[36] != 0) & (sign[27] != 0) & (sign[15] != 0) & (sign[41] > 0)) | ((sign[36] != 0)
-          & (sign[27] != 0) & (sign[15] != 0) & (sign[39] >= 0) & (sign[36] != 0) & (sign[27] != 0)
-          & (sign[15] != 0) & (sign[42] > 0))))))));
+      return ((sign[1] >= 0) & (sign[2] >= 0) & (sign[3] > 0) & ((sign[4] >= 0) | ((sign[5] >= 0)
+          & (sign[6] >= 0)) | (sign[7] >= 0)) & ((sign[8] > 0) | ((sign[9] >= 0) & (sign[10] > 0))
+          | ((sign[11] >= 0) & (sign[12] > 0))));
     if (formula == 3)
       return false;
     if (formula == 4)
-      return ((sign[43] < 0) & (((sign[44] <= 0) & (sign[45] <= 0)) | ((sign[12] < 0)
-          & (sign[13] < 0))));
+      return ((sign[13] < 0) & ((sign[14] <= 0) | (sign[15] < 0) | (sign[16] < 0)));
     if (formula == 5)
-      return (sign[43] >= 0);
+      return (sign[13] >= 0);
     if (formula == 6)
-      return (((sign[44] > 0) | (sign[45] > 0)) & ((sign[12] >= 0) | (sign[13] >= 0)));
+      return ((sign[14] > 0) & (sign[15] >= 0) & (sign[16] >= 0));
   }
   return true;
 }
@@ -1600,6 +1063,27 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
         & flow0_watch_at_end(y[X_T]);
   }
   return true;
+}
+
+/* What does not change along a flow from x, behind the constants.   p: (NP + NFROZEN) */
+static inline void model_freeze(int flow, const real *x, real *p)
+{
+  if (flow == 0) {
+    p[S_loopInv_slack0] = dl2c_frozen(flow0_loopInv_slack0(x[X_vr]));
+    p[S_loopInv_slack1] = dl2c_frozen(flow0_loopInv_slack1(x[X_vr], p[P_Vmax]));
+    p[S_loopInv_slack2] = dl2c_frozen(flow0_loopInv_slack2(x[X_xr], x[X_vr], x[X_xg], p[P_b],
+        p[P_GDelta]));
+    p[S_loopInv_slack3] = dl2c_frozen(flow0_loopInv_slack3(x[X_xr], x[X_xg], p[P_GDelta]));
+    p[S_loopInv_slack4] = dl2c_frozen(flow0_loopInv_slack4(x[X_vr], x[X_T], p[P_b]));
+    p[S_loopInv_slack5] = dl2c_frozen(flow0_loopInv_slack5(x[X_xr], x[X_xg], p[P_GDelta]));
+    p[S_loopInv_slack6] = dl2c_frozen(flow0_loopInv_slack6(x[X_vr], p[P_ep], p[P_A]));
+    p[S_loopInv_slack7] = dl2c_frozen(flow0_loopInv_slack7(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b],
+        p[P_A], p[P_GDelta], p[P_Vmax]));
+    p[S_loopInv_slack8] = dl2c_frozen(flow0_loopInv_slack8(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep],
+        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]));
+    p[S_ensure_slack0] = dl2c_frozen(flow0_ensure_slack0(x[X_xr], x[X_xg], p[P_GDelta]));
+    p[S_ensure_slack1] = dl2c_frozen(flow0_ensure_slack1(x[X_vr]));
+  }
 }
 
 /* How fast the variables change along a flow; 0 where its ODE does not name one. */
@@ -1922,11 +1406,11 @@ static const dl2c_path PATHS[4] = {
   {0, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS, 0},
   {0, -1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS, 0},
 };
-static const real FLOW_REACH[1] = {0.0};
-static const uint8_t WATCH_CUTS[2] = {1, 0};
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};
-static const int32_t FLOW_MARGINS[1] = {46};
+static const real FLOW_REACH[1] = {0.0};
+static const uint8_t WATCH_CUTS[2] = {1, 0};
+static const int32_t FLOW_MARGINS[1] = {17};
 static const int32_t SAMPLE_START[3] = {0, 1, 65};
 static const real SAMPLE_LOW[65][8] = {
   {-10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0},
