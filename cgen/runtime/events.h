@@ -32,7 +32,8 @@ typedef struct dl2c_events {
   int32_t count;
   int8_t at_start[NMARGIN];
   int8_t after_start[NMARGIN];
-  uint8_t at_end[NMARGIN]; /* whether it ends at zero but for rounding */
+  uint8_t begins[NMARGIN]; /* whether a margin begins at zero but for rounding, */
+  uint8_t ends[NMARGIN];   /* and whether it ends there */
   dl2c_crossing crossings[NMARGIN];
 } dl2c_events;
 

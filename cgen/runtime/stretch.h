@@ -26,7 +26,8 @@ typedef struct dl2c_stretch {
   bool begun;      /* some part lies behind, */
   bool known;      /* and so do these signs: */
   int8_t here[NMARGIN];  /* at its start, */
-  int8_t since[NMARGIN]; /* and just after */
+  int8_t since[NMARGIN]; /* and just after; */
+  bool near[NMARGIN];    /* whether a margin was nearly zero just before */
 } dl2c_stretch;
 
 /* A track that needs more looks counts as one whose events cannot be found. */
@@ -35,8 +36,8 @@ enum { DL2C_LOOKS = 1 << 14 };
 #define DL2C_NARROWEST 0x1p-50
 /* A change of sign is bracketed well enough within this part of a track. */
 #define DL2C_CLOSE 0x1p-44
-/* Events that are at most so many doubles apart are one. */
-enum { DL2C_TOGETHER = 16 };
+/* Events that are at most so far apart, relative to their place, are one. */
+#define DL2C_TOGETHER 0x1p-49
 
 /* The time since the flow began at a place of the track. */
 static real dl2c_time_at(const dl2c_track *track, real place)
@@ -110,6 +111,7 @@ static void dl2c_begin_signs(dl2c_stretch *stretch, const dl2c_taylor *g)
   for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++) {
     const int sign = dl2c_sign_at(stretch, j, stretch->low);
     stretch->here[j] = stretch->since[j] = (int8_t)(sign == 2 ? 0 : sign);
+    stretch->near[j] = false;
     on_edge |= sign == 0;
   }
   stretch->known = true;
@@ -144,6 +146,7 @@ static real dl2c_change(const dl2c_stretch *stretch, int margin, const dl2c_tayl
   int64_t near = low;
   int64_t far = high;
   const int64_t start = dl2c_ordinal(dl2c_model_zero(stretch, g, before));
+  if (stretch->begun && dl2c_sign_at(stretch, margin, stretch->low) == 0) return stretch->low;
   int direction = 0;
   int64_t step = 0;
   while (far - near > 1) {
@@ -163,92 +166,127 @@ static real dl2c_change(const dl2c_stretch *stretch, int margin, const dl2c_tayl
   return dl2c_from_ordinal(near > low ? near : far);
 }
 
-/* Where a model that is nearly zero is nearest to it: at its extremum, else at an end. */
-static real dl2c_touch(const dl2c_stretch *stretch, const dl2c_taylor *g)
+/* Where a model turns round; the middle if it does not. */
+static real dl2c_turn(const dl2c_stretch *stretch, const dl2c_taylor *g)
 {
   const real *c = g->c;
   real near = -1.0;
   real far = 1.0;
   const bool rises = c[1] - 2.0 * c[2] + 3.0 * c[3] - 4.0 * c[4] > 0.0;
   const bool falls = c[1] + 2.0 * c[2] + 3.0 * c[3] + 4.0 * c[4] > 0.0;
-  if (rises == falls)
-    return fabs(dl2c_taylor_at(g, 1.0)) > fabs(dl2c_taylor_at(g, -1.0)) && stretch->low > 0.0
-               ? stretch->low
-               : stretch->low + stretch->width;
-  for (int k = 0; k < 40; k++) {
+  for (int k = 0; k < 40 && rises != falls; k++) {
     const real u = near + 0.5 * (far - near);
     const bool same = (((4.0 * c[4] * u + 3.0 * c[3]) * u + 2.0 * c[2]) * u + c[1] > 0.0) == rises;
     near = same ? u : near;
     far = same ? far : u;
   }
-  return stretch->low + stretch->width * (0.5 + 0.5 * near);
+  return stretch->low + stretch->width * (0.5 + 0.25 * (near + far));
 }
 
-/* Notes the sign of a margin over a stretch, as far as it does not change. */
-static void dl2c_keeps(const dl2c_stretch *stretch, int j, int sign, dl2c_events *events)
-{
-  events->at_start[j] = sign == stretch->since[j] ? stretch->here[j] : 0;
-  events->after_start[j] = (int8_t)sign;
-}
-
-/* A crossing at a place of the track, or where others are that are not apart from it. */
-static void dl2c_cross_at(const dl2c_stretch *stretch, int j, real place, int after,
+/*
+ * A crossing at a place of the track, or where another is that rounding does not tell apart from it.
+ *   vague: how uncertain the place is
+ */
+static void dl2c_cross_at(const dl2c_stretch *stretch, int j, real place, real vague, int after,
                           dl2c_events *events)
 {
   real at = (place - stretch->low) / stretch->width;
   for (int k = 0; k < events->count; k++) {
     const real other = stretch->low + stretch->width * events->crossings[k].at;
-    const int64_t apart = dl2c_ordinal(other) - dl2c_ordinal(place);
-    if (apart >= -DL2C_TOGETHER && apart <= DL2C_TOGETHER) at = events->crossings[k].at;
+    if (fabs(other - place) <= place * DL2C_TOGETHER + vague) at = events->crossings[k].at;
   }
   dl2c_cross(events, at, j, after);
+}
+
+/* What is known of a margin at the end of a stretch. */
+typedef struct dl2c_leg {
+  int8_t sign;
+  bool near; /* it comes so near to zero that its sign is the one before */
+} dl2c_leg;
+
+/* Notes the sign of a margin over a stretch, as far as it does not change.   turned: it was near zero */
+static dl2c_leg dl2c_keeps(const dl2c_stretch *stretch, int j, int sign, bool turned,
+                           dl2c_events *events)
+{
+  events->at_start[j] = sign == stretch->since[j] && !turned ? stretch->here[j] : 0;
+  events->after_start[j] = (int8_t)sign;
+  return (dl2c_leg){(int8_t)sign, false};
+}
+
+/* A margin comes so near to zero at the end of a stretch that only doubles can tell whether it is. */
+static dl2c_leg dl2c_comes_near(const dl2c_stretch *stretch, int j, int sign, dl2c_events *events)
+{
+  const real end = stretch->low + stretch->width;
+  if (dl2c_sign_at(stretch, j, end) != 0) return (dl2c_leg){(int8_t)sign, true};
+  dl2c_cross_at(stretch, j, end, 0.0, 0, events);
+  return (dl2c_leg){0, false};
+}
+
+/* A margin whose model is monotone; `slope` is the least of it. */
+static bool dl2c_monotone_events(const dl2c_stretch *stretch, int j, const dl2c_taylor *g, bool fine,
+                                 real slope, bool turned, dl2c_events *events, dl2c_leg *leg)
+{
+  const real first_value = dl2c_taylor_at(g, -1.0);
+  const real last_value = dl2c_taylor_at(g, 1.0);
+  const bool sure_first = fabs(first_value) > g->r;
+  const bool sure_last = fabs(last_value) > g->r;
+  if (!fine && !(sure_first && sure_last)) return false;
+  const int first = sure_first ? dl2c_sign_of(first_value) : stretch->since[j];
+  const int last = sure_last ? dl2c_sign_of(last_value) : 0;
+  if (first * last < 0 && !fine && !(g->r * stretch->width <= slope * DL2C_CLOSE)) return false;
+  *leg = dl2c_keeps(stretch, j, first != 0 ? first : last, turned, events);
+  events->ends[j] = !sure_last;
+  if (first * last < 0) {
+    const real vague = g->r / slope * stretch->width;
+    dl2c_cross_at(stretch, j, dl2c_change(stretch, j, g, first), vague, last, events);
+    leg->sign = (int8_t)last;
+  }
+  if (first != 0 && !sure_last) *leg = dl2c_comes_near(stretch, j, first, events);
+  return true;
+}
+
+/* A margin that rounding does not tell from zero all along. */
+static dl2c_leg dl2c_vague_events(const dl2c_stretch *stretch, int j, const dl2c_taylor *g,
+                                  real first_slope, bool turned, dl2c_events *events)
+{
+  const real *c = g->c;
+  const int came = stretch->since[j];
+  const real last_slope = c[1] + 2.0 * c[2] + 3.0 * c[3] + 4.0 * c[4];
+  const dl2c_leg leg = dl2c_keeps(stretch, j, came, turned, events);
+  events->ends[j] = true;
+  if (came * first_slope < 0.0 && came * last_slope <= 0.0)
+    return dl2c_comes_near(stretch, j, came, events);
+  if (came != 0 && !(came * first_slope >= 0.0 && came * last_slope > 0.0))
+    dl2c_cross_at(stretch, j, dl2c_turn(stretch, g), 0.0, came, events);
+  return leg;
 }
 
 /*
  * What a margin does on a stretch. Returns whether that is known; else the stretch should be halved.
  * One without a value counts as zero: conditions that say so stand beside it.
- *   last: its sign at the end
+ *   leg: what is known at the end
  */
 static bool dl2c_margin_events(const dl2c_stretch *stretch, int j, const dl2c_taylor *g,
-                               dl2c_events *events, int8_t *last)
+                               dl2c_events *events, dl2c_leg *leg)
 {
   if ((g->lacks & DL2C_LACKS_VALUE) != 0 || !isfinite(g->c[0])) {
-    dl2c_keeps(stretch, j, 0, events);
-    *last = 0;
+    *leg = dl2c_keeps(stretch, j, 0, false, events);
     return true;
   }
-  const int came = stretch->since[j];
+  const real *c = g->c;
+  const real first_slope = c[1] - 2.0 * c[2] + 3.0 * c[3] - 4.0 * c[4];
+  const bool turned = stretch->near[j] && !(stretch->since[j] * first_slope < 0.0);
   const int always = dl2c_taylor_sign(g);
   if (always != 0) {
-    dl2c_keeps(stretch, j, always, events);
-    *last = (int8_t)always;
+    *leg = dl2c_keeps(stretch, j, always, turned, events);
     return true;
   }
   const bool narrow = stretch->width <= DL2C_NARROWEST || g->lacks != 0;
   const bool fine = (isfinite(g->r) && g->r <= DL2C_FINE * g->e) || narrow;
-  const real *c = g->c;
   const real slope = fabs(c[1]) - 2.0 * fabs(c[2]) - 3.0 * fabs(c[3]) - 4.0 * fabs(c[4]);
-  const real first_value = dl2c_taylor_at(g, -1.0);
-  const real last_value = dl2c_taylor_at(g, 1.0);
-  const bool sure_first = fabs(first_value) > g->r;
-  const bool sure_last = fabs(last_value) > g->r;
-  if (slope > 0.0 && (fine || (sure_first && sure_last))) {
-    const int first = sure_first ? dl2c_sign_of(first_value) : came;
-    const int end = sure_last ? dl2c_sign_of(last_value) : 0;
-    if (first * end < 0 && !fine && !(g->r * stretch->width <= slope * DL2C_CLOSE)) return false;
-    dl2c_keeps(stretch, j, first != 0 ? first : end, events);
-    if (first * end < 0) dl2c_cross_at(stretch, j, dl2c_change(stretch, j, g, first), end, events);
-    if (first != 0 && !sure_last)
-      dl2c_cross_at(stretch, j, stretch->low + stretch->width, 0, events);
-    events->at_end[j] = !sure_last;
-    *last = (int8_t)end;
-    return true;
-  }
+  if (slope > 0.0) return dl2c_monotone_events(stretch, j, g, fine, slope, turned, events, leg);
   if (!narrow && !(fine && dl2c_taylor_size(g) <= 2.0 * g->r)) return false;
-  dl2c_keeps(stretch, j, came, events);
-  if (came != 0) dl2c_cross_at(stretch, j, dl2c_touch(stretch, g), 0, events);
-  events->at_end[j] = true;
-  *last = 0;
+  *leg = dl2c_vague_events(stretch, j, g, first_slope, turned, events);
   return true;
 }
 
@@ -257,15 +295,18 @@ static bool dl2c_stretch_events(dl2c_stretch *stretch, const dl2c_taylor *x, dl2
 {
   const int n = FLOW_MARGINS[stretch->flow];
   dl2c_taylor g[NMARGIN];
-  int8_t last[NMARGIN];
+  dl2c_leg legs[NMARGIN];
   model_taylor(stretch->flow, x, stretch->x, stretch->p, g);
   dl2c_begin_signs(stretch, g);
   events->count = 0;
-  memset(events->at_end, 0, sizeof events->at_end);
+  memset(events->ends, 0, sizeof events->ends);
   for (int j = 0; j < n; j++)
-    if (!dl2c_margin_events(stretch, j, &g[j], events, &last[j])) return false;
-  memcpy(stretch->here, last, (size_t)n);
-  memcpy(stretch->since, last, (size_t)n);
+    if (!dl2c_margin_events(stretch, j, &g[j], events, &legs[j])) return false;
+  for (int j = 0; j < n; j++) {
+    events->begins[j] = stretch->near[j];
+    stretch->here[j] = stretch->since[j] = legs[j].sign;
+    stretch->near[j] = legs[j].near;
+  }
   return true;
 }
 
@@ -309,7 +350,6 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
   stretch->width = 1.0;
   stretch->looks = 0;
   memset(sign, 1, NMARGIN);
-  memset(events.at_end, 0, sizeof events.at_end);
   if (FLOW_MARGINS[stretch->flow] == 0) return DL2C_NO_HALT;
   dl2c_track_hull(stretch->track, hull);
   if (dl2c_calm(stretch, hull, bounded, watch)) {
@@ -334,6 +374,8 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
       *place = stretch->low + stretch->width * (stop <= 1.0 ? stop : limit);
       if (NWATCH > 0 && stop <= 1.0) return DL2C_CUT;
       memcpy(sign, failure.at, sizeof failure.at);
+      for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++)
+        if ((limit >= 1.0 && events.ends[j]) || (!(limit > 0.0) && events.begins[j])) sign[j] = 0;
       if (leaves) {
         if (!failure.exit.holds && *place > 0.0) *place = dl2c_before(*place);
         return DL2C_LEAVES;
@@ -342,8 +384,6 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
     dl2c_next_stretch(stretch);
   }
   if (calm) memset(sign, 1, NMARGIN);
-  for (int j = 0; !calm && j < FLOW_MARGINS[stretch->flow]; j++)
-    if (events.at_end[j]) sign[j] = 0;
   return DL2C_NO_HALT;
 }
 

@@ -26,8 +26,8 @@ NARROWEST = 2.0**-50
 """Stretches are not halved below this part of a track."""
 CLOSE = 2.0**-44
 """A change of sign is bracketed well enough within this part of a track."""
-TOGETHER = 16
-"""Events that are at most so many doubles apart are one."""
+TOGETHER = 2.0**-49
+"""Events that are at most so far apart, relative to their place, are one."""
 TRACK_ROUNDING = 2.0**-46
 
 
@@ -76,6 +76,15 @@ def _terms_hull(c: Sequence[float], end: float) -> Hull:
 
 
 @dataclass(frozen=True, slots=True)
+class Leg:
+    """What is known of a margin at the end of a stretch. `near`: it comes so near to zero that its sign is
+    the one before."""
+
+    sign: int
+    near: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Halt:
     """Where on a track a motion ends, by its domain or cut by a violation; the signs of margins there."""
 
@@ -101,6 +110,8 @@ class Search:
     known: bool = False
     here: list[int] = field(default_factory=list[int])
     since: list[int] = field(default_factory=list[int])
+    near: list[bool] = field(default_factory=list[bool])
+    at_start: list[bool] = field(default_factory=list[bool])
     at_end: list[bool] = field(default_factory=list[bool])
 
     def along(self, bounded: bool) -> Halt | Sequence[int]:
@@ -132,12 +143,14 @@ class Search:
                 self.met += met
                 self.waiting = [w for w in self.waiting if w not in (*failed, *met)]
                 place = self.low + self.width * float(limit if stop is None else stop)
+                signs = found.sign_at
+                zero = self.at_end if limit >= 1 else self.at_start if not limit > 0 else [False] * len(signs)
+                signs = [0 if z else s for s, z in zip(signs, zero, strict=True)]
                 if stop is not None:
-                    return Halt(place, True, found.sign_at)
+                    return Halt(place, True, signs)
                 if leaves:
                     place = place if found.holds or not place > 0 else math.nextafter(place, 0.0)
-                    return Halt(place, False, found.sign_at)
-                signs = [0 if e else s for s, e in zip(found.sign_at, self.at_end, strict=True)]
+                    return Halt(place, False, signs)
             self._next()
         return signs
 
@@ -172,14 +185,15 @@ class Search:
         models = self._models(state)
         self._begin_signs()
         events = Events([], [], [])
-        last: list[int] = []
+        legs: list[Leg] = []
         self.at_end = []
         for j, g in enumerate(models):
-            sign = self._margin_events(j, g, events)
-            if sign is None:
+            leg = self._margin_events(j, g, events)
+            if leg is None:
                 return None
-            last.append(sign)
-        self.here, self.since = list(last), list(last)
+            legs.append(leg)
+        self.here, self.since = [leg.sign for leg in legs], [leg.sign for leg in legs]
+        self.at_start, self.near = self.near, [leg.near for leg in legs]
         return events
 
     def _begin_signs(self) -> None:
@@ -188,6 +202,7 @@ class Search:
         signs = [self._sign_at(j, self.low) for j in range(len(self.plan.margins))]
         self.here = [0 if s == 2 else s for s in signs]
         self.since = list(self.here)
+        self.near = [False] * len(signs)
         self.known = True
         if 0 in signs and not self.begun:
             for j, g in enumerate(self._models(self.track.models(0.0, 1.0))):
@@ -201,48 +216,80 @@ class Search:
         value = in_doubles(self.plan.margins[margin], {**self.env, **moved})
         return _sign(value) if math.isfinite(value) else 2
 
-    def _margin_events(self, j: int, g: Taylor, events: Events) -> int | None:
-        """Adds what a margin does on the stretch; returns its sign at the end, None where that is open."""
+    def _margin_events(self, j: int, g: Taylor, events: Events) -> Leg | None:
+        """Adds what a margin does on the stretch; None where that is open."""
         if g.lacks & taylor.LACKS_VALUE or not math.isfinite(g.c[0]):
-            return self._keeps(j, 0, events, False, 0)
-        came = self.since[j]
+            return self._keeps(j, 0, False, events)
+        c = g.c
+        first_slope = c[1] - 2.0 * c[2] + 3.0 * c[3] - 4.0 * c[4]
+        turned = self.near[j] and not self.since[j] * first_slope < 0
         always = taylor.sign(g)
         if always:
-            return self._keeps(j, always, events, False, always)
+            return self._keeps(j, always, turned, events)
         narrow = self.width <= NARROWEST or g.lacks != 0
         fine = (math.isfinite(g.r) and g.r <= taylor.FINE * g.e) or narrow
-        c = g.c
         slope = abs(c[1]) - 2.0 * abs(c[2]) - 3.0 * abs(c[3]) - 4.0 * abs(c[4])
-        first_value, last_value = g.at(-1.0), g.at(1.0)
-        sure_first, sure_last = abs(first_value) > g.r, abs(last_value) > g.r
-        if slope > 0 and (fine or (sure_first and sure_last)):
-            first = _sign(first_value) if sure_first else came
-            end = _sign(last_value) if sure_last else 0
-            if first * end < 0 and not fine and not g.r * self.width <= slope * CLOSE:
-                return None
-            if first * end < 0:
-                self._cross(j, self._change(j, g, first), end, events)
-            if first and not sure_last:
-                self._cross(j, self.low + self.width, 0, events)
-            return self._keeps(j, first or end, events, not sure_last, end)
+        if slope > 0:
+            return self._monotone_events(j, g, fine, slope, turned, events)
         if not narrow and not (fine and g.size <= 2.0 * g.r):
             return None
-        if came != 0:
-            self._cross(j, self._touch(g), 0, events)
-        return self._keeps(j, came, events, True, 0)
+        return self._vague_events(j, g, first_slope, turned, events)
 
-    def _keeps(self, j: int, sign: int, events: Events, ends_at_zero: bool, last: int) -> int:
-        events.at_start.append(self.here[j] if sign == self.since[j] else 0)
+    def _monotone_events(
+        self, j: int, g: Taylor, fine: bool, slope: float, turned: bool, events: Events
+    ) -> Leg | None:
+        """A margin whose model is monotone; `slope` is the least of it."""
+        first_value, last_value = g.at(-1.0), g.at(1.0)
+        sure_first, sure_last = abs(first_value) > g.r, abs(last_value) > g.r
+        if not fine and not (sure_first and sure_last):
+            return None
+        first = _sign(first_value) if sure_first else self.since[j]
+        last = _sign(last_value) if sure_last else 0
+        if first * last < 0 and not fine and not g.r * self.width <= slope * CLOSE:
+            return None
+        leg = self._keeps(j, first or last, turned, events)
+        self.at_end[j] = not sure_last
+        if first * last < 0:
+            vague = g.r / slope * self.width
+            self._cross(j, self._change(j, g, first), last, events, vague)
+            leg = Leg(last, False)
+        return self._comes_near(j, first, events) if first and not sure_last else leg
+
+    def _vague_events(self, j: int, g: Taylor, first_slope: float, turned: bool, events: Events) -> Leg:
+        """A margin that rounding does not tell from zero all along."""
+        c = g.c
+        came = self.since[j]
+        last_slope = c[1] + 2.0 * c[2] + 3.0 * c[3] + 4.0 * c[4]
+        leg = self._keeps(j, came, turned, events)
+        self.at_end[j] = True
+        if came * first_slope < 0 and came * last_slope <= 0:
+            return self._comes_near(j, came, events)
+        if came and not (came * first_slope >= 0 and came * last_slope > 0):
+            self._cross(j, self._turn(g, first_slope > 0, last_slope > 0), came, events)
+        return leg
+
+    def _keeps(self, j: int, sign: int, turned: bool, events: Events) -> Leg:
+        """Notes the sign over the stretch, as far as it does not change; `turned`: it was near zero."""
+        events.at_start.append(self.here[j] if sign == self.since[j] and not turned else 0)
         events.after_start.append(sign)
-        self.at_end.append(ends_at_zero)
-        return last
+        self.at_end.append(False)
+        return Leg(sign, False)
 
-    def _cross(self, j: int, place: float, after: int, events: Events) -> None:
-        """A crossing at a place, or where others are that are not apart from it."""
+    def _comes_near(self, j: int, sign: int, events: Events) -> Leg:
+        """So near to zero at the end of the stretch that only doubles can tell whether it is."""
+        end = self.low + self.width
+        if self._sign_at(j, end) != 0:
+            return Leg(sign, True)
+        self._cross(j, end, 0, events)
+        return Leg(0, False)
+
+    def _cross(self, j: int, place: float, after: int, events: Events, vague: float = 0.0) -> None:
+        """A crossing at a place, or where another is that rounding does not tell apart from it; `vague` is
+        how uncertain the place is."""
         at = (place - self.low) / self.width
         for other in events.crossings:
             near = self.low + self.width * float(other.at)
-            if abs(ordinal(near) - ordinal(place)) <= TOGETHER:
+            if abs(near - place) <= place * TOGETHER + vague:
                 at = other.at
         insort(events.crossings, Crossing(at, j, after), key=lambda c: (c.at, c.margin))
 
@@ -252,6 +299,8 @@ class Search:
         low, high = ordinal(self.low), ordinal(self.low + self.width)
         near, far = low, high
         start = ordinal(self._model_zero(g, sign))
+        if self.begun and self._sign_at(margin, self.low) == 0:
+            return self.low
         direction = step = 0
         while far - near > 1:
             number = near + (far - near) // 2
@@ -279,20 +328,15 @@ class Search:
             near, far = (middle, far) if same else (near, middle)
         return self.low + self.width * (0.5 + 0.5 * near)
 
-    def _touch(self, g: Taylor) -> float:
-        """Where a model that is nearly zero is nearest to it: at its extremum, else at an end."""
+    def _turn(self, g: Taylor, rises: bool, falls: bool) -> float:
+        """Where a model turns round; the middle if it does not."""
         c = g.c
-        rises = c[1] - 2.0 * c[2] + 3.0 * c[3] - 4.0 * c[4] > 0
-        falls = c[1] + 2.0 * c[2] + 3.0 * c[3] + 4.0 * c[4] > 0
-        if rises == falls:
-            at_low = abs(g.at(1.0)) > abs(g.at(-1.0)) and self.low > 0
-            return self.low if at_low else self.low + self.width
         near, far = -1.0, 1.0
-        for _ in range(40):
+        for _ in range(40 if rises != falls else 0):
             u = near + 0.5 * (far - near)
             same = (((4.0 * c[4] * u + 3.0 * c[3]) * u + 2.0 * c[2]) * u + c[1] > 0) == rises
             near, far = (u, far) if same else (near, u)
-        return self.low + self.width * (0.5 + 0.5 * near)
+        return self.low + self.width * (0.5 + 0.25 * (near + far))
 
 
 def _plainly(formula: Formula, terms: Enclosed[Hull]) -> bool:
