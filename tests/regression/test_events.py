@@ -68,7 +68,7 @@ def narrow(kernel: str) -> Any:
 
 def narrow_case(motion: Motion, form: str, width: float, random: Random) -> Case:
     start = motion.draw(random) | {"x": 0.0, "v": 1.0, "e": 1.0, "t": 0.0}
-    return Case(list(TRIED).index(form), start | {"c": random.uniform(0.01, 0.99), "w": width})
+    return Case(list(TRIED).index(form), start | {"c": random.uniform(0.05, 0.95), "w": width})
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
