@@ -4,9 +4,6 @@
  * - `new STIFF RTOL ATOL`: a solver for what follows
  * - `run FLOW STOP X[NX] P`: its tracks, "track FROM LENGTH DEGREE c.. END[NX]", and how it ended
  * - `time FLOW STOP REPEAT X[NX] P`: microseconds a flow takes
- * - `samples FLOW STOP X[NX] P`: largest difference between dl2c_track_samples and dl2c_track_at
- * - `cross FLOW STOP K LEVEL X[NX] P`: when variable K passes LEVEL, from the curves of its tracks
- * - `fit V[DL2C_NODES]`: Bernstein coefficients
  *
  * Numbers are hexadecimal, so that nothing is lost. The only argument is the solver's library.
  */
@@ -15,12 +12,6 @@
 enum { NX = 6, NP = 1 };
 
 #include "numbers.h"
-
-static inline bool model_condition(int flow, int formula, const int8_t *sign)
-{
-  (void)flow, (void)formula, (void)sign;
-  return true;
-}
 
 static inline void model_rates(int flow, const real *x, const real *p, real *dx);
 static inline void model_jacobian(int flow, const real *x, const real *p, real *jac);
@@ -159,66 +150,11 @@ static real microseconds(dl2c_solver *solver, int flow, real stop, const real *x
   return taken / (real)repeat;
 }
 
-static real sample_difference(dl2c_solver *solver, int flow, real stop, const real *x,
-                              const real *p)
-{
-  dl2c_track track;
-  real samples[NX * DL2C_NODES];
-  real state[NX];
-  real worst = 0.0;
-  if (!dl2c_solver_start(solver, flow, x, p, stop)) return (real)INFINITY;
-  while (!dl2c_solver_done(solver)) {
-    if (!dl2c_solver_step(solver, &track)) return (real)INFINITY;
-    dl2c_track_samples(&track, samples);
-    for (int j = 0; j < DL2C_NODES; j++) {
-      dl2c_track_at(&track, DL2C_NODE[j], state);
-      for (int k = 0; k < NX; k++)
-        worst = fmax(worst, fabs(samples[k * DL2C_NODES + j] - state[k]));
-    }
-  }
-  return worst;
-}
-
-/* Samples a margin, fits a curve, isolates its zeros; the sign carries over from piece to piece. */
-static void print_crossings(dl2c_solver *solver, int flow, real stop, int k, real level,
-                            const real *x)
-{
-  dl2c_track track;
-  real samples[NX * DL2C_NODES];
-  dl2c_curve curve;
-  dl2c_crossing found[DL2C_MAX_DEGREE + 1];
-  int8_t sign = (int8_t)dl2c_sign(x[k] - level);
-  printf("cross");
-  if (!dl2c_solver_start(solver, flow, x, x + NX, stop)) exit(2);
-  while (!dl2c_solver_done(solver)) {
-    if (!dl2c_solver_step(solver, &track)) exit(2);
-    dl2c_track_samples(&track, samples);
-    real *const values = samples + k * DL2C_NODES;
-    for (int j = 0; j < DL2C_NODES; j++) values[j] -= level;
-    dl2c_fit(values, 0.0, &curve);
-    const int count = dl2c_crossings(&curve, 1, &sign, found, DL2C_MAX_DEGREE + 1);
-    for (int i = 0; i < count; i++) printf(" %a", track.from + found[i].at * track.length);
-    if (count > 0) sign = found[count - 1].after;
-  }
-  printf("\n");
-}
-
 static bool read_reals(real *values, int n)
 {
   for (int k = 0; k < n; k++)
     if (scanf("%la", &values[k]) != 1) return false;
   return true;
-}
-
-static void print_fit(void)
-{
-  real values[DL2C_NODES];
-  dl2c_curve curve;
-  if (!read_reals(values, DL2C_NODES)) exit(2);
-  dl2c_fit(values, 0.0, &curve);
-  printf("fit");
-  for (int k = 0; k <= curve.degree; k++) printf(" %a", curve.b[k]);
-  printf("\n");
 }
 
 int main(int argc, char **argv)
@@ -240,27 +176,17 @@ int main(int argc, char **argv)
     int repeat = 1;
     real stop = 0.0;
     real x[NX + 1];
-    if (strcmp(word, "fit") == 0) {
-      print_fit();
-      continue;
-    }
     if (scanf("%d", &a) != 1 || !read_reals(&stop, 1)) return 2;
     if (strcmp(word, "new") == 0) {
       dl2c_solver_free(solver);
       if (!read_reals(x, 1) || dl2c_solver_create(stop, x[0], a, &solver) != DL2C_OK) return 2;
       continue;
     }
-    real level = 0.0;
     if (strcmp(word, "time") == 0 && scanf("%d", &repeat) != 1) return 2;
-    if (strcmp(word, "cross") == 0 && (scanf("%d", &repeat) != 1 || !read_reals(&level, 1)))
-      return 2;
     if (!read_reals(x, NX + NP)) return 2;
     const real *const p = x + NX;
     if (strcmp(word, "run") == 0) printf("%s\n", run(solver, a, stop, x, p, true));
     if (strcmp(word, "time") == 0) printf("time %a\n", microseconds(solver, a, stop, x, p, repeat));
-    if (strcmp(word, "cross") == 0) print_crossings(solver, a, stop, repeat, level, x);
-    if (strcmp(word, "samples") == 0)
-      printf("samples %a\n", sample_difference(solver, a, stop, x, p));
   }
   dl2c_solver_free(solver);
   return 0;

@@ -3,9 +3,8 @@
 import shutil
 import subprocess
 from collections.abc import Callable
-from fractions import Fraction
 from itertools import pairwise
-from math import comb, cos, exp, isfinite, pi, sin
+from math import cos, exp, isfinite, sin
 from pathlib import Path
 from typing import Any
 
@@ -223,73 +222,6 @@ def test_a_stiff_flow_left_to_the_solver_goes_on_with_bdf(program: Path) -> None
         assert track.end == tuple(c[0] for c in following.c)
 
 
-def bernstein(coefficients: list[Fraction], s: Fraction) -> Fraction:
-    n = len(coefficients) - 1
-    return sum((comb(n, j) * s**j * (1 - s) ** (n - j) * b for j, b in enumerate(coefficients)), Fraction(0))
-
-
-def chebyshev(k: int) -> list[Fraction]:
-    """The Bernstein coefficients of degree 12 of T_k(2s - 1)."""
-    own = [Fraction((-1) ** (k - i) * comb(2 * k, 2 * i), comb(k, i)) for i in range(k + 1)]
-    return [
-        sum(
-            (own[i] * comb(k, i) * comb(12 - k, j - i) for i in range(k + 1) if 0 <= j - i <= 12 - k),
-            Fraction(0),
-        )
-        / comb(12, j)
-        for j in range(13)
-    ]
-
-
-NODES = [(1.0 - cos(pi * j / 12)) / 2.0 for j in range(13)]
-
-
-def fit(program: Path, *rows: list[float]) -> list[list[float]]:
-    commands = ("fit " + " ".join(float(v).hex() for v in row) for row in rows)
-    return [list(b) for b in ask(program, *commands).numbers]
-
-
-def test_fitted_curves_are_the_polynomials_through_the_values(casadi_program: Path) -> None:
-    rows = [[(-1) ** k * cos(pi * k * j / 12) for j in range(13)] for k in range(13)]
-    for k, b in enumerate(fit(casadi_program, *rows)):
-        exact = [float(c) for c in chebyshev(k)]
-        assert b == pytest.approx(exact, abs=3e-15 * max(map(abs, exact)))
-        assert float(bernstein([Fraction(c) for c in exact], Fraction(1, 4))) == pytest.approx(
-            cos(k * 2 * pi / 3), abs=1e-12
-        )
-
-
-def test_fitted_curves_have_the_given_ends_and_no_rounding_in_between(casadi_program: Path) -> None:
-    values = [0.1 + s - 3.0 * s * s for s in NODES]
-    values[0], values[12] = 0.1, -1.9
-    (b,) = fit(casadi_program, values)
-    assert (b[0], b[12]) == (values[0], values[12])
-    exact = [0.1 + j / 12 - 3.0 * j * (j - 1) / 132 for j in range(13)]
-    assert b == pytest.approx(exact, abs=5e-15)
-    assert fit(casadi_program, [0.0] * 13) == [[0.0] * 13]
-
-
-def test_samples_are_states_of_the_track(program: Path) -> None:
-    start = [0.3, -0.2, 0.6, 0.8, 1.5, 0.1]
-    answer = ask(program, solver(), flow(DUBINS, 0.3, start, command="samples"))
-    assert answer.numbers == ((0.0,),)
-
-
-def test_crossings_are_found_on_the_curves_of_a_term(program: Path) -> None:
-    answer = ask(
-        program,
-        solver(NOT_STIFF, 1e-10, 1e-12),
-        flow(OSCILLATOR, 28.0, [1.0, 0.0], command="cross", extra="0 0x0p+0"),
-        flow(BALL, 0.5, [1.0, 0.0], command="cross", extra="0 0x0p+0"),
-        solver(ALWAYS_STIFF, 1e-8, 1e-14),
-        flow(ROBERTSON, 1.0, [1.0, 0.0, 0.0], command="cross", extra=f"2 {(0.01).hex()}"),
-    )
-    zeros, falls, robertson = answer.numbers
-    assert zeros == pytest.approx([pi * (k + 0.5) for k in range(9)], abs=1e-7)
-    assert falls == pytest.approx([0.4515236409857309], abs=1e-9)
-    assert robertson == pytest.approx([0.264019078188], rel=1e-6)
-
-
 def refusal(program: Path, library: Path) -> str:
     result = subprocess.run((program, library), input="", capture_output=True, text=True, check=False)
     assert result.returncode == 1
@@ -337,7 +269,7 @@ def test_sanitizers_find_nothing(casadi_program: Path, tmp_path: Path) -> None:
         flow(PENDULUM, 1.0, [1.0, 0.0]),
         flow(STIFF, 0.1, [1.0, 0.0]),
         flow(BLOW_UP, 2.0, [1.0]),
-        flow(DUBINS, 0.3, [0.3, -0.2, 0.6, 0.8, 1.5, 0.1], command="samples"),
+        flow(DUBINS, 0.3, [0.3, -0.2, 0.6, 0.8, 1.5, 0.1]),
         solver(ALWAYS_STIFF),
         flow(ROBERTSON, 1e3, [1.0, 0.0, 0.0]),
     )

@@ -180,13 +180,13 @@ def test_exit_time_is_the_first_time_outside(c0: Fraction, c1: Fraction, c2: Fra
 
 @given(x=st.floats(-5, 5), v=st.floats(0, 5), a=st.floats(-5, 5), ep=st.floats(0.01, 2), m=st.floats(-6, 6))
 def test_no_state_after_a_flow_violates_its_domain(x: float, v: float, a: float, ep: float, m: float) -> None:
-    flow = plan_of("{x' = v, v' = a, t' = 1 & v >= 0 & x + v <= m & x != 0 & t <= ep}")
+    flow = flow_of("{x' = v, v' = a, t' = 1 & v >= 0 & x + v <= m & x != 0 & t <= ep}")
     start = environment(x=x, v=v, a=a, t=0.0, ep=ep, m=m)
-    if not truth(flow.flow.domain, start):
+    if not truth(flow.domain, start):
         return
-    motion = advanced(flow, start)
+    motion = followed(flow, start)
     after = start | {NAMES[n]: value for n, value in motion.values.items()}
-    assert truth(flow.flow.domain, after)
+    assert truth(flow.domain, after)
     assert 0 <= motion.duration <= ep
 
 

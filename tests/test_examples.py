@@ -81,9 +81,11 @@ def test_info_says_which_kernel_follows_a_flow_and_why(name: str, capsys: pytest
     manifest = dl2c.build(f"example:{name}").library.manifest
     assert [(f.kernel, f.reason) for f in manifest.flows] == [KERNELS[name]]
     describe(manifest)
-    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith(f"{name}.kyx:"))
-    _, ode, *columns = re.split("  +", line)
+    lines = (line for line in capsys.readouterr().out.splitlines() if line.startswith(f"{name}.kyx:"))
+    (_, ode, *columns), *events = (re.split("  +", line) for line in lines)
     assert ode.startswith("{") and tuple(columns) == KERNELS[name]
+    assert [event[1] for event in events] == [condition for condition, _ in manifest.flows[0].events]
+    assert all("certified" in how or how == "exact" for _, how in manifest.flows[0].events)
 
 
 @pytest.mark.parametrize("name", ["waypoint", "dubins"])

@@ -10,6 +10,9 @@
 
 #include "numbers.h"
 
+/* Motion is followed by polynomials of this degree at most. */
+enum { DL2C_TRACK_DEGREE = 12 };
+
 /* How far a rounded end point steps back at first, relative to its time; then four times as far. */
 #define DL2C_RETREAT_FIRST 0x1p-52
 

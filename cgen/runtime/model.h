@@ -158,9 +158,6 @@ typedef enum dl2c_motion {
   DL2C_DOUBTFUL = 4,  /* rounding may decide where it ends: that takes a closer look */
 } dl2c_motion;
 
-/* Motion is followed by polynomials of this degree at most. */
-enum { DL2C_TRACK_DEGREE = 12 };
-
 /* How a flow is followed. */
 typedef enum dl2c_kernel {
   DL2C_QUICK = 0,    /* straight-line motion, a polynomial of time */

@@ -5,7 +5,7 @@
 #ifndef DL2C_PIECES_H
 #define DL2C_PIECES_H
 
-#include "events.h"
+#include "flow_exact.h"
 #include "taylor.h"
 
 /*

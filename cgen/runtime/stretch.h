@@ -14,6 +14,7 @@
 #ifndef DL2C_STRETCH_H
 #define DL2C_STRETCH_H
 
+#include "events.h"
 #include "pieces.h"
 
 /* A part of a track of a motion from x, and what is known where it begins. */
@@ -92,7 +93,7 @@ static void dl2c_lie_signs(int flow, const real *y, const real *p, const dl2c_ta
 static void dl2c_solution_signs(const dl2c_stretch *stretch, int8_t *after)
 {
   dl2c_taylor x[NX];
-  dl2c_taylor g[NMARGIN];
+  dl2c_taylor g[NMARGIN] = {{.r = 0.0}};
   dl2c_track_models(stretch->track, 0.0, 1.0, x);
   model_taylor(stretch->flow, x, stretch->x, stretch->p, g);
   for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++)
@@ -161,7 +162,7 @@ static real dl2c_change(const dl2c_stretch *stretch, int margin, const dl2c_tayl
     near = still ? number : near;
     far = still ? far : number;
     if (direction == 0) direction = still ? 1 : -1;
-    step = step == 0 ? 1 : 2 * step;
+    step = step == 0 ? 1 : step < high ? 2 * step : step;
   }
   return dl2c_from_ordinal(near > low ? near : far);
 }
@@ -294,7 +295,7 @@ static bool dl2c_margin_events(const dl2c_stretch *stretch, int j, const dl2c_ta
 static bool dl2c_stretch_events(dl2c_stretch *stretch, const dl2c_taylor *x, dl2c_events *events)
 {
   const int n = FLOW_MARGINS[stretch->flow];
-  dl2c_taylor g[NMARGIN];
+  dl2c_taylor g[NMARGIN] = {{.r = 0.0}};
   dl2c_leg legs[NMARGIN];
   model_taylor(stretch->flow, x, stretch->x, stretch->p, g);
   dl2c_begin_signs(stretch, g);

@@ -16,7 +16,7 @@ from dl2c.emit.python_expr import SUM, WIDTH, Bracketed, Expression, Named, Writ
 from dl2c.ir.admission import Admission
 from dl2c.ir.kernel import FlowPlan, constant_along
 from dl2c.ir.logic import conjuncts
-from dl2c.ir.margins import cleared, margins_of, smooth
+from dl2c.ir.margins import margins_of, smooth
 from dl2c.ir.model import ONE, TRUE, Add, Compare, Formula, Model, Mul, Number, Symbol, Term
 from dl2c.ir.printer import print_flow
 from dl2c.ir.slack import equalities_relaxed
@@ -117,8 +117,7 @@ def plain_margins(model: Model, plan: FlowPlan) -> tuple[Term, ...]:
     for watch in watches_of(model):
         predicate = model.predicates[watch.predicate]
         conditions += [predicate.formula, predicate.due or TRUE]
-    margins = margins_of([smooth(c, moves) for c in conditions])
-    return tuple(dict.fromkeys(cleared(m, moves) for m in margins if moves(m)))
+    return tuple(m for m in margins_of([smooth(c, moves) for c in conditions]) if moves(m))
 
 
 def flow_functions(environment: Environment, k: int, writer: Writer) -> Iterator[str]:

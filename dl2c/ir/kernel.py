@@ -126,9 +126,9 @@ def _planned(
         return not constant_along(term, flow)
 
     try:
-        domain = smooth(flow.watched, moves)
+        domain = smooth(flow.watched, moves, as_written=True)
         watched = tuple(_smoothed(w, moves) for w in watches)
-        still = conjunction(smooth(w.plainly, moves) for w in watches)
+        still = conjunction(smooth(w.plainly, moves, as_written=True) for w in watches)
     except TooManyCases:
         return Refused("its conditions have too many cases of abs, min and max", flow.span, FEWER)
     margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
@@ -176,9 +176,11 @@ def _numeric(flow: Flow, integrator: Integrator, why: str) -> tuple[Kernel, str]
 
 def _smoothed(watch: Watch, moves: Moves) -> Watch:
     """Over margins. Signs are always known: an obligation waits also where D or P has no value."""
-    due, goal = smooth(watch.due, moves), smooth(watch.goal, moves)
+    due, goal = smooth(watch.due, moves, as_written=True), smooth(watch.goal, moves, as_written=True)
     waits = watch.kind == "obligation"
-    stays = conjunction([negation(due), negation(goal)]) if waits else smooth(watch.stays, moves)
+    stays = conjunction([negation(due), negation(goal)])
+    if not waits:
+        stays = smooth(watch.stays, moves, as_written=True)
     return replace(watch, stays=stays, due=due, goal=goal)
 
 

@@ -55,39 +55,43 @@ def margin_of(atom: Compare) -> Term:
     return left if right == ZERO else Sub(left, right)
 
 
-def smooth(formula: Formula, moves: Moves) -> Formula:
-    """The formula over margins; terms that do not move keep their kinks. Raises `TooManyCases`."""
-    made = _smooth(formula, moves)
+def smooth(formula: Formula, moves: Moves, as_written: bool = False) -> Formula:
+    """The formula over margins; terms that do not move keep their kinks. Raises `TooManyCases`.
+
+    Divisors that move are multiplied out, unless margins are wanted `as_written`.
+    """
+    made = _smooth(formula, moves, as_written)
     if sum(1 for _ in atoms(made)) > MAX_ATOMS:
         raise TooManyCases
     return made
 
 
-def _smooth(formula: Formula, moves: Moves) -> Formula:
+def _smooth(formula: Formula, moves: Moves, as_written: bool) -> Formula:
     match formula:
         case Truth():
             return formula
         case And(children):
-            return conjunction(_smooth(c, moves) for c in children)
+            return conjunction(_smooth(c, moves, as_written) for c in children)
         case Or(children):
-            return disjunction(_smooth(c, moves) for c in children)
+            return disjunction(_smooth(c, moves, as_written) for c in children)
         case Compare(op, span=span):
             kind = {"<=": ">=", "<": ">"}.get(op, op)
             assert kind in (">=", ">", "=", "!=")
-            return _atom(Compare(kind, margin_of(formula), ZERO, span=span), moves, 0)
+            return _atom(Compare(kind, margin_of(formula), ZERO, span=span), moves, as_written, 0)
 
 
-def _atom(atom: Compare, moves: Moves, depth: int) -> Formula:
+def _atom(atom: Compare, moves: Moves, as_written: bool, depth: int) -> Formula:
     """One atom, its first kink resolved into cases, then the cases."""
     if depth > 12:
         raise TooManyCases
     found = _kink(atom.left, moves, 1)
     if found is None:
-        return conjunction([*_defined(atom.left, moves), atom])
+        margin = atom.left if as_written else cleared(atom.left, moves, atom.op in ("=", "!="))
+        return conjunction([*_defined(atom.left, moves), Compare(atom.op, margin, ZERO, span=atom.span)])
     call, direction = found
     branches = _branches(call)
     cases = [Compare(atom.op, with_term(atom.left, call, b), ZERO, span=atom.span) for b in branches]
-    parts = [_atom(c, moves, depth + 1) for c in cases]
+    parts = [_atom(c, moves, as_written, depth + 1) for c in cases]
     if direction is not None and atom.op in (">=", ">"):
         grows = (direction > 0) == (call.function != "min")
         return disjunction(parts) if grows else conjunction(parts)
@@ -95,8 +99,8 @@ def _atom(atom: Compare, moves: Moves, depth: int) -> Formula:
     chosen = Compare("<" if call.function == "min" else ">", first, second, span=atom.span)
     return disjunction(
         [
-            conjunction([_smooth(chosen, moves), parts[0]]),
-            conjunction([_smooth(negation(chosen), moves), parts[1]]),
+            conjunction([_smooth(chosen, moves, as_written), parts[0]]),
+            conjunction([_smooth(negation(chosen), moves, as_written), parts[1]]),
         ]
     )
 
@@ -142,10 +146,12 @@ def _scaled(direction: int | None, positive: bool) -> int | None:
     return direction if positive else _opposite(direction)
 
 
-def cleared(term: Term, moves: Moves) -> Term:
-    """A term of the same sign, wherever the term has a value, without divisors that move: n*d for n/d."""
+def cleared(term: Term, moves: Moves, zero_alone: bool = False) -> Term:
+    """A term of the same sign, wherever the term has a value, without divisors that move: n*d for n/d, or
+    n where only zero matters.
+    """
     above, below = fraction(term, moves)
-    return above if below is None else Mul(above, below)
+    return above if below is None or zero_alone else Mul(above, below)
 
 
 def fraction(term: Term, cleared: Callable[[Term], bool]) -> tuple[Term, Term | None]:
