@@ -143,31 +143,29 @@ static inline void dl2c_project(int flow, const real *p, real *y) { (void)flow, 
 #endif
 
 /* Whether the state at a place of a track, its invariants met, is inside the domain. */
-static bool dl2c_arrives(const dl2c_stretch *stretch, const dl2c_track *track, real place, real *y,
-                         real *duration)
+static bool dl2c_arrives(const dl2c_stretch *stretch, real place, real *y, real *duration)
 {
-  dl2c_track_at(track, place, y);
+  dl2c_track_at(stretch->track, place, y);
   dl2c_project(stretch->flow, stretch->p, y);
-  *duration = dl2c_time_at(track, place);
+  *duration = dl2c_time_at(stretch->track, place);
   return model_inside(stretch->flow, y, stretch->p);
 }
 
 /* Rounding put a place of a track outside the domain: steps back until it is inside. */
-static bool dl2c_back(const dl2c_stretch *stretch, const dl2c_track *track, real place, real *y,
-                      real *duration)
+static bool dl2c_back(const dl2c_stretch *stretch, real place, real *y, real *duration)
 {
   real outside = 0.0;
   real inside = DL2C_RETREAT_FIRST;
   for (int k = 0; k < DL2C_STEPS_BACK; k++, outside = inside, inside *= 4.0) {
-    if (!dl2c_arrives(stretch, track, place - place * inside, y, duration)) continue;
+    if (!dl2c_arrives(stretch, place - place * inside, y, duration)) continue;
     while (inside - outside > DL2C_RETREAT_FINE) {
       const real middle = 0.5 * (outside + inside);
-      if (dl2c_arrives(stretch, track, place - place * middle, y, duration))
+      if (dl2c_arrives(stretch, place - place * middle, y, duration))
         inside = middle;
       else
         outside = middle;
     }
-    (void)dl2c_arrives(stretch, track, place - place * inside, y, duration);
+    (void)dl2c_arrives(stretch, place - place * inside, y, duration);
     return true;
   }
   return false;
@@ -175,11 +173,11 @@ static bool dl2c_back(const dl2c_stretch *stretch, const dl2c_track *track, real
 
 /*
  * The state at a place of a track, as the end of a flow: invariants and bounds that were met hold
- * exactly. Where that is outside the domain by rounding, a slightly earlier one, also of the track
- * before, which may be NULL. A flow that would have to go back further is not solved.
+ * exactly. Where that is outside the domain by rounding, a slightly earlier one. OUTSIDE if that would
+ * be before the track.
  */
-static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, const dl2c_track *before, real place,
-                               bool settled, real time, const int8_t *sign, real *y, real *duration)
+static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real place, bool settled, real time,
+                               const int8_t *sign, real *y, real *duration)
 {
   const int flow = stretch->flow;
   const real *p = stretch->p;
@@ -189,10 +187,10 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, const dl2c_track *be
   if (!dl2c_all_finite(y, NX)) return DL2C_UNDEFINED;
   *duration = time;
   if (model_inside(flow, y, p)) return DL2C_SETTLED;
-  if (dl2c_back(stretch, stretch->track, place, y, duration)) return DL2C_SETTLED;
-  if (before != NULL && place < DL2C_RETREAT_FINE && dl2c_back(stretch, before, 1.0, y, duration))
-    return DL2C_SETTLED;
-  if (before != NULL || !(place < DL2C_RETREAT_FINE)) return DL2C_UNDEFINED;
+  if (dl2c_back(stretch, place, y, duration)) return DL2C_SETTLED;
+  if (!(place < DL2C_RETREAT_FINE)) return DL2C_UNDEFINED;
+  *duration = time;
+  if (stretch->track->from > 0.0) return DL2C_OUTSIDE;
   memcpy(y, stretch->x, sizeof(real) * NX);
   *duration = 0.0;
   return DL2C_SETTLED;
@@ -209,8 +207,7 @@ static dl2c_motion dl2c_voyage(dl2c_motor *motor, const real *x, real cap, real 
   const int flow = motor->flow;
   const real *p = motor->p;
   real horizon;
-  dl2c_track tracks[2];
-  dl2c_track *before = NULL;
+  dl2c_track track;
   int8_t sign[NMARGIN];
   real place = 1.0;
   memcpy(y, x, sizeof(real) * NX);
@@ -219,27 +216,25 @@ static dl2c_motion dl2c_voyage(dl2c_motor *motor, const real *x, real cap, real 
   if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
   if (reach > 0.0) horizon = reach;
   const real stop = horizon < cap ? horizon : cap;
-  dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .track = &tracks[0]};
+  dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .track = &track};
   if (!(stop > 0.0)) {
-    dl2c_rest(x, &tracks[0]);
+    dl2c_rest(x, &track);
     (void)dl2c_look_along(&stretch, false, watch, &place, sign);
     return DL2C_SETTLED;
   }
   if (!dl2c_motor_start(motor, x, stop)) return DL2C_UNSOLVED;
   const real grown = dl2c_growth_limit(x);
   dl2c_halt halt = DL2C_NO_HALT;
-  for (int k = 0; halt == DL2C_NO_HALT && !dl2c_motor_done(motor); k ^= 1) {
-    if (stretch.begun) before = &tracks[k ^ 1];
-    if (!dl2c_motor_step(motor, &tracks[k]) || dl2c_lost(motor, &tracks[k], grown))
+  while (halt == DL2C_NO_HALT && !dl2c_motor_done(motor)) {
+    if (!dl2c_motor_step(motor, &track) || dl2c_lost(motor, &track, grown))
       return FLOW_KERNEL[flow] < DL2C_LINEAR ? DL2C_UNDEFINED : DL2C_UNSOLVED;
-    stretch.track = &tracks[k];
     halt = dl2c_look_along(&stretch, true, watch, &place, sign);
   }
   if (halt == DL2C_GIVES_UP) return DL2C_UNDEFINED;
   if (halt == DL2C_NO_HALT) place = 1.0;
   *ended = halt == DL2C_LEAVES;
-  const real time = halt == DL2C_NO_HALT ? stop : dl2c_time_at(stretch.track, place);
-  return dl2c_arrive(&stretch, before, place, halt != DL2C_CUT, time, sign, y, duration);
+  const real time = halt == DL2C_NO_HALT ? stop : dl2c_time_at(&track, place);
+  return dl2c_arrive(&stretch, place, halt != DL2C_CUT, time, sign, y, duration);
 }
 
 /*
@@ -272,6 +267,21 @@ static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, real re
   return dl2c_voyage(motor, x, cap, reach, watch, y, duration, ended);
 }
 
+/* The same, with a flow that ends where rounding put its end outside the domain a little earlier. */
+static dl2c_motion dl2c_cruise(dl2c_motor *motor, const real *x, real cap, real reach,
+                               uint8_t *watch, real *y, real *duration, bool *ended)
+{
+  const dl2c_motion motion = dl2c_sail(motor, x, cap, reach, watch, y, duration, ended);
+  if (motion != DL2C_OUTSIDE) return motion;
+  uint8_t closed[NWATCH + 1];
+  const bool by_domain = *ended;
+  const real earlier = *duration - *duration * DL2C_RETREAT_FINE;
+  memset(closed, DL2C_MET, sizeof closed);
+  const dl2c_motion again = dl2c_sail(motor, x, earlier, reach, closed, y, duration, ended);
+  *ended = by_domain;
+  return again == DL2C_OUTSIDE ? DL2C_UNDEFINED : again;
+}
+
 /* Moves y along a flow that is followed track by track. */
 static dl2c_motion dl2c_flow_tracks(int flow, dl2c_travel *travel, real *y)
 {
@@ -287,16 +297,16 @@ static dl2c_motion dl2c_flow_tracks(int flow, dl2c_travel *travel, real *y)
   bool ended;
   memset(closed, DL2C_MET, sizeof closed);
   if (reach > 0.0
-      && (dl2c_sail(&motor, x, cap, reach, closed, y, &travel->duration, &ended) != DL2C_SETTLED
+      && (dl2c_cruise(&motor, x, cap, reach, closed, y, &travel->duration, &ended) != DL2C_SETTLED
           || !ended))
     reach = 0.0;
   if (travel->part < 1.0) {
     const dl2c_motion longest =
-        dl2c_sail(&motor, x, cap, reach, closed, y, &travel->duration, &ended);
+        dl2c_cruise(&motor, x, cap, reach, closed, y, &travel->duration, &ended);
     if (longest != DL2C_SETTLED) return longest;
     cap = travel->duration * travel->part;
   }
-  return dl2c_sail(&motor, x, cap, reach, travel->watch, y, &travel->duration, &ended);
+  return dl2c_cruise(&motor, x, cap, reach, travel->watch, y, &travel->duration, &ended);
 }
 
 #endif
