@@ -13,8 +13,7 @@
 #include "pieces.h"
 
 typedef struct dl2c_linear {
-  int32_t count; /* entries of the Jacobian that are not zero, row by row: */
-  int32_t row[NX * NX], column[NX * NX];
+  int32_t first[NX + 1], column[NX * NX]; /* entries of the Jacobian that are not zero, by rows */
   real entry[NX * NX];
   real now, stop;
   real last[NX]; /* the state at `now` */
@@ -40,13 +39,16 @@ static void dl2c_linear_start(dl2c_linear *linear, int flow, const real *x, cons
   linear->most = most;
   memcpy(linear->last, x, sizeof linear->last);
   model_jacobian(flow, x, p, jacobian);
-  linear->count = 0;
-  for (int k = 0; k < NX * NX; k++) {
-    if (jacobian[k] == 0.0) continue;
-    linear->row[linear->count] = k / NX;
-    linear->column[linear->count] = k % NX;
-    linear->entry[linear->count++] = jacobian[k];
+  int32_t count = 0;
+  for (int row = 0; row < NX; row++) {
+    linear->first[row] = count;
+    for (int column = 0; column < NX; column++) {
+      if (jacobian[row * NX + column] == 0.0) continue;
+      linear->column[count] = column;
+      linear->entry[count++] = jacobian[row * NX + column];
+    }
   }
+  linear->first[NX] = count;
 }
 
 static bool dl2c_linear_done(const dl2c_linear *linear) { return linear->now >= linear->stop; }
@@ -81,10 +83,12 @@ static bool dl2c_linear_step(dl2c_linear *linear, int flow, const real *p, dl2c_
   memcpy(c[0], linear->last, sizeof c[0]);
   model_rates(flow, linear->last, p, c[1]);
   for (int i = 1; i < DEGREE; i++) {
-    for (int k = 0; k < NX; k++) c[i + 1][k] = 0.0;
-    for (int k = 0; k < linear->count; k++)
-      c[i + 1][linear->row[k]] += linear->entry[k] * c[i][linear->column[k]];
-    for (int k = 0; k < NX; k++) c[i + 1][k] /= (real)(i + 1);
+    for (int k = 0, entry = 0; k < NX; k++) {
+      real sum = 0.0;
+      for (; entry < linear->first[k + 1]; entry++)
+        sum += linear->entry[entry] * c[i][linear->column[entry]];
+      c[i + 1][k] = sum / (real)(i + 1);
+    }
   }
   bool finite = true;
   for (int i = 0; i <= DEGREE; i++) finite &= dl2c_all_finite(c[i], NX);
