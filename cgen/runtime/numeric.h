@@ -225,11 +225,11 @@ static dl2c_motion dl2c_voyage(dl2c_motor *motor, const real *x, real cap, real 
   if (!dl2c_motor_start(motor, x, stop)) return DL2C_UNSOLVED;
   const real grown = dl2c_growth_limit(x);
   dl2c_halt halt = DL2C_NO_HALT;
-  while (halt == DL2C_NO_HALT && !dl2c_motor_done(motor)) {
+  do {
     if (!dl2c_motor_step(motor, &track) || dl2c_lost(motor, &track, grown))
       return FLOW_KERNEL[flow] < DL2C_LINEAR ? DL2C_UNDEFINED : DL2C_UNSOLVED;
     halt = dl2c_look_along(&stretch, true, watch, &place, sign);
-  }
+  } while (halt == DL2C_NO_HALT && !dl2c_motor_done(motor));
   if (halt == DL2C_GIVES_UP) return DL2C_UNDEFINED;
   if (halt == DL2C_NO_HALT) place = 1.0;
   *ended = halt == DL2C_LEAVES;
