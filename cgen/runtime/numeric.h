@@ -132,8 +132,8 @@ static void dl2c_rest(const real *x, dl2c_track *track)
   for (int k = 0; k < NX; k++) track->c[k][0] = track->end[k] = x[k];
 }
 
-/* A retreat steps back so often, each time four times as far, from 2^-52 to 2^-12 of the place. */
-enum { DL2C_STEPS_BACK = 21 };
+/* A retreat steps back at most by this part of a track, each time four times as far. */
+#define DL2C_FARTHEST_BACK 0x1p-12
 /* One that went further than this is halved until it is known as well as this. */
 #define DL2C_RETREAT_FINE 0x1p-40
 
@@ -156,7 +156,7 @@ static bool dl2c_back(const dl2c_stretch *stretch, real place, real *y, real *du
 {
   real outside = 0.0;
   real inside = DL2C_RETREAT_FIRST;
-  for (int k = 0; k < DL2C_STEPS_BACK; k++, outside = inside, inside *= 4.0) {
+  for (; inside < 1.0 && inside * place <= DL2C_FARTHEST_BACK; outside = inside, inside *= 4.0) {
     if (!dl2c_arrives(stretch, place - place * inside, y, duration)) continue;
     while (inside - outside > DL2C_RETREAT_FINE) {
       const real middle = 0.5 * (outside + inside);

@@ -26,8 +26,8 @@ from dl2c.ir.starts import begun
 SAMPLES = 512
 """Places at which margins that are not polynomials are looked at in exact arithmetic."""
 
-STEPS_BACK = 21
-"""A retreat steps back so often, each time four times as far, from 2^-52 to 2^-12 of the place."""
+FARTHEST_BACK = 2.0**-12
+"""A retreat steps back at most by this part of a track, each time four times as far."""
 RETREAT_FINE = 2.0**-40
 """One that went further than this is halved until it is known as well as this."""
 
@@ -193,7 +193,7 @@ def _back(run: Course, track: Track, place: float) -> Motion | None:
         return Motion(values, 0.0 + track.length * at) if inside(run, values) else None
 
     outside, within = 0.0, 2.0**-52
-    for _ in range(STEPS_BACK):
+    while within < 1 and within * place <= FARTHEST_BACK:
         if (found := arrives(within)) is None:
             outside, within = within, within * 4.0
             continue
