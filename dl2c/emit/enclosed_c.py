@@ -10,10 +10,8 @@ from dataclasses import dataclass, field
 from dl2c.emit.cfile import wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import index
-from dl2c.ir.logic import operands
-from dl2c.ir.model import Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
-
-OPERATIONS: dict[type, str] = {Neg: "neg", Add: "add", Sub: "sub", Mul: "mul", Div: "div"}
+from dl2c.ir.enclosed import last_operation
+from dl2c.ir.model import Pow, Symbol, Term
 
 
 @dataclass(slots=True)
@@ -46,22 +44,8 @@ class Enclosed:
         if not self.moves(term):
             value = self.leaves.term(f"{self.stem}_still{len(self.made)}", term, self.place)
             return f"dl2c_{self.kind}_{'at' if self.kind == 'hull' else 'number'}({value})"
-        match term:
-            case Pow(base, 1):
-                return self.term(base)
-            case Pow(base, exponent) if exponent % 2 == 0:
-                return self._call("square", (Pow(base, exponent // 2) if exponent > 2 else base,))
-            case Pow(base, exponent):
-                return self._call("mul", (base, Pow(base, exponent - 1)))
-            case Mul(left, right) if left == right:
-                return self._call("square", (left,))
-            case Call(function, args):
-                return self._call(function, args)
-            case Number() | Symbol():
-                raise AssertionError("numbers do not move, and symbols have places")
-            case _:
-                return self._call(OPERATIONS[type(term)], operands(term))
-
-    def _call(self, operation: str, args: tuple[Term, ...]) -> str:
+        if isinstance(term, Pow) and term.exponent == 1:
+            return self.term(term.base)
+        operation, args = last_operation(term)
         address = "" if self.kind == "hull" else "&"
         return f"dl2c_{self.kind}_{operation}({', '.join(f'{address}{self.term(a)}' for a in args)})"

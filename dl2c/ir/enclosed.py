@@ -48,19 +48,24 @@ class Enclosed(Generic[Enclosure]):
                 return self.moving[term]
             case Pow(base, 1):
                 return self.term(base)
-            case Pow(base, exponent) if exponent % 2 == 0:
-                return self._call("square", (Pow(base, exponent // 2) if exponent > 2 else base,))
-            case Pow(base, exponent):
-                return self._call("mul", (base, Pow(base, exponent - 1)))
-            case Mul(left, right) if left == right:
-                return self._call("square", (left,))
-            case Call(function, args):
-                return self._call(function, args)
             case _:
-                return self._call(OPERATIONS[type(term)], operands(term))
+                operation, args = last_operation(term)
+                return self.functions[operation](*(self.term(a) for a in args))
 
-    def _call(self, operation: str, args: tuple[Term, ...]) -> Enclosure:
-        return self.functions[operation](*(self.term(a) for a in args))
+
+def last_operation(term: Term) -> tuple[str, tuple[Term, ...]]:
+    """The operation by which enclosures make a term, by its name, and what it is applied to."""
+    match term:
+        case Pow(base, exponent) if exponent % 2 == 0:
+            return "square", (Pow(base, exponent // 2) if exponent > 2 else base,)
+        case Pow(base, exponent):
+            return "mul", (base, Pow(base, exponent - 1))
+        case Mul(left, right) if left == right:
+            return "square", (left,)
+        case Call(function, args):
+            return function, args
+        case _:
+            return OPERATIONS[type(term)], tuple(operands(term))
 
 
 def in_doubles(term: Term, env: Environment) -> float:
