@@ -13,7 +13,7 @@
 
 /* One place where a margin is zero: its sign is 0 at `at` and `after` just after. */
 typedef struct dl2c_crossing {
-  real at; /* in (0,1] */
+  real at; /* in [0,1] */
   int32_t margin;
   int8_t after;
 } dl2c_crossing;

@@ -138,7 +138,7 @@ static real dl2c_model_zero(const dl2c_stretch *stretch, const dl2c_taylor *g, i
 /*
  * Where a margin, whose model is monotone, leaves the side on which it was: a place where doubles make
  * it zero, if one is met in steps of 1, 2, 4, ... doubles from where the model is zero, else the last
- * double before. Places are within (0,1].
+ * double before.
  */
 static real dl2c_change(const dl2c_stretch *stretch, int margin, const dl2c_taylor *g, int before)
 {

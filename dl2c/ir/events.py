@@ -17,7 +17,7 @@ Signs = Sequence[int]
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """A place in (0,1] where a margin is zero: its sign is 0 at `at` and `after` just after."""
+    """A place in [0,1] where a margin is zero: its sign is 0 at `at` and `after` just after."""
 
     at: Value
     margin: int
