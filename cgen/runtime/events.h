@@ -34,7 +34,7 @@ typedef struct dl2c_events {
   int8_t after_start[NMARGIN];
   uint8_t begins[NMARGIN]; /* whether a margin begins at zero but for rounding, */
   uint8_t ends[NMARGIN];   /* and whether it ends there */
-  dl2c_crossing crossings[NMARGIN];
+  dl2c_crossing crossings[2 * NMARGIN];
 } dl2c_events;
 
 /* The first failure of one condition, and the signs that tell what happened there. */
@@ -51,7 +51,7 @@ static inline bool dl2c_later(const dl2c_crossing *a, const dl2c_crossing *b)
   return a->at > b->at || (a->at == b->at && a->margin > b->margin);
 }
 
-/* Adds a crossing in its place; each margin has one at most. */
+/* Adds a crossing in its place; each margin has two at most. */
 static inline void dl2c_cross(dl2c_events *events, real at, int32_t margin, int after)
 {
   const dl2c_crossing new = {at, margin, (int8_t)after};

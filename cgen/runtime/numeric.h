@@ -10,7 +10,7 @@
 #if DL2C_TRACKED_FLOWS
 #include "project.h"
 #endif
-#include "stretch.h"
+#include "search.h"
 #if DL2C_LINEAR_FLOWS
 #include "linear.h"
 #endif
@@ -132,7 +132,10 @@ static void dl2c_rest(const real *x, dl2c_track *track)
   for (int k = 0; k < NX; k++) track->c[k][0] = track->end[k] = x[k];
 }
 
-/* A retreat steps back at most by this part of a track, each time four times as far. */
+/*
+ * A retreat steps back each time four times as far: at most by this part of a track, or to where
+ * rounding last told all margins from zero.
+ */
 #define DL2C_FARTHEST_BACK 0x1p-12
 /* One that went further than this is halved until it is known as well as this. */
 #define DL2C_RETREAT_FINE 0x1p-40
@@ -156,7 +159,8 @@ static bool dl2c_back(const dl2c_stretch *stretch, real place, real *y, real *du
 {
   real outside = 0.0;
   real inside = DL2C_RETREAT_FIRST;
-  for (; inside < 1.0 && inside * place <= DL2C_FARTHEST_BACK; outside = inside, inside *= 4.0) {
+  const real farthest = dl2c_max(DL2C_FARTHEST_BACK, place - stretch->clear);
+  for (; inside < 1.0 && inside * place <= farthest; outside = inside, inside *= 4.0) {
     if (!dl2c_arrives(stretch, place - place * inside, y, duration)) continue;
     while (inside - outside > DL2C_RETREAT_FINE) {
       const real middle = 0.5 * (outside + inside);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * stretch.h -- what is watched along a track: every change of truth is bracketed.
+ * stretch.h -- what the margins of a flow do on a stretch of a track: every change of sign is bracketed.
  *
- * A track is looked at in stretches. On a stretch each margin, as it is written, has a Taylor model
+ * On a stretch each margin, as it is written, has a Taylor model
  * (taylor.h). Where the model keeps away from zero the margin's sign is certain. Where the model is
  * monotone the margin changes its sign at most once, up to the model's error; a change is found by
  * the margin's sign in doubles. Anything else halves the stretch, until the error is that of
@@ -23,6 +23,7 @@ typedef struct dl2c_stretch {
   const real *x, *p;
   const dl2c_track *track;
   real low, width; /* the part, within [0, 1] */
+  real clear;      /* where rounding last told all margins from zero */
   int32_t looks;   /* how many parts of the track were looked at */
   bool begun;      /* some part lies behind, */
   bool known;      /* and so do these signs: */
@@ -31,8 +32,6 @@ typedef struct dl2c_stretch {
   bool near[NMARGIN];    /* whether a margin was nearly zero just before */
 } dl2c_stretch;
 
-/* A track that needs more looks counts as one whose events cannot be found. */
-enum { DL2C_LOOKS = 1 << 14 };
 /* Stretches are not halved below this part of a track. */
 #define DL2C_NARROWEST 0x1p-50
 /* A change of sign is bracketed well enough within this part of a track. */
@@ -214,13 +213,82 @@ static dl2c_leg dl2c_keeps(const dl2c_stretch *stretch, int j, int sign, bool tu
   return (dl2c_leg){(int8_t)sign, false};
 }
 
-/* A margin comes so near to zero at the end of a stretch that only doubles can tell whether it is. */
+/*
+ * The sign of a margin at a place of the track, 0 if rounding may change it: that of the margin, or
+ * that of the state, by the margin's slopes.
+ */
+static int dl2c_sure_sign(const dl2c_stretch *stretch, int margin, real place)
+{
+  dl2c_taylor x[NX];
+  dl2c_taylor g[NMARGIN] = {{.r = 0.0}};
+  real errors[NX];
+  real off = 0.0;
+  dl2c_track_models(stretch->track, place, 0.0, x);
+  for (int k = 0; k < NX; k++) {
+    errors[k] = x[k].e;
+    x[k] = dl2c_taylor_number(x[k].c[0]);
+  }
+  model_taylor(stretch->flow, x, stretch->x, stretch->p, g);
+  const dl2c_hull value = g[margin].hull;
+  for (int k = 0; k < NX; k++) {
+    if (errors[k] == 0.0) continue;
+    const dl2c_taylor exact = x[k];
+    x[k].c[1] = errors[k];
+    x[k].hull = dl2c_hull_of(exact.c[0] - 2.0 * errors[k], exact.c[0] + 2.0 * errors[k]);
+    model_taylor(stretch->flow, x, stretch->x, stretch->p, g);
+    off += isfinite(g[margin].r) ? dl2c_taylor_spread(&g[margin]) : (real)INFINITY;
+    x[k] = exact;
+  }
+  return (value.low > off) - (value.high < -off);
+}
+
+/* Whether a margin that had a sign surely has the other one at a place of the track. */
+static bool dl2c_surely_passed(const dl2c_stretch *stretch, int margin, real place, int sign)
+{
+  return dl2c_sign_at(stretch, margin, place) == -sign
+         && dl2c_sure_sign(stretch, margin, place) == -sign;
+}
+
+/* The last double between two places before a margin, as doubles compute it, loses a sign; or where it is zero. */
+static real dl2c_last_of(const dl2c_stretch *stretch, int margin, real from, real to, int sign)
+{
+  int64_t near = dl2c_ordinal(from);
+  int64_t far = dl2c_ordinal(to);
+  while (far - near > 1) {
+    const int64_t number = near + (far - near) / 2;
+    const int there = dl2c_sign_at(stretch, margin, dl2c_from_ordinal(number));
+    if (there == 0) return dl2c_from_ordinal(number);
+    near = there == sign ? number : near;
+    far = there == sign ? far : number;
+  }
+  return dl2c_from_ordinal(near);
+}
+
+/* A margin comes so near to zero at the end of a stretch that only its value there can tell whether it is. */
 static dl2c_leg dl2c_comes_near(const dl2c_stretch *stretch, int j, int sign, dl2c_events *events)
 {
   const real end = stretch->low + stretch->width;
-  if (dl2c_sign_at(stretch, j, end) != 0) return (dl2c_leg){(int8_t)sign, true};
-  dl2c_cross_at(stretch, j, end, 0.0, 0, events);
-  return (dl2c_leg){0, false};
+  const bool zero = dl2c_sign_at(stretch, j, end) == 0;
+  if (!zero && !dl2c_surely_passed(stretch, j, end, sign)) return (dl2c_leg){(int8_t)sign, true};
+  const real place = zero ? end : dl2c_last_of(stretch, j, stretch->low, end, sign);
+  const int after = zero ? 0 : -sign;
+  events->ends[j] = zero;
+  dl2c_cross_at(stretch, j, place, 0.0, after, events);
+  return (dl2c_leg){(int8_t)after, false};
+}
+
+/* A margin that turns round so near to zero that only its value there can tell whether it passes it. */
+static void dl2c_turns_near(const dl2c_stretch *stretch, int j, const dl2c_taylor *g, int sign,
+                            dl2c_events *events)
+{
+  const real end = stretch->low + stretch->width;
+  const real turn = dl2c_turn(stretch, g);
+  if (!dl2c_surely_passed(stretch, j, turn, sign)) {
+    dl2c_cross_at(stretch, j, turn, 0.0, sign, events);
+    return;
+  }
+  dl2c_cross_at(stretch, j, dl2c_last_of(stretch, j, stretch->low, turn, sign), 0.0, -sign, events);
+  dl2c_cross_at(stretch, j, dl2c_last_of(stretch, j, turn, end, -sign), 0.0, sign, events);
 }
 
 /* A margin whose model is monotone; `slope` is the least of it. */
@@ -258,7 +326,7 @@ static dl2c_leg dl2c_vague_events(const dl2c_stretch *stretch, int j, const dl2c
   if (came * first_slope < 0.0 && came * last_slope <= 0.0)
     return dl2c_comes_near(stretch, j, came, events);
   if (came != 0 && !(came * first_slope >= 0.0 && came * last_slope > 0.0))
-    dl2c_cross_at(stretch, j, dl2c_turn(stretch, g), 0.0, came, events);
+    dl2c_turns_near(stretch, j, g, came, events);
   return leg;
 }
 
@@ -309,83 +377,6 @@ static bool dl2c_stretch_events(dl2c_stretch *stretch, const dl2c_taylor *x, dl2
     stretch->near[j] = legs[j].near;
   }
   return true;
-}
-
-/* Where and why a motion ends within a track. */
-typedef enum dl2c_halt {
-  DL2C_NO_HALT = 0,
-  DL2C_LEAVES = 1,   /* its domain ends it */
-  DL2C_CUT = 2,      /* a violation does */
-  DL2C_GIVES_UP = 3, /* it takes too many looks */
-} dl2c_halt;
-
-/* Goes on to the next stretch of the track, as long as the halvings so far allow. */
-static void dl2c_next_stretch(dl2c_stretch *stretch)
-{
-  stretch->begun = true;
-  stretch->low += stretch->width;
-  if (fmod(stretch->low, 2.0 * stretch->width) == 0.0) stretch->width *= 2.0;
-}
-
-/* Whether nothing happens on a stretch: its conditions hold in every state within the hull. */
-static bool dl2c_calm(dl2c_stretch *stretch, const dl2c_hull *x, bool bounded, const uint8_t *watch)
-{
-  if (!model_calm(stretch->flow, x, stretch->x, stretch->p, bounded, watch)) return false;
-  stretch->known = false;
-  return true;
-}
-
-/*
- * Looks along a track for the end of the flow, stretch by stretch. On a halt *place is where on the
- * track; sign: (NMARGIN) the signs there, else at the end. `bounded`: the domain is looked at too.
- */
-static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *watch, real *place,
-                                 int8_t *sign)
-{
-  dl2c_events events;
-  dl2c_breach failure = {0};
-  dl2c_taylor x[NX];
-  dl2c_hull hull[NX];
-  bool calm = false;
-  stretch->low = 0.0;
-  stretch->width = 1.0;
-  stretch->looks = 0;
-  memset(sign, 1, NMARGIN);
-  if (FLOW_MARGINS[stretch->flow] == 0) return DL2C_NO_HALT;
-  dl2c_track_hull(stretch->track, hull);
-  if (dl2c_calm(stretch, hull, bounded, watch)) {
-    stretch->begun = true;
-    return DL2C_NO_HALT;
-  }
-  while (stretch->low < 1.0) {
-    if (stretch->looks++ == DL2C_LOOKS) return DL2C_GIVES_UP;
-    const real half = 0.5 * stretch->width;
-    dl2c_track_models(stretch->track, stretch->low + half, half, x);
-    for (int k = 0; k < NX; k++) hull[k] = x[k].hull;
-    calm = stretch->width < 1.0 && dl2c_calm(stretch, hull, bounded, watch);
-    if (!calm && !dl2c_stretch_events(stretch, x, &events)) {
-      stretch->width *= 0.5;
-      continue;
-    }
-    if (!calm) {
-      dl2c_fails(stretch->flow, 0, &events, &failure);
-      const bool leaves = bounded && failure.exit.found;
-      const real limit = leaves ? failure.exit.at : 1.0;
-      const real stop = dl2c_watch(stretch->flow, &events, limit, watch);
-      *place = stretch->low + stretch->width * (stop <= 1.0 ? stop : limit);
-      if (NWATCH > 0 && stop <= 1.0) return DL2C_CUT;
-      memcpy(sign, failure.at, sizeof failure.at);
-      for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++)
-        if ((limit >= 1.0 && events.ends[j]) || (!(limit > 0.0) && events.begins[j])) sign[j] = 0;
-      if (leaves) {
-        if (!failure.exit.holds && *place > 0.0) *place = dl2c_before(*place);
-        return DL2C_LEAVES;
-      }
-    }
-    dl2c_next_stretch(stretch);
-  }
-  if (calm) memset(sign, 1, NMARGIN);
-  return DL2C_NO_HALT;
 }
 
 #endif

@@ -18,16 +18,19 @@ from dl2c.ir.events import Crossing, Events, exit_of, watched
 from dl2c.ir.exact import Course, Motion, advance, before, course, horner, inside, landed, settled, stopped
 from dl2c.ir.kernel import FlowPlan
 from dl2c.ir.model import And, Compare, Formula, Or, Symbol, Truth
+from dl2c.ir.pieces import Track
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.roots import crossings, curve_of, sign_after
-from dl2c.ir.search import Halt, Search, Track
+from dl2c.ir.search import Halt, Search
 from dl2c.ir.starts import begun
+from dl2c.ir.stretch import Stretch
 
 SAMPLES = 512
 """Places at which margins that are not polynomials are looked at in exact arithmetic."""
 
 FARTHEST_BACK = 2.0**-12
-"""A retreat steps back at most by this part of a track, each time four times as far."""
+"""A retreat steps back each time four times as far: at most by this part of a track, or to where rounding
+last told all margins from zero."""
 RETREAT_FINE = 2.0**-40
 """One that went further than this is halved until it is known as well as this."""
 
@@ -78,7 +81,7 @@ def _straight(plan: FlowPlan, run: Course, part: Value, waiting: Sequence[int]) 
         return motion
     length = motion.duration
     track = _track(run, float(length)) if length > 0 else _rest(run)
-    search = Search(plan, run.env, track, waiting)
+    search = Search(plan, Stretch(plan, run.env, track), waiting)
     halt = search.along(bounded=False)
     if isinstance(halt, Halt) and 0.0 + track.length * halt.place < length:
         motion = stopped(run, 0.0 + track.length * halt.place)
@@ -147,36 +150,36 @@ def _rest(run: Course) -> Track:
 def _searched(plan: FlowPlan, run: Course, stop: Value, waiting: Sequence[int]) -> tuple[Motion, bool]:
     """Motion for a time at most, whose events are searched, and whether the domain ended it."""
     if not stop > 0:
-        search = Search(plan, run.env, _rest(run), waiting)
+        search = Search(plan, Stretch(plan, run.env, _rest(run)), waiting)
         search.along(bounded=False)
         return Motion({}, 0.0, tuple(search.failed), tuple(search.met)), False
     track = _track(run, float(stop))
-    search = Search(plan, run.env, track, waiting)
+    search = Search(plan, Stretch(plan, run.env, track), waiting)
     halt = search.along(bounded=True)
     if isinstance(halt, Halt):
         time = 0.0 + track.length * halt.place
-        motion = _arrived(plan, run, track, halt.place, time, None if halt.cut else halt.signs)
+        motion = _arrived(plan, run, search.stretch, halt.place, time, None if halt.cut else halt.signs)
     else:
-        motion = _arrived(plan, run, track, 1.0, float(stop), halt)
+        motion = _arrived(plan, run, search.stretch, 1.0, float(stop), halt)
     ended = isinstance(halt, Halt) and not halt.cut
     return replace(motion, failed=tuple(search.failed), met=tuple(search.met)), ended
 
 
 def _arrived(
-    plan: FlowPlan, run: Course, track: Track, place: float, time: float, signs: Sequence[int] | None
+    plan: FlowPlan, run: Course, stretch: Stretch, place: float, time: float, signs: Sequence[int] | None
 ) -> Motion:
     """The end of a flow at a place of its track; `signs` of margins there tell which bounds were met.
 
     Where that is outside the domain by rounding, a slightly earlier one.
     """
-    values = cast("dict[str, Value]", track.at(place))
+    values = cast("dict[str, Value]", stretch.track.at(place))
     if signs is not None:
         values = settled(run, values, time, [snap for k, snap in plan.snaps if signs[k] == 0])
     if not all(in_range(v) for v in values.values()):
         raise Undefined("overflow")
     if inside(run, values):
         return Motion(values, time)
-    earlier = _back(run, track, place)
+    earlier = _back(run, stretch, place)
     if earlier is not None:
         return earlier
     if not place < RETREAT_FINE:
@@ -184,8 +187,9 @@ def _arrived(
     return Motion({}, 0.0)
 
 
-def _back(run: Course, track: Track, place: float) -> Motion | None:
+def _back(run: Course, stretch: Stretch, place: float) -> Motion | None:
     """Steps back from a place of a track until the state is inside the domain."""
+    track = stretch.track
 
     def arrives(part: float) -> Motion | None:
         at = place - place * part
@@ -193,7 +197,8 @@ def _back(run: Course, track: Track, place: float) -> Motion | None:
         return Motion(values, 0.0 + track.length * at) if inside(run, values) else None
 
     outside, within = 0.0, 2.0**-52
-    while within < 1 and within * place <= FARTHEST_BACK:
+    farthest = max(FARTHEST_BACK, place - stretch.clear)
+    while within < 1 and within * place <= farthest:
         if (found := arrives(within)) is None:
             outside, within = within, within * 4.0
             continue
