@@ -200,30 +200,37 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real place, bool set
   return DL2C_SETTLED;
 }
 
-/*
- * Follows a flow from x for `cap` at most, with an eye on the watches that are open.
- *   reach: how long it may last instead of its horizon, 0 for no longer   watch: (NWATCH) updated
- *   y: (NX) where it ends   ended: whether its domain ended it
- */
-static dl2c_motion dl2c_voyage(dl2c_motor *motor, const real *x, real cap, real reach,
-                               uint8_t *watch, real *y, real *duration, bool *ended)
+/* One flow that is followed, and how it ended. */
+typedef struct dl2c_pursuit {
+  const real *x;  /* (NX) where it begins */
+  real cap;       /* how long it may last at most, */
+  real reach;     /* and how long instead of its horizon, 0 for no longer */
+  uint8_t *watch; /* (NWATCH) updated */
+  real *y;        /* (NX) out: where it ends, */
+  real duration;  /* out: when, */
+  bool ended;     /* out: and whether its domain ended it */
+} dl2c_pursuit;
+
+/* Follows a flow with one motor. */
+static dl2c_motion dl2c_pursue_with(dl2c_motor *motor, dl2c_pursuit *pursuit)
 {
   const int flow = motor->flow;
+  const real *x = pursuit->x;
   const real *p = motor->p;
   real horizon;
   dl2c_track track;
   int8_t sign[NMARGIN];
   real place = 1.0;
-  memcpy(y, x, sizeof(real) * NX);
-  *duration = 0.0;
-  *ended = false;
+  memcpy(pursuit->y, x, sizeof(real) * NX);
+  pursuit->duration = 0.0;
+  pursuit->ended = false;
   if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
-  if (reach > 0.0) horizon = reach;
-  const real stop = horizon < cap ? horizon : cap;
+  if (pursuit->reach > 0.0) horizon = pursuit->reach;
+  const real stop = horizon < pursuit->cap ? horizon : pursuit->cap;
   dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .track = &track};
   if (!(stop > 0.0)) {
     dl2c_rest(x, &track);
-    (void)dl2c_look_along(&stretch, false, watch, &place, sign);
+    (void)dl2c_look_along(&stretch, false, pursuit->watch, &place, sign);
     return DL2C_SETTLED;
   }
   if (!dl2c_motor_start(motor, x, stop)) return DL2C_UNSOLVED;
@@ -232,21 +239,20 @@ static dl2c_motion dl2c_voyage(dl2c_motor *motor, const real *x, real cap, real 
   do {
     if (!dl2c_motor_step(motor, &track) || dl2c_lost(motor, &track, grown))
       return FLOW_KERNEL[flow] < DL2C_LINEAR ? DL2C_UNDEFINED : DL2C_UNSOLVED;
-    halt = dl2c_look_along(&stretch, true, watch, &place, sign);
+    halt = dl2c_look_along(&stretch, true, pursuit->watch, &place, sign);
   } while (halt == DL2C_NO_HALT && !dl2c_motor_done(motor));
   if (halt == DL2C_GIVES_UP) return DL2C_UNDEFINED;
   if (halt == DL2C_NO_HALT) place = 1.0;
-  *ended = halt == DL2C_LEAVES;
+  pursuit->ended = halt == DL2C_LEAVES;
   const real time = halt == DL2C_NO_HALT ? stop : dl2c_time_at(&track, place);
-  return dl2c_arrive(&stretch, place, halt != DL2C_CUT, time, sign, y, duration);
+  return dl2c_arrive(&stretch, place, halt != DL2C_CUT, time, sign, pursuit->y, &pursuit->duration);
 }
 
 /*
- * The same with another motor where one fails: series that are too many are a sign of stiffness, and the
- * flow begins anew with the solver; where that fails too, with many series.
+ * Follows a flow, with another motor where one fails: series that are too many are a sign of
+ * stiffness, and the flow begins anew with the solver; where that fails too, with many series.
  */
-static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, real reach, uint8_t *watch,
-                             real *y, real *duration, bool *ended)
+static dl2c_motion dl2c_pursue_stiff(dl2c_motor *motor, dl2c_pursuit *pursuit)
 {
   motor->kernel = FLOW_KERNEL[motor->flow];
 #if DL2C_LINEAR_FLOWS
@@ -255,34 +261,34 @@ static dl2c_motion dl2c_sail(dl2c_motor *motor, const real *x, real cap, real re
 #if DL2C_SOLVED_FLOWS && DL2C_LINEAR_FLOWS
   if (motor->kernel == DL2C_LINEAR) {
     uint8_t before[NWATCH + 1];
-    memcpy(before, watch, NWATCH);
+    memcpy(before, pursuit->watch, NWATCH);
     motor->series = DL2C_FEW_SERIES;
-    dl2c_motion motion = dl2c_voyage(motor, x, cap, reach, watch, y, duration, ended);
+    dl2c_motion motion = dl2c_pursue_with(motor, pursuit);
     if (motion != DL2C_UNSOLVED || motor->linear.steps <= motor->series) return motion;
-    memcpy(watch, before, NWATCH);
+    memcpy(pursuit->watch, before, NWATCH);
     motor->kernel = DL2C_NUMERIC;
-    motion = dl2c_voyage(motor, x, cap, reach, watch, y, duration, ended);
+    motion = dl2c_pursue_with(motor, pursuit);
     if (motion != DL2C_UNSOLVED) return motion;
-    memcpy(watch, before, NWATCH);
+    memcpy(pursuit->watch, before, NWATCH);
     motor->kernel = DL2C_LINEAR;
     motor->series = DL2C_MANY_SERIES;
   }
 #endif
-  return dl2c_voyage(motor, x, cap, reach, watch, y, duration, ended);
+  return dl2c_pursue_with(motor, pursuit);
 }
 
-/* The same, with a flow that ends where rounding put its end outside the domain a little earlier. */
-static dl2c_motion dl2c_cruise(dl2c_motor *motor, const real *x, real cap, real reach,
-                               uint8_t *watch, real *y, real *duration, bool *ended)
+/* Follows a flow; where rounding put its end outside the domain it ends a little earlier. */
+static dl2c_motion dl2c_pursue(dl2c_motor *motor, dl2c_pursuit *pursuit)
 {
-  const dl2c_motion motion = dl2c_sail(motor, x, cap, reach, watch, y, duration, ended);
+  const dl2c_motion motion = dl2c_pursue_stiff(motor, pursuit);
   if (motion != DL2C_OUTSIDE) return motion;
   uint8_t closed[NWATCH + 1];
-  const bool by_domain = *ended;
-  const real earlier = *duration - *duration * DL2C_RETREAT_FINE;
+  dl2c_pursuit earlier = *pursuit;
+  earlier.cap = pursuit->duration - pursuit->duration * DL2C_RETREAT_FINE;
+  earlier.watch = closed;
   memset(closed, DL2C_MET, sizeof closed);
-  const dl2c_motion again = dl2c_sail(motor, x, earlier, reach, closed, y, duration, ended);
-  *ended = by_domain;
+  const dl2c_motion again = dl2c_pursue_stiff(motor, &earlier);
+  pursuit->duration = earlier.duration;
   return again == DL2C_OUTSIDE ? DL2C_UNDEFINED : again;
 }
 
@@ -290,27 +296,26 @@ static dl2c_motion dl2c_cruise(dl2c_motor *motor, const real *x, real cap, real 
 static dl2c_motion dl2c_flow_tracks(int flow, dl2c_travel *travel, real *y)
 {
   real x[NX];
+  uint8_t closed[NWATCH + 1];
   memcpy(x, y, sizeof x);
+  memset(closed, DL2C_MET, sizeof closed);
   dl2c_motor motor;
   motor.flow = flow;
   motor.p = travel->p;
   motor.solver = travel->solver;
-  real cap = (real)INFINITY;
-  real reach = FLOW_REACH[flow];
-  uint8_t closed[NWATCH + 1];
-  bool ended;
-  memset(closed, DL2C_MET, sizeof closed);
-  if (reach > 0.0
-      && (dl2c_cruise(&motor, x, cap, reach, closed, y, &travel->duration, &ended) != DL2C_SETTLED
-          || !ended))
-    reach = 0.0;
+  dl2c_pursuit pursuit = {
+      .x = x, .cap = (real)INFINITY, .reach = FLOW_REACH[flow], .watch = closed, .y = y};
+  if (pursuit.reach > 0.0 && (dl2c_pursue(&motor, &pursuit) != DL2C_SETTLED || !pursuit.ended))
+    pursuit.reach = 0.0;
   if (travel->part < 1.0) {
-    const dl2c_motion longest =
-        dl2c_cruise(&motor, x, cap, reach, closed, y, &travel->duration, &ended);
+    const dl2c_motion longest = dl2c_pursue(&motor, &pursuit);
     if (longest != DL2C_SETTLED) return longest;
-    cap = travel->duration * travel->part;
+    pursuit.cap = pursuit.duration * travel->part;
   }
-  return dl2c_cruise(&motor, x, cap, reach, travel->watch, y, &travel->duration, &ended);
+  pursuit.watch = travel->watch;
+  const dl2c_motion motion = dl2c_pursue(&motor, &pursuit);
+  travel->duration = pursuit.duration;
+  return motion;
 }
 
 #endif

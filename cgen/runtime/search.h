@@ -82,7 +82,8 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
       const real limit = leaves ? failure.exit.at : 1.0;
       const real stop = dl2c_watch(stretch->flow, &events, limit, watch);
       *place = stretch->low + stretch->width * (stop <= 1.0 ? stop : limit);
-      if (*place > stretch->low && !dl2c_some_vague(stretch->flow, events.ends)) stretch->clear = *place;
+      if (*place > stretch->low && !dl2c_some_vague(stretch->flow, events.ends))
+        stretch->clear = *place;
       if (NWATCH > 0 && stop <= 1.0) return DL2C_CUT;
       memcpy(sign, failure.at, sizeof failure.at);
       for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++)

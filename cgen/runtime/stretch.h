@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * stretch.h -- what the margins of a flow do on a stretch of a track: every change of sign is bracketed.
+ * stretch.h -- what margins do on a stretch of a track: every change of sign is bracketed.
  *
- * On a stretch each margin, as it is written, has a Taylor model
- * (taylor.h). Where the model keeps away from zero the margin's sign is certain. Where the model is
- * monotone the margin changes its sign at most once, up to the model's error; a change is found by
- * the margin's sign in doubles. Anything else halves the stretch, until the error is that of
- * rounding: then the margin counts as zero there. So a condition is judged wrongly at most where
- * the term that it is written with is within rounding of its boundary.
+ * On a stretch each margin, as it is written, has a Taylor model (taylor.h). Where the model keeps
+ * away from zero the margin's sign is certain. Where the model is monotone the margin changes its
+ * sign at most once, up to the model's error; a change is found by the margin's sign in doubles.
+ * Anything else halves the stretch, until the error is that of rounding: then the margin counts as
+ * zero there, unless its value in doubles is further on the other side than rounding can take it.
+ * So a condition is judged wrongly at most where the term that it is written with is within
+ * rounding of its boundary.
  *
  * The same operations in the same order as dl2c/ir/search.py.
  */
@@ -249,7 +250,10 @@ static bool dl2c_surely_passed(const dl2c_stretch *stretch, int margin, real pla
          && dl2c_sure_sign(stretch, margin, place) == -sign;
 }
 
-/* The last double between two places before a margin, as doubles compute it, loses a sign; or where it is zero. */
+/*
+ * The last double between two places before a margin, as doubles compute it, loses a sign; or where
+ * they make it zero.
+ */
 static real dl2c_last_of(const dl2c_stretch *stretch, int margin, real from, real to, int sign)
 {
   int64_t near = dl2c_ordinal(from);
@@ -264,7 +268,7 @@ static real dl2c_last_of(const dl2c_stretch *stretch, int margin, real from, rea
   return dl2c_from_ordinal(near);
 }
 
-/* A margin comes so near to zero at the end of a stretch that only its value there can tell whether it is. */
+/* A margin comes so near to zero at the end of a stretch that its value there decides. */
 static dl2c_leg dl2c_comes_near(const dl2c_stretch *stretch, int j, int sign, dl2c_events *events)
 {
   const real end = stretch->low + stretch->width;
@@ -277,7 +281,7 @@ static dl2c_leg dl2c_comes_near(const dl2c_stretch *stretch, int j, int sign, dl
   return (dl2c_leg){(int8_t)after, false};
 }
 
-/* A margin that turns round so near to zero that only its value there can tell whether it passes it. */
+/* A margin turns round so near to zero that its value there decides whether it passes it. */
 static void dl2c_turns_near(const dl2c_stretch *stretch, int j, const dl2c_taylor *g, int sign,
                             dl2c_events *events)
 {

@@ -96,9 +96,13 @@ static inline dl2c_motion dl2c_flow_straight(int flow, dl2c_travel *travel, cons
   if (NWATCH == 0 || motion != DL2C_SETTLED || model_quiet(flow, x, p, travel->duration, y))
     return motion;
   const real length = travel->duration;
-  const real stop = dl2c_watch_motion(flow, x, p, length, travel->watch);
+  uint8_t watch[NWATCH + 1];
+  memcpy(watch, travel->watch, NWATCH);
+  const real stop = dl2c_watch_motion(flow, x, p, length, watch);
   if (stop < 0.0) return DL2C_UNDEFINED;
-  return stop < length ? dl2c_stop(flow, x, p, stop, y, &travel->duration) : motion;
+  if (stop < length) motion = dl2c_stop(flow, x, p, stop, y, &travel->duration);
+  if (motion == DL2C_SETTLED) memcpy(travel->watch, watch, NWATCH);
+  return motion;
 }
 
 /* Moves y along a flow. What is left of y is meaningless unless it settled. */

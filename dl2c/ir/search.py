@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from dl2c.ir import hull
 from dl2c.ir.enclosed import Enclosed
 from dl2c.ir.evaluate import Undefined
-from dl2c.ir.events import exit_of, watched
+from dl2c.ir.events import Events, exit_of, watched
 from dl2c.ir.hull import Hull
 from dl2c.ir.kernel import FlowPlan
 from dl2c.ir.margins import margin_of
@@ -49,9 +49,10 @@ class Search:
         """Where the motion ends; the signs at the end of the track if it does not. `bounded`: the domain is
         looked at too. Raises `TooManyLooks`."""
         stretch = self.stretch
-        signs: Sequence[int] = [1] * len(self.plan.margins)
+        plain: Sequence[int] = [1] * len(self.plan.margins)
         if not self.plan.margins or self._calm(stretch.track.hulls(), bounded):
-            return signs
+            return plain
+        signs = plain
         stretch.clear = 0.0
         looks = 0
         while stretch.low < 1:
@@ -61,35 +62,41 @@ class Search:
             half = 0.5 * stretch.width
             models = stretch.track.models(stretch.low + half, half)
             calm = stretch.width < 1 and self._calm({s: m.hull for s, m in models.items()}, bounded)
+            events = None if calm else stretch.events(models)
+            if not calm and events is None:
+                stretch.width *= 0.5
+                continue
             if calm or not any(stretch.at_start):
                 stretch.clear = stretch.low
-            if calm:
-                signs = [1] * len(self.plan.margins)
-            else:
-                events = stretch.events(models)
-                if events is None:
-                    stretch.width *= 0.5
-                    continue
-                found = exit_of(self.plan.domain, self.plan.margins, events)
-                leaves = bounded and found.found
-                limit = found.at if leaves else 1.0
-                stop, failed, met = watched(self.plan, self.waiting, events, limit)
-                self.failed += failed
-                self.met += met
-                self.waiting = [w for w in self.waiting if w not in (*failed, *met)]
-                place = stretch.low + stretch.width * float(limit if stop is None else stop)
-                if place > stretch.low and not any(stretch.at_end):
-                    stretch.clear = place
-                signs = found.sign_at
-                zero = stretch.at_end if limit >= 1 else stretch.at_start
-                if limit >= 1 or not limit > 0:
-                    signs = [0 if z else s for s, z in zip(signs, zero, strict=True)]
-                if stop is not None:
-                    return Halt(place, True, signs)
-                if leaves:
-                    place = place if found.holds or not place > 0 else math.nextafter(place, 0.0)
-                    return Halt(place, False, signs)
+            found = plain if events is None else self._ending(events, bounded)
+            if isinstance(found, Halt):
+                return found
+            signs = found
             stretch.next()
+        return signs
+
+    def _ending(self, events: Events, bounded: bool) -> Halt | Sequence[int]:
+        """How a stretch ends on which these events happen."""
+        stretch = self.stretch
+        found = exit_of(self.plan.domain, self.plan.margins, events)
+        leaves = bounded and found.found
+        limit = found.at if leaves else 1.0
+        stop, failed, met = watched(self.plan, self.waiting, events, limit)
+        self.failed += failed
+        self.met += met
+        self.waiting = [w for w in self.waiting if w not in (*failed, *met)]
+        place = stretch.low + stretch.width * float(limit if stop is None else stop)
+        if place > stretch.low and not any(stretch.at_end):
+            stretch.clear = place
+        signs: Sequence[int] = found.sign_at
+        if limit >= 1 or not limit > 0:
+            zero = stretch.at_end if limit >= 1 else stretch.at_start
+            signs = [0 if z else s for s, z in zip(signs, zero, strict=True)]
+        if stop is not None:
+            return Halt(place, True, signs)
+        if leaves:
+            place = place if found.holds or not place > 0 else math.nextafter(place, 0.0)
+            return Halt(place, False, signs)
         return signs
 
     def _calm(self, state: Mapping[Symbol, Hull], bounded: bool) -> bool:

@@ -8,8 +8,9 @@ from itertools import pairwise
 from random import Random
 
 import pytest
-from oracles.motions import MOTIONS, Motion
-from oracles.narrow_events import Tally, campaign
+from both_forms import Both
+from oracles.motions import CURVE, LINE, MOTIONS, Motion
+from oracles.narrow_events import Tally, begins_outside, campaign, draw_case, narrow_model
 from oracles.narrow_forms import FORMS, Form, high
 
 FLOWS = int(os.environ.get("DL2C_FLOWS", "10000"))
@@ -29,6 +30,19 @@ def test_narrow_events(kernel: str) -> None:
         [str(tally.faults()), *tally.wrong, *map(str, tally.faulty.most_common(12))]
     )
     assert tally.counts["ended"] > FLOWS // 4
+
+
+@pytest.mark.parametrize("motion", (LINE, CURVE), ids=lambda m: m.name)
+def test_both_forms_meet_them_alike(motion: Motion) -> None:
+    """To the last bit; with widths that rounding hides."""
+    random = Random(f"{SEED} both {motion.name}")
+    both = Both(narrow_model(motion), default_bound="-1e6:1e6", on_blocked="terminate")
+    for _ in range(400):
+        case = draw_case(motion, random, thin=-11)
+        if not begins_outside("exact", motion, case, FORMS[case.form]):
+            continue
+        both.begin(**case.start)
+        both.step(case.form)
 
 
 @pytest.mark.parametrize("form", FORMS, ids=[form.name for form in FORMS])

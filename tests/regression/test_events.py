@@ -88,6 +88,40 @@ def test_no_narrow_event_is_missed_or_met_early(kernel: str, form: str) -> None:
     assert tally.counts["ended"] + tally.counts["skipped: below the tolerance"] == 7 * CENTRES
 
 
+@pytest.mark.parametrize(
+    ("motion", "start"),
+    [
+        (
+            "logistic",
+            {
+                "x": 0.6830972930596173,
+                "k": -0.09552276547098612,
+                "e": 6.2582778082887,
+                "c": 0.5424561470980915,
+                "w": 7.852333630506676e-08,
+            },
+        ),
+        (
+            "line",
+            {
+                "x": -0.47251793996469815,
+                "v": 0.04394032180497619,
+                "e": 2.4245707402623635,
+                "c": -0.47251787139398815,
+                "w": 6.290716505098179e-08,
+            },
+        ),
+    ],
+)
+def test_a_dip_little_deeper_than_rounding_ends_a_flow(motion: str, start: dict[str, float]) -> None:
+    """x^2-2*c*x+c^2 >= w^2 fails by 5e-15 of terms that are about 1."""
+    forms = tuple(form for form in FORMS if form.name == "expanded")
+    moved = next(m for m in MOTIONS["cvodes"] if m.name == motion)
+    case = Case(0, start | {"t": 0.0})
+    seen = take(narrow_environment("cvodes", moved, forms), case)
+    assert judge("cvodes", moved, case, seen, forms) == "ended", told("cvodes", moved, case, seen, forms)
+
+
 WRITTEN = {
     "1/(1+10000000000*(x-37/100)^2) <= 1/2": 5,
     **{f"(x-37/100)^{d}*{10 ** (d * w)} >= 1": w for d in (2, 4, 6, 8) for w in (4, 5, 7)},
