@@ -152,7 +152,7 @@ def test_models_hold_what_many_terms_are() -> None:
 
 SOURCE = """
 #define DL2C_API
-#include "taylor.h"
+#include "taylor_functions.h"
 #pragma GCC visibility push(default)
 static dl2c_taylor read(const double *a)
 {
@@ -170,6 +170,13 @@ void of(double *b, int degree, double end, double middle, double half, double *o
   dl2c_taylor t = dl2c_taylor_of(b, degree, end, middle, half);
   write(&t, out);
 }
+void with_number(int which, const double *a, double b, double *out)
+{
+  dl2c_taylor s = read(a);
+  dl2c_taylor t = which == 0 ? dl2c_taylor_plus(&s, b) : which == 1 ? dl2c_taylor_plus(&s, -b)
+                  : which == 2 ? dl2c_taylor_from(b, &s) : dl2c_taylor_times(&s, b);
+  write(&t, out);
+}
 int sign(const double *a) { dl2c_taylor t = read(a); return dl2c_taylor_sign(&t); }
 """
 
@@ -178,7 +185,11 @@ int sign(const double *a) { dl2c_taylor t = read(a); return dl2c_taylor_sign(&t)
 def native(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """taylor.h as a library."""
     folder: Path = tmp_path_factory.mktemp("taylor")
-    text, declared = SOURCE, "void of(double *, int, double, double, double, double *); int sign(double *);"
+    text = SOURCE
+    declared = (
+        "void of(double *, int, double, double, double, double *); int sign(double *);"
+        "void with_number(int, const double *, double, double *);"
+    )
     for name in UNARY:
         head = f"void unary_{name}(double *a, double *out)"
         text += f"{head} {{ dl2c_taylor t = read(a); t = dl2c_taylor_{name}(&t); write(&t, out); }}\n"
@@ -227,6 +238,22 @@ def test_c_and_python_compute_the_same_models(native: Any) -> None:
                 True
             ] * 10, name
             assert lib.sign(out) == taylor.sign(made)
+
+
+def test_sums_and_products_with_numbers_have_the_bits_of_those_of_models(native: Any) -> None:
+    ffi, lib = native
+    random = Random(12)
+    for _ in range(400):
+        c = random_curve(random)
+        a = taylor.of_polynomial(c, horner(c, 1.0), 0.25, 0.25)
+        value = random.choice((0.0, 1.0, -3.0, random.gauss(0, 10), 1e300, math.inf, math.nan))
+        b = taylor.number(value)
+        results = (taylor.add(a, b), taylor.sub(a, b), taylor.sub(b, a), taylor.mul(a, b), taylor.mul(b, a))
+        for which, made in zip((0, 1, 2, 3, 3), results, strict=True):
+            out = ffi.new("double[10]")
+            lib.with_number(which, ffi.new("double[]", as_row(a)), value, out)
+            pairs = zip(out, as_row(made), strict=True)
+            assert all(x == y or not (math.isfinite(x) or math.isfinite(y)) for x, y in pairs), (which, value)
 
 
 def test_hulls_know_where_nothing_has_a_value() -> None:

@@ -77,7 +77,7 @@
 #include "dl2c.h"
 #include "flow_exact.h"
 #include "numbers.h"
-#include "taylor.h"
+#include "taylor_functions.h"
 
 /* The longest list of decisions or inputs of one path that a table row holds. */
 enum { DL2C_END = -1 };

@@ -121,18 +121,25 @@ static void dl2c_begin_signs(dl2c_stretch *stretch, const dl2c_taylor *g)
   else dl2c_lie_signs(stretch->flow, stretch->x, stretch->p, g, stretch->here, stretch->since);
 }
 
-/* A place where the model, which is monotone, is zero. */
+/* About where the model, which is monotone, is zero: by Newton's method between two signs. */
 static real dl2c_model_zero(const dl2c_stretch *stretch, const dl2c_taylor *g, int before)
 {
+  const real *c = g->c;
   real near = -1.0;
   real far = 1.0;
+  real u = 0.0;
   for (int k = 0; k < 60; k++) {
-    const real middle = near + 0.5 * (far - near);
-    const bool same = (dl2c_taylor_at(g, middle) > 0.0) == (before > 0);
-    near = same ? middle : near;
-    far = same ? far : middle;
+    const real value = dl2c_taylor_at(g, u);
+    const real slope = ((4.0 * c[4] * u + 3.0 * c[3]) * u + 2.0 * c[2]) * u + c[1];
+    const bool same = (value > 0.0) == (before > 0);
+    near = same ? u : near;
+    far = same ? far : u;
+    real next = u - value / slope;
+    if (fabs(next - u) <= DL2C_TOGETHER) break;
+    if (!(next > near && next < far)) next = near + 0.5 * (far - near);
+    u = next;
   }
-  return stretch->low + stretch->width * (0.5 + 0.5 * near);
+  return stretch->low + stretch->width * (0.5 + 0.5 * u);
 }
 
 /*
@@ -231,7 +238,7 @@ static int dl2c_sure_sign(const dl2c_stretch *stretch, int margin, real place)
   }
   model_taylor(stretch->flow, x, stretch->x, stretch->p, g);
   const dl2c_hull value = g[margin].hull;
-  for (int k = 0; k < NX; k++) {
+  for (int k = 0; k < NX && (value.low > off || value.high < -off); k++) {
     if (errors[k] == 0.0) continue;
     const dl2c_taylor exact = x[k];
     x[k].c[1] = errors[k];

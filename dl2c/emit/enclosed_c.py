@@ -42,10 +42,28 @@ class Enclosed:
 
     def _text(self, term: Term) -> str:
         if not self.moves(term):
-            value = self.leaves.term(f"{self.stem}_still{len(self.made)}", term, self.place)
-            return f"dl2c_{self.kind}_{'at' if self.kind == 'hull' else 'number'}({value})"
+            return f"dl2c_{self.kind}_{'at' if self.kind == 'hull' else 'number'}({self._still(term)})"
         if isinstance(term, Pow) and term.exponent == 1:
             return self.term(term.base)
         operation, args = last_operation(term)
+        still = [not self.moves(a) for a in args]
+        if self.kind == "taylor" and operation in ("add", "sub", "mul") and any(still):
+            return self._with_number(operation, args[still.index(False)], args[still.index(True)], still[0])
         address = "" if self.kind == "hull" else "&"
         return f"dl2c_{self.kind}_{operation}({', '.join(f'{address}{self.term(a)}' for a in args)})"
+
+    def _still(self, term: Term) -> str:
+        return self.leaves.term(f"{self.stem}_still{len(self.made)}", term, self.place)
+
+    def _with_number(self, operation: str, moving: Term, still: Term, first: bool) -> str:
+        """A sum or product of which one operand does not move; `first`: the first one."""
+        model, value = f"&{self.term(moving)}", self._still(still)
+        match operation, first:
+            case "mul", _:
+                return f"dl2c_taylor_times({model}, {value})"
+            case "sub", True:
+                return f"dl2c_taylor_from({value}, {model})"
+            case "sub", False:
+                return f"dl2c_taylor_plus({model}, {f'-({value})' if value.startswith('-') else f'-{value}'})"
+            case _:
+                return f"dl2c_taylor_plus({model}, {value})"

@@ -177,7 +177,7 @@ class Stretch:
         low, high = self._model(margin, exact).hull
         off = 0.0
         for x, t in there.items():
-            if t.e == 0:
+            if t.e == 0 or not (low > off or high < -off):
                 continue
             moved = replace(
                 exact[x],
@@ -262,12 +262,19 @@ class Stretch:
         return from_ordinal(near if near > low else far)
 
     def _model_zero(self, g: Taylor, sign: int) -> float:
-        near, far = -1.0, 1.0
+        """About where the model, which is monotone, is zero: by Newton's method between two signs."""
+        c = g.c
+        near, far, u = -1.0, 1.0, 0.0
         for _ in range(60):
-            middle = near + 0.5 * (far - near)
-            same = (g.at(middle) > 0) == (sign > 0)
-            near, far = (middle, far) if same else (near, middle)
-        return self.low + self.width * (0.5 + 0.5 * near)
+            value = g.at(u)
+            slope = ((4.0 * c[4] * u + 3.0 * c[3]) * u + 2.0 * c[2]) * u + c[1]
+            same = (value > 0) == (sign > 0)
+            near, far = (u, far) if same else (near, u)
+            following = u - value / slope if slope != 0 else math.nan
+            if abs(following - u) <= TOGETHER:
+                break
+            u = following if near < following < far else near + 0.5 * (far - near)
+        return self.low + self.width * (0.5 + 0.5 * u)
 
     def _turn(self, g: Taylor, rises: bool, falls: bool) -> float:
         """Where a model turns round; the middle if it does not."""
