@@ -148,3 +148,22 @@ def settled(formula: Formula, starts: tuple[tuple[Symbol, Term], ...]) -> Formul
     """The formula in a state alone: symbols of slacks replaced by the slacks."""
     values = dict(starts)
     return mapped(formula, lambda term: substituted(term, values))
+
+
+def least_slack(formula: Formula, tolerance: Fraction) -> Formula:
+    """A condition that implies the formula: each symbol of a slack replaced by the tolerance, which is the
+    least that it stands for, and equalities without any.
+    """
+    match formula:
+        case Compare("<=", Call("abs", (difference,)), Symbol(_, "start"), span=span):
+            return Compare("=", difference, ZERO, span=span)
+        case Compare(op, left, right, span=span):
+            found = {*symbols(left), *symbols(right)}
+            values = {s: Number(tolerance) for s in found if s.kind == "start"}
+            return Compare(op, substituted(left, values), substituted(right, values), span=span)
+        case And(children):
+            return And(tuple(least_slack(c, tolerance) for c in children))
+        case Or(children):
+            return Or(tuple(least_slack(c, tolerance) for c in children))
+        case _:
+            return formula

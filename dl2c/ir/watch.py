@@ -38,6 +38,7 @@ from dl2c.ir.model import (
     Truth,
     While,
 )
+from dl2c.ir.slack import least_slack
 
 SMALLEST = Fraction(1, 10**300)
 """A product of doubles that is larger does not round to zero."""
@@ -74,11 +75,13 @@ def watches_of(model: Model) -> tuple[Watch, ...]:
     least = _least_constants(model)
     for k, predicate in enumerate(model.predicates):
         along = predicate.relaxed if predicate.along is None else predicate.along
-        exact, relaxed = (_guarded(f, least) for f in (predicate.formula, along))
+        relaxed = _guarded(along, least)
         if predicate.category == "safety" and model.continuous:
             trigger = predicate.on_failure
             cuts = trigger is not None and trigger.action != "continue"
-            found.append(Watch(k, "safety", relaxed, TRUE, FALSE, exact, TRUE, cuts, predicate.slacks))
+            plain = predicate.formula if predicate.along is None else least_slack(along, model.tolerance)
+            plainly = _guarded(plain, least)
+            found.append(Watch(k, "safety", relaxed, TRUE, FALSE, plainly, TRUE, cuts, predicate.slacks))
         elif predicate.category == "progress" and predicate.due is not None and predicate.due != TRUE:
             due, early = (_guarded(f, least) for f in (predicate.due, negation(predicate.due)))
             stays = conjunction([early, _guarded(negation(along), least)])
