@@ -118,13 +118,13 @@ static inline real flow1_margins_still2(real door, real closed_slack2)
 }
 
 /* lift.kyx:49  does not move */
-static inline real flow1_margins_still5(real h, real delivered_slack0)
+static inline real flow1_margins_still4(real h, real delivered_slack0)
 {
   return h + delivered_slack0 - 3.0;
 }
 
 /* lift.kyx:49  does not move */
-static inline real flow1_margins_still6(real load, real delivered_slack1)
+static inline real flow1_margins_still5(real load, real delivered_slack1)
 {
   return load + delivered_slack1 - 1.0;
 }
@@ -159,16 +159,16 @@ static inline real flow1_calm_still6(real load, real delivered_slack1)
   return 1.0 - (load + delivered_slack1);
 }
 
-/* lift.kyx:49  0 - h, coefficient of tau^0 */
+/* lift.kyx:49  0 + 0.000000001 - h, coefficient of tau^0 */
 static inline real flow1_watch_still0_c0(real h)
 {
-  return -h;
+  return 1e-09 - h;
 }
 
-/* lift.kyx:49  h - 3, coefficient of tau^0 */
+/* lift.kyx:49  h + 0.000000001 - 3, coefficient of tau^0 */
 static inline real flow1_watch_still1_c0(real h)
 {
-  return h - 3.0;
+  return h + 1e-09 - 3.0;
 }
 
 /* lift.kyx:49  20 - clock, coefficient of tau^0 */
@@ -567,26 +567,24 @@ static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const re
                          dl2c_taylor *g)
 {
   if (flow == 0) {
-    const dl2c_taylor part0 = dl2c_taylor_number(3.0);
-    const dl2c_taylor part1 = dl2c_taylor_sub(&part0, &z[X_h]);
+    const dl2c_taylor part0 = dl2c_taylor_from(3.0, &z[X_h]);
     g[0] = z[X_h];
-    g[1] = part1;
+    g[1] = part0;
   }
   if (flow == 1) {
     const dl2c_taylor part0 = dl2c_taylor_number(flow1_margins_still0(x[X_h], p[S_closed_slack0]));
     const dl2c_taylor part1 = dl2c_taylor_number(flow1_margins_still1(x[X_h], p[S_closed_slack1]));
     const dl2c_taylor part2 = dl2c_taylor_number(flow1_margins_still2(x[X_door], p[S_closed_slack2]));
-    const dl2c_taylor part3 = dl2c_taylor_number(20.0);
-    const dl2c_taylor part4 = dl2c_taylor_sub(&z[X_clock], &part3);
-    const dl2c_taylor part5 = dl2c_taylor_number(flow1_margins_still5(x[X_h], p[S_delivered_slack0]));
-    const dl2c_taylor part6 = dl2c_taylor_number(flow1_margins_still6(x[X_load],
+    const dl2c_taylor part3 = dl2c_taylor_plus(&z[X_clock], -20.0);
+    const dl2c_taylor part4 = dl2c_taylor_number(flow1_margins_still4(x[X_h], p[S_delivered_slack0]));
+    const dl2c_taylor part5 = dl2c_taylor_number(flow1_margins_still5(x[X_load],
         p[S_delivered_slack1]));
     g[0] = part0;
     g[1] = part1;
     g[2] = part2;
-    g[3] = part4;
-    g[4] = part5;
-    g[5] = part6;
+    g[3] = part3;
+    g[4] = part4;
+    g[5] = part5;
   }
 }
 

@@ -50,7 +50,7 @@ static inline real flow0_margin2(real x_v, real H, real inside_slack1)
 }
 
 /* tank.kyx:33  does not move */
-static inline real flow0_margins_still2(real H, real inside_slack1)
+static inline real flow0_margins_still1(real H, real inside_slack1)
 {
   return H + inside_slack1;
 }
@@ -61,13 +61,19 @@ static inline real flow0_calm_still2(real H, real inside_slack1)
   return H + inside_slack1;
 }
 
-/* tank.kyx:33  H - x, coefficient of tau^0 */
-static inline real flow0_watch_still1_c0(real x_v, real H)
+/* tank.kyx:33  x + 0.000000001, coefficient of tau^0 */
+static inline real flow0_watch_still0_c0(real x_v)
 {
-  return H - x_v;
+  return x_v + 1e-09;
 }
 
-/* tank.kyx:33  H - x, coefficient of tau^1 */
+/* tank.kyx:33  H + 0.000000001 - x, coefficient of tau^0 */
+static inline real flow0_watch_still1_c0(real x_v, real H)
+{
+  return H + 1e-09 - x_v;
+}
+
+/* tank.kyx:33  H + 0.000000001 - x, coefficient of tau^1 */
 static inline real flow0_watch_still1_c1(real f)
 {
   return -f;
@@ -250,13 +256,12 @@ static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const re
 {
   (void)x;
   if (flow == 0) {
-    const dl2c_taylor part0 = dl2c_taylor_number(p[S_inside_slack0]);
-    const dl2c_taylor part1 = dl2c_taylor_add(&z[X_x], &part0);
-    const dl2c_taylor part2 = dl2c_taylor_number(flow0_margins_still2(p[P_H], p[S_inside_slack1]));
-    const dl2c_taylor part3 = dl2c_taylor_sub(&part2, &z[X_x]);
+    const dl2c_taylor part0 = dl2c_taylor_plus(&z[X_x], p[S_inside_slack0]);
+    const dl2c_taylor part1 = dl2c_taylor_from(flow0_margins_still1(p[P_H], p[S_inside_slack1]),
+        &z[X_x]);
     g[0] = z[X_x];
-    g[1] = part1;
-    g[2] = part3;
+    g[1] = part0;
+    g[2] = part1;
   }
 }
 
@@ -313,7 +318,7 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
 {
   (void)y;
   if (flow == 0) {
-    const dl2c_span still0 = dl2c_line(x[X_x], x[X_f], duration);
+    const dl2c_span still0 = dl2c_line(flow0_watch_still0_c0(x[X_x]), x[X_f], duration);
     const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_x], p[P_H]),
         flow0_watch_still1_c1(x[X_f]), duration);
     return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1));

@@ -372,9 +372,8 @@ static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const re
     g[0] = z[X_x];
   }
   if (flow == 1) {
-    const dl2c_taylor part0 = dl2c_taylor_number(8.0);
-    const dl2c_taylor part1 = dl2c_taylor_sub(&part0, &z[X_x]);
-    g[0] = part1;
+    const dl2c_taylor part0 = dl2c_taylor_from(8.0, &z[X_x]);
+    g[0] = part0;
   }
 }
 

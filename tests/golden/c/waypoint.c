@@ -155,87 +155,99 @@ static inline real flow0_margin16(real vr, real ensure_slack1)
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still2(real Vmax, real loopInv_slack1)
+static inline real flow0_margins_still1(real Vmax, real loopInv_slack1)
 {
   return Vmax + loopInv_slack1;
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still4(real xg, real b, real GDelta, real loopInv_slack2)
-{
-  return (xg + GDelta + loopInv_slack2) * (2.0 * b);
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still5(real b)
+static inline real flow0_margins_still2(real b)
 {
   return 2.0 * b;
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still10(real xg, real GDelta, real loopInv_slack3)
+static inline real flow0_margins_still5(real xg, real b, real GDelta, real loopInv_slack2)
+{
+  return (xg + GDelta + loopInv_slack2) * (2.0 * b);
+}
+
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still6(real xg, real GDelta, real loopInv_slack3)
 {
   return xg - GDelta + loopInv_slack3;
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still22(real xg, real GDelta)
+static inline real flow0_margins_still14(real xg, real GDelta)
 {
   return xg - GDelta;
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still26(real ep, real A)
+static inline real flow0_margins_still16(real ep, real A)
 {
   return A * ep;
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still30(real ep, real b, real A)
+static inline real flow0_margins_still18(real ep, real b, real A)
 {
   return b * (A * ep);
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still36(real ep, real A)
+static inline real flow0_margins_still21(real ep, real A)
 {
   return ep * (A * ep);
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still39(real ep, real A, real Vmax)
+static inline real flow0_margins_still23(real ep, real A, real Vmax)
 {
   return Vmax * (A * ep);
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still42(real ep, real A, real loopInv_slack6)
+static inline real flow0_margins_still25(real ep, real A, real loopInv_slack6)
 {
   return A * ep + loopInv_slack6;
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still46(real ep, real b, real A)
+static inline real flow0_margins_still27(real ep, real b, real A)
 {
   return b * (A * ep * A);
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still48(real ep, real A)
+static inline real flow0_margins_still28(real ep, real A)
 {
   return ep * A;
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still54(real ep, real A)
+static inline real flow0_margins_still29(real ep, real A)
+{
+  return A * ep;
+}
+
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still32(real ep, real A)
 {
   return ep * (A * ep * A);
 }
 
 /* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still57(real ep, real A, real Vmax)
+static inline real flow0_margins_still34(real ep, real A, real Vmax)
 {
   return Vmax * (A * ep * A);
+}
+
+/* waypoint.kyx:68  does not move */
+static inline real flow0_margins_still38(real xg, real GDelta)
+{
+  return xg - GDelta;
 }
 
 /* does not move */
@@ -322,153 +334,168 @@ static inline real flow0_calm_still56(real ep, real A, real Vmax)
   return Vmax * (A * ep * A);
 }
 
-/* waypoint.kyx:68  Vmax - vr, coefficient of tau^0 */
-static inline real flow0_watch_still1_c0(real vr, real Vmax)
+/* waypoint.kyx:68  vr + 0.000000001, coefficient of tau^0 */
+static inline real flow0_watch_still0_c0(real vr)
 {
-  return Vmax - vr;
+  return vr + 1e-09;
 }
 
-/* waypoint.kyx:68  Vmax - vr, coefficient of tau^1 */
+/* waypoint.kyx:68  Vmax + 0.000000001 - vr, coefficient of tau^0 */
+static inline real flow0_watch_still1_c0(real vr, real Vmax)
+{
+  return Vmax + 1e-09 - vr;
+}
+
+/* waypoint.kyx:68  Vmax + 0.000000001 - vr, coefficient of tau^1 */
 static inline real flow0_watch_still1_c1(real ar)
 {
   return -ar;
 }
 
-/* waypoint.kyx:68  (xg + GDelta) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^0 */
+/*
+ * waypoint.kyx:68  (xg + GDelta + 0.000000001) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of
+ * tau^0
+ */
 static inline real flow0_watch_still2_c0(real xr, real vr, real xg, real b, real GDelta)
 {
   const real t0 = 2.0 * b;
-  return (xg + GDelta) * t0 - (xr * t0 + vr * vr);
+  return (xg + GDelta + 1e-09) * t0 - (xr * t0 + vr * vr);
 }
 
-/* waypoint.kyx:68  (xg + GDelta) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^1 */
+/*
+ * waypoint.kyx:68  (xg + GDelta + 0.000000001) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of
+ * tau^1
+ */
 static inline real flow0_watch_still2_c1(real vr, real ar, real b)
 {
   return -(vr * (2.0 * b) + (vr * ar + ar * vr));
 }
 
-/* waypoint.kyx:68  (xg + GDelta) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of tau^2 */
+/*
+ * waypoint.kyx:68  (xg + GDelta + 0.000000001) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of
+ * tau^2
+ */
 static inline real flow0_watch_still2_c2(real ar, real b)
 {
   return -(ar / 2.0 * (2.0 * b) + ar * ar);
 }
 
-/* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^0 */
+/* waypoint.kyx:68  xg - GDelta + 0.000000001 - xr, coefficient of tau^0 */
 static inline real flow0_watch_still3_c0(real xr, real xg, real GDelta)
 {
-  return xg - GDelta - xr;
+  return xg - GDelta + 1e-09 - xr;
 }
 
-/* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^1 */
+/* waypoint.kyx:68  xg - GDelta + 0.000000001 - xr, coefficient of tau^1 */
 static inline real flow0_watch_still3_c1(real vr)
 {
   return -vr;
 }
 
-/* waypoint.kyx:68  xg - GDelta - xr, coefficient of tau^2 */
+/* waypoint.kyx:68  xg - GDelta + 0.000000001 - xr, coefficient of tau^2 */
 static inline real flow0_watch_still3_c2(real ar)
 {
   return -(ar / 2.0);
 }
 
-/* waypoint.kyx:68  T * b - vr, coefficient of tau^0 */
-static inline real flow0_watch_still4_c0(real vr, real T, real b)
+/* waypoint.kyx:68  (T + 0.000000001) * b - vr, coefficient of tau^0 */
+static inline real flow0_watch_still5_c0(real vr, real T, real b)
 {
-  return T * b - vr;
+  return (T + 1e-09) * b - vr;
 }
 
-/* waypoint.kyx:68  T * b - vr, coefficient of tau^1 */
-static inline real flow0_watch_still4_c1(real ar, real b)
+/* waypoint.kyx:68  (T + 0.000000001) * b - vr, coefficient of tau^1 */
+static inline real flow0_watch_still5_c1(real ar, real b)
 {
   return -1.0 * b - ar;
 }
 
-/* waypoint.kyx:68  xr - (xg - GDelta), coefficient of tau^0 */
-static inline real flow0_watch_still5_c0(real xr, real xg, real GDelta)
+/* waypoint.kyx:68  xr + 0.000000001 - (xg - GDelta), coefficient of tau^0 */
+static inline real flow0_watch_still6_c0(real xr, real xg, real GDelta)
 {
-  return xr - (xg - GDelta);
+  return xr + 1e-09 - (xg - GDelta);
 }
 
-/* waypoint.kyx:68  xr - (xg - GDelta), coefficient of tau^2 */
-static inline real flow0_watch_still5_c2(real ar)
+/* waypoint.kyx:68  xr + 0.000000001 - (xg - GDelta), coefficient of tau^2 */
+static inline real flow0_watch_still6_c2(real ar)
 {
   return ar / 2.0;
 }
 
-/* waypoint.kyx:68  vr - A * ep, coefficient of tau^0 */
-static inline real flow0_watch_still6_c0(real vr, real ep, real A)
+/* waypoint.kyx:68  vr + 0.000000001 - A * ep, coefficient of tau^0 */
+static inline real flow0_watch_still7_c0(real vr, real ep, real A)
 {
-  return vr - A * ep;
+  return vr + 1e-09 - A * ep;
 }
 
 /*
- * waypoint.kyx:68  T * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A *
- * ep)), coefficient of tau^0
+ * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b
+ * + Vmax * (A * ep)), coefficient of tau^0
  */
-static inline real flow0_watch_still7_c0(real xr, real xg, real T, real ep, real b, real A,
+static inline real flow0_watch_still8_c0(real xr, real xg, real T, real ep, real b, real A,
                                          real GDelta, real Vmax)
 {
   const real t0 = A * ep;
-  return T * (b * t0) - ((xg - xr - GDelta + ep * t0) * b + Vmax * t0);
+  return (T + 1e-09) * (b * t0) - ((xg - xr - GDelta + ep * t0) * b + Vmax * t0);
 }
 
 /*
- * waypoint.kyx:68  T * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A *
- * ep)), coefficient of tau^1
+ * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b
+ * + Vmax * (A * ep)), coefficient of tau^1
  */
-static inline real flow0_watch_still7_c1(real vr, real ep, real b, real A)
+static inline real flow0_watch_still8_c1(real vr, real ep, real b, real A)
 {
   return -1.0 * (b * (A * ep)) - -vr * b;
 }
 
 /*
- * waypoint.kyx:68  T * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b + Vmax * (A *
- * ep)), coefficient of tau^2
+ * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b
+ * + Vmax * (A * ep)), coefficient of tau^2
  */
-static inline real flow0_watch_still7_c2(real ar, real b)
+static inline real flow0_watch_still8_c2(real ar, real b)
 {
   return -(-(ar / 2.0) * b);
 }
 
-/* waypoint.kyx:68  A * ep - vr, coefficient of tau^0 */
-static inline real flow0_watch_still8_c0(real vr, real ep, real A)
+/* waypoint.kyx:68  A * ep + 0.000000001 - vr, coefficient of tau^0 */
+static inline real flow0_watch_still9_c0(real vr, real ep, real A)
 {
-  return A * ep - vr;
+  return A * ep + 1e-09 - vr;
 }
 
-/* waypoint.kyx:68  A * ep - vr, coefficient of tau^1 */
-static inline real flow0_watch_still8_c1(real ar)
+/* waypoint.kyx:68  A * ep + 0.000000001 - vr, coefficient of tau^1 */
+static inline real flow0_watch_still9_c1(real ar)
 {
   return -ar;
 }
 
 /*
- * waypoint.kyx:68  T * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
- * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
+ * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg -
+ * xr - GDelta) * A + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
  */
-static inline real flow0_watch_still9_c0(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                         real GDelta, real Vmax)
+static inline real flow0_watch_still10_c0(real xr, real vr, real xg, real T, real ep, real b,
+                                          real A, real GDelta, real Vmax)
 {
   const real t0 = A * ep;
   const real t1 = t0 * A;
-  return T * (b * t1) - (((ep * A - vr) * t0 + (xg - xr - GDelta) * A + ep * t1) * b + Vmax * t1);
+  return (T + 1e-09) * (b * t1) - (((ep * A - vr) * t0 + (xg - xr - GDelta) * A + ep * t1) * b + Vmax * t1);
 }
 
 /*
- * waypoint.kyx:68  T * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
- * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
+ * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg -
+ * xr - GDelta) * A + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
  */
-static inline real flow0_watch_still9_c1(real vr, real ar, real ep, real b, real A)
+static inline real flow0_watch_still10_c1(real vr, real ar, real ep, real b, real A)
 {
   const real t0 = A * ep;
   return -1.0 * (b * (t0 * A)) - (-ar * t0 + -vr * A) * b;
 }
 
 /*
- * waypoint.kyx:68  T * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg - xr - GDelta) * A
- * + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
+ * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg -
+ * xr - GDelta) * A + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
  */
-static inline real flow0_watch_still9_c2(real ar, real b, real A)
+static inline real flow0_watch_still10_c2(real ar, real b, real A)
 {
   return -(-(ar / 2.0) * A * b);
 }
@@ -813,95 +840,74 @@ static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const re
                          dl2c_taylor *g)
 {
   if (flow == 0) {
-    const dl2c_taylor part0 = dl2c_taylor_number(p[S_loopInv_slack0]);
-    const dl2c_taylor part1 = dl2c_taylor_add(&z[X_vr], &part0);
-    const dl2c_taylor part2 = dl2c_taylor_number(flow0_margins_still2(p[P_Vmax],
-        p[S_loopInv_slack1]));
-    const dl2c_taylor part3 = dl2c_taylor_sub(&part2, &z[X_vr]);
-    const dl2c_taylor part4 = dl2c_taylor_number(flow0_margins_still4(x[X_xg], p[P_b], p[P_GDelta],
-        p[S_loopInv_slack2]));
-    const dl2c_taylor part5 = dl2c_taylor_number(flow0_margins_still5(p[P_b]));
-    const dl2c_taylor part6 = dl2c_taylor_mul(&z[X_xr], &part5);
-    const dl2c_taylor part7 = dl2c_taylor_square(&z[X_vr]);
-    const dl2c_taylor part8 = dl2c_taylor_add(&part6, &part7);
-    const dl2c_taylor part9 = dl2c_taylor_sub(&part4, &part8);
-    const dl2c_taylor part10 = dl2c_taylor_number(flow0_margins_still10(x[X_xg], p[P_GDelta],
-        p[S_loopInv_slack3]));
-    const dl2c_taylor part11 = dl2c_taylor_sub(&part10, &z[X_xr]);
-    const dl2c_taylor part12 = dl2c_taylor_sub(&part0, &z[X_vr]);
-    const dl2c_taylor part13 = dl2c_taylor_neg(&z[X_vr]);
-    const dl2c_taylor part14 = dl2c_taylor_sub(&part0, &part13);
-    const dl2c_taylor part15 = dl2c_taylor_number(p[S_loopInv_slack4]);
-    const dl2c_taylor part16 = dl2c_taylor_add(&z[X_T], &part15);
-    const dl2c_taylor part17 = dl2c_taylor_number(p[P_b]);
-    const dl2c_taylor part18 = dl2c_taylor_mul(&part16, &part17);
-    const dl2c_taylor part19 = dl2c_taylor_sub(&part18, &z[X_vr]);
-    const dl2c_taylor part20 = dl2c_taylor_number(p[S_loopInv_slack5]);
-    const dl2c_taylor part21 = dl2c_taylor_add(&z[X_xr], &part20);
-    const dl2c_taylor part22 = dl2c_taylor_number(flow0_margins_still22(x[X_xg], p[P_GDelta]));
-    const dl2c_taylor part23 = dl2c_taylor_sub(&part21, &part22);
-    const dl2c_taylor part24 = dl2c_taylor_number(p[S_loopInv_slack6]);
-    const dl2c_taylor part25 = dl2c_taylor_add(&z[X_vr], &part24);
-    const dl2c_taylor part26 = dl2c_taylor_number(flow0_margins_still26(p[P_ep], p[P_A]));
-    const dl2c_taylor part27 = dl2c_taylor_sub(&part25, &part26);
-    const dl2c_taylor part28 = dl2c_taylor_number(p[S_loopInv_slack7]);
-    const dl2c_taylor part29 = dl2c_taylor_add(&z[X_T], &part28);
-    const dl2c_taylor part30 = dl2c_taylor_number(flow0_margins_still30(p[P_ep], p[P_b], p[P_A]));
-    const dl2c_taylor part31 = dl2c_taylor_mul(&part29, &part30);
-    const dl2c_taylor part32 = dl2c_taylor_number(x[X_xg]);
-    const dl2c_taylor part33 = dl2c_taylor_sub(&part32, &z[X_xr]);
-    const dl2c_taylor part34 = dl2c_taylor_number(p[P_GDelta]);
-    const dl2c_taylor part35 = dl2c_taylor_sub(&part33, &part34);
-    const dl2c_taylor part36 = dl2c_taylor_number(flow0_margins_still36(p[P_ep], p[P_A]));
-    const dl2c_taylor part37 = dl2c_taylor_add(&part35, &part36);
-    const dl2c_taylor part38 = dl2c_taylor_mul(&part37, &part17);
-    const dl2c_taylor part39 = dl2c_taylor_number(flow0_margins_still39(p[P_ep], p[P_A], p[P_Vmax]));
-    const dl2c_taylor part40 = dl2c_taylor_add(&part38, &part39);
-    const dl2c_taylor part41 = dl2c_taylor_sub(&part31, &part40);
-    const dl2c_taylor part42 = dl2c_taylor_number(flow0_margins_still42(p[P_ep], p[P_A],
-        p[S_loopInv_slack6]));
-    const dl2c_taylor part43 = dl2c_taylor_sub(&part42, &z[X_vr]);
-    const dl2c_taylor part44 = dl2c_taylor_number(p[S_loopInv_slack8]);
-    const dl2c_taylor part45 = dl2c_taylor_add(&z[X_T], &part44);
-    const dl2c_taylor part46 = dl2c_taylor_number(flow0_margins_still46(p[P_ep], p[P_b], p[P_A]));
-    const dl2c_taylor part47 = dl2c_taylor_mul(&part45, &part46);
-    const dl2c_taylor part48 = dl2c_taylor_number(flow0_margins_still48(p[P_ep], p[P_A]));
-    const dl2c_taylor part49 = dl2c_taylor_sub(&part48, &z[X_vr]);
-    const dl2c_taylor part50 = dl2c_taylor_mul(&part49, &part26);
-    const dl2c_taylor part51 = dl2c_taylor_number(p[P_A]);
-    const dl2c_taylor part52 = dl2c_taylor_mul(&part35, &part51);
-    const dl2c_taylor part53 = dl2c_taylor_add(&part50, &part52);
-    const dl2c_taylor part54 = dl2c_taylor_number(flow0_margins_still54(p[P_ep], p[P_A]));
-    const dl2c_taylor part55 = dl2c_taylor_add(&part53, &part54);
-    const dl2c_taylor part56 = dl2c_taylor_mul(&part55, &part17);
-    const dl2c_taylor part57 = dl2c_taylor_number(flow0_margins_still57(p[P_ep], p[P_A], p[P_Vmax]));
-    const dl2c_taylor part58 = dl2c_taylor_add(&part56, &part57);
-    const dl2c_taylor part59 = dl2c_taylor_sub(&part47, &part58);
-    const dl2c_taylor part60 = dl2c_taylor_number(0.0);
-    const dl2c_taylor part61 = dl2c_taylor_sub(&part60, &z[X_T]);
-    const dl2c_taylor part62 = dl2c_taylor_number(p[S_ensure_slack0]);
-    const dl2c_taylor part63 = dl2c_taylor_add(&z[X_xr], &part62);
-    const dl2c_taylor part64 = dl2c_taylor_sub(&part63, &part22);
-    const dl2c_taylor part65 = dl2c_taylor_number(p[S_ensure_slack1]);
-    const dl2c_taylor part66 = dl2c_taylor_sub(&part65, &z[X_vr]);
-    const dl2c_taylor part67 = dl2c_taylor_sub(&part65, &part13);
+    const dl2c_taylor part0 = dl2c_taylor_plus(&z[X_vr], p[S_loopInv_slack0]);
+    const dl2c_taylor part1 = dl2c_taylor_from(flow0_margins_still1(p[P_Vmax], p[S_loopInv_slack1]),
+        &z[X_vr]);
+    const dl2c_taylor part2 = dl2c_taylor_times(&z[X_xr], flow0_margins_still2(p[P_b]));
+    const dl2c_taylor part3 = dl2c_taylor_square(&z[X_vr]);
+    const dl2c_taylor part4 = dl2c_taylor_add(&part2, &part3);
+    const dl2c_taylor part5 = dl2c_taylor_from(flow0_margins_still5(x[X_xg], p[P_b], p[P_GDelta],
+        p[S_loopInv_slack2]), &part4);
+    const dl2c_taylor part6 = dl2c_taylor_from(flow0_margins_still6(x[X_xg], p[P_GDelta],
+        p[S_loopInv_slack3]), &z[X_xr]);
+    const dl2c_taylor part7 = dl2c_taylor_from(p[S_loopInv_slack0], &z[X_vr]);
+    const dl2c_taylor part8 = dl2c_taylor_neg(&z[X_vr]);
+    const dl2c_taylor part9 = dl2c_taylor_from(p[S_loopInv_slack0], &part8);
+    const dl2c_taylor part10 = dl2c_taylor_plus(&z[X_T], p[S_loopInv_slack4]);
+    const dl2c_taylor part11 = dl2c_taylor_times(&part10, p[P_b]);
+    const dl2c_taylor part12 = dl2c_taylor_sub(&part11, &z[X_vr]);
+    const dl2c_taylor part13 = dl2c_taylor_plus(&z[X_xr], p[S_loopInv_slack5]);
+    const dl2c_taylor part14 = dl2c_taylor_plus(&part13, -flow0_margins_still14(x[X_xg],
+        p[P_GDelta]));
+    const dl2c_taylor part15 = dl2c_taylor_plus(&z[X_vr], p[S_loopInv_slack6]);
+    const dl2c_taylor part16 = dl2c_taylor_plus(&part15, -flow0_margins_still16(p[P_ep], p[P_A]));
+    const dl2c_taylor part17 = dl2c_taylor_plus(&z[X_T], p[S_loopInv_slack7]);
+    const dl2c_taylor part18 = dl2c_taylor_times(&part17, flow0_margins_still18(p[P_ep], p[P_b],
+        p[P_A]));
+    const dl2c_taylor part19 = dl2c_taylor_from(x[X_xg], &z[X_xr]);
+    const dl2c_taylor part20 = dl2c_taylor_plus(&part19, -p[P_GDelta]);
+    const dl2c_taylor part21 = dl2c_taylor_plus(&part20, flow0_margins_still21(p[P_ep], p[P_A]));
+    const dl2c_taylor part22 = dl2c_taylor_times(&part21, p[P_b]);
+    const dl2c_taylor part23 = dl2c_taylor_plus(&part22, flow0_margins_still23(p[P_ep], p[P_A],
+        p[P_Vmax]));
+    const dl2c_taylor part24 = dl2c_taylor_sub(&part18, &part23);
+    const dl2c_taylor part25 = dl2c_taylor_from(flow0_margins_still25(p[P_ep], p[P_A],
+        p[S_loopInv_slack6]), &z[X_vr]);
+    const dl2c_taylor part26 = dl2c_taylor_plus(&z[X_T], p[S_loopInv_slack8]);
+    const dl2c_taylor part27 = dl2c_taylor_times(&part26, flow0_margins_still27(p[P_ep], p[P_b],
+        p[P_A]));
+    const dl2c_taylor part28 = dl2c_taylor_from(flow0_margins_still28(p[P_ep], p[P_A]), &z[X_vr]);
+    const dl2c_taylor part29 = dl2c_taylor_times(&part28, flow0_margins_still29(p[P_ep], p[P_A]));
+    const dl2c_taylor part30 = dl2c_taylor_times(&part20, p[P_A]);
+    const dl2c_taylor part31 = dl2c_taylor_add(&part29, &part30);
+    const dl2c_taylor part32 = dl2c_taylor_plus(&part31, flow0_margins_still32(p[P_ep], p[P_A]));
+    const dl2c_taylor part33 = dl2c_taylor_times(&part32, p[P_b]);
+    const dl2c_taylor part34 = dl2c_taylor_plus(&part33, flow0_margins_still34(p[P_ep], p[P_A],
+        p[P_Vmax]));
+    const dl2c_taylor part35 = dl2c_taylor_sub(&part27, &part34);
+    const dl2c_taylor part36 = dl2c_taylor_from(0.0, &z[X_T]);
+    const dl2c_taylor part37 = dl2c_taylor_plus(&z[X_xr], p[S_ensure_slack0]);
+    const dl2c_taylor part38 = dl2c_taylor_plus(&part37, -flow0_margins_still38(x[X_xg],
+        p[P_GDelta]));
+    const dl2c_taylor part39 = dl2c_taylor_from(p[S_ensure_slack1], &z[X_vr]);
+    const dl2c_taylor part40 = dl2c_taylor_from(p[S_ensure_slack1], &part8);
     g[0] = z[X_vr];
-    g[1] = part1;
-    g[2] = part3;
-    g[3] = part9;
-    g[4] = part11;
-    g[5] = part12;
-    g[6] = part14;
-    g[7] = part19;
-    g[8] = part23;
-    g[9] = part27;
-    g[10] = part41;
-    g[11] = part43;
-    g[12] = part59;
-    g[13] = part61;
-    g[14] = part64;
-    g[15] = part66;
-    g[16] = part67;
+    g[1] = part0;
+    g[2] = part1;
+    g[3] = part5;
+    g[4] = part6;
+    g[5] = part7;
+    g[6] = part9;
+    g[7] = part12;
+    g[8] = part14;
+    g[9] = part16;
+    g[10] = part24;
+    g[11] = part25;
+    g[12] = part35;
+    g[13] = part36;
+    g[14] = part38;
+    g[15] = part39;
+    g[16] = part40;
   }
 }
 
@@ -1033,7 +1039,7 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
 DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real duration, const real *y)
 {
   if (flow == 0) {
-    const dl2c_span still0 = dl2c_line(x[X_vr], x[X_ar], duration);
+    const dl2c_span still0 = dl2c_line(flow0_watch_still0_c0(x[X_vr]), x[X_ar], duration);
     const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_vr], p[P_Vmax]),
         flow0_watch_still1_c1(x[X_ar]), duration);
     const dl2c_span still2 = dl2c_parabola(flow0_watch_still2_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b],
@@ -1041,25 +1047,26 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
         p[P_b]), duration);
     const dl2c_span still3 = dl2c_parabola(flow0_watch_still3_c0(x[X_xr], x[X_xg], p[P_GDelta]),
         flow0_watch_still3_c1(x[X_vr]), flow0_watch_still3_c2(x[X_ar]), duration);
-    const dl2c_span still4 = dl2c_line(flow0_watch_still4_c0(x[X_vr], x[X_T], p[P_b]),
-        flow0_watch_still4_c1(x[X_ar], p[P_b]), duration);
-    const dl2c_span still5 = dl2c_parabola(flow0_watch_still5_c0(x[X_xr], x[X_xg], p[P_GDelta]),
-        x[X_vr], flow0_watch_still5_c2(x[X_ar]), duration);
-    const dl2c_span still6 = dl2c_line(flow0_watch_still6_c0(x[X_vr], p[P_ep], p[P_A]), x[X_ar],
+    const dl2c_span still4 = dl2c_line(x[X_vr], x[X_ar], duration);
+    const dl2c_span still5 = dl2c_line(flow0_watch_still5_c0(x[X_vr], x[X_T], p[P_b]),
+        flow0_watch_still5_c1(x[X_ar], p[P_b]), duration);
+    const dl2c_span still6 = dl2c_parabola(flow0_watch_still6_c0(x[X_xr], x[X_xg], p[P_GDelta]),
+        x[X_vr], flow0_watch_still6_c2(x[X_ar]), duration);
+    const dl2c_span still7 = dl2c_line(flow0_watch_still7_c0(x[X_vr], p[P_ep], p[P_A]), x[X_ar],
         duration);
-    const dl2c_span still7 = dl2c_parabola(flow0_watch_still7_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep],
-        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still7_c1(x[X_vr], p[P_ep], p[P_b],
-        p[P_A]), flow0_watch_still7_c2(x[X_ar], p[P_b]), duration);
-    const dl2c_span still8 = dl2c_line(flow0_watch_still8_c0(x[X_vr], p[P_ep], p[P_A]),
-        flow0_watch_still8_c1(x[X_ar]), duration);
-    const dl2c_span still9 = dl2c_parabola(flow0_watch_still9_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T],
-        p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still9_c1(x[X_vr], x[X_ar],
-        p[P_ep], p[P_b], p[P_A]), flow0_watch_still9_c2(x[X_ar], p[P_b], p[P_A]), duration);
-    const dl2c_span still10 = dl2c_line(x[X_T], -1.0, duration);
+    const dl2c_span still8 = dl2c_parabola(flow0_watch_still8_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep],
+        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still8_c1(x[X_vr], p[P_ep], p[P_b],
+        p[P_A]), flow0_watch_still8_c2(x[X_ar], p[P_b]), duration);
+    const dl2c_span still9 = dl2c_line(flow0_watch_still9_c0(x[X_vr], p[P_ep], p[P_A]),
+        flow0_watch_still9_c1(x[X_ar]), duration);
+    const dl2c_span still10 = dl2c_parabola(flow0_watch_still10_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T],
+        p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still10_c1(x[X_vr], x[X_ar],
+        p[P_ep], p[P_b], p[P_A]), flow0_watch_still10_c2(x[X_ar], p[P_b], p[P_A]), duration);
+    const dl2c_span still11 = dl2c_line(x[X_T], -1.0, duration);
     return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1) & dl2c_stays_open(still2)
-        & (dl2c_stays_closed(still3) | dl2c_stays_equal(still0) | dl2c_stays_closed(still4))
-        & (dl2c_stays_open(still5) | (dl2c_stays_closed(still6) & dl2c_stays_open(still7))
-        | (dl2c_stays_closed(still8) & dl2c_stays_open(still9))) & dl2c_stays_open(still10))
+        & (dl2c_stays_closed(still3) | dl2c_stays_equal(still4) | dl2c_stays_closed(still5))
+        & (dl2c_stays_open(still6) | (dl2c_stays_closed(still7) & dl2c_stays_open(still8))
+        | (dl2c_stays_closed(still9) & dl2c_stays_open(still10))) & dl2c_stays_open(still11))
         & flow0_watch_at_end(y[X_T]);
   }
   return true;
