@@ -54,6 +54,7 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
   dl2c_taylor x[NX];
   dl2c_hull hull[NX];
   bool calm = false;
+  bool vague = false;
   stretch->low = 0.0;
   stretch->width = stretch->clear = 1.0;
   stretch->looks = 0;
@@ -75,15 +76,16 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
       stretch->width *= 0.5;
       continue;
     }
-    if (calm || !dl2c_some_vague(stretch->flow, events.begins)) stretch->clear = stretch->low;
+    const bool begins_vague = vague;
+    if (!begins_vague) stretch->clear = stretch->low;
+    vague = !calm && dl2c_some_vague(stretch->flow, events.ends);
     if (!calm) {
       dl2c_fails(stretch->flow, 0, &events, &failure);
       const bool leaves = bounded && failure.exit.found;
       const real limit = leaves ? failure.exit.at : 1.0;
       const real stop = dl2c_watch(stretch->flow, &events, limit, watch);
       *place = stretch->low + stretch->width * (stop <= 1.0 ? stop : limit);
-      if (*place > stretch->low && !dl2c_some_vague(stretch->flow, events.ends))
-        stretch->clear = *place;
+      if (!begins_vague && !vague) stretch->clear = *place;
       if (NWATCH > 0 && stop <= 1.0) return DL2C_CUT;
       memcpy(sign, failure.at, sizeof failure.at);
       for (int j = 0; j < FLOW_MARGINS[stretch->flow]; j++)

@@ -54,7 +54,7 @@ class Search:
             return plain
         signs = plain
         stretch.clear = 0.0
-        looks = 0
+        looks, vague = 0, False
         while stretch.low < 1:
             looks += 1
             if looks > LOOKS:
@@ -66,10 +66,14 @@ class Search:
             if not calm and events is None:
                 stretch.width *= 0.5
                 continue
-            if calm or not any(stretch.at_start):
+            begins_vague = vague
+            if not begins_vague:
                 stretch.clear = stretch.low
+            vague = not calm and any(stretch.at_end)
             found = plain if events is None else self._ending(events, bounded)
             if isinstance(found, Halt):
+                if not begins_vague and not vague:
+                    stretch.clear = found.place
                 return found
             signs = found
             stretch.next()
@@ -86,8 +90,6 @@ class Search:
         self.met += met
         self.waiting = [w for w in self.waiting if w not in (*failed, *met)]
         place = stretch.low + stretch.width * float(limit if stop is None else stop)
-        if place > stretch.low and not any(stretch.at_end):
-            stretch.clear = place
         signs: Sequence[int] = found.sign_at
         if limit >= 1 or not limit > 0:
             zero = stretch.at_end if limit >= 1 else stretch.at_start
