@@ -114,7 +114,9 @@ def checked_entry(entry: Entry, options: Options) -> Checked:
         say("resolving names")
         problem, options = _completed_problem(entry, options)
         environment, warnings = _environment(problem, options, say)
-    return Checked(problem, environment, in_source_order((*warnings, *_deprecated(problem))))
+    return Checked(
+        problem, environment, in_source_order((*problem.warnings, *warnings, *_deprecated(problem)))
+    )
 
 
 def check_model(source: Source, options: Options) -> tuple[Diagnostic, ...]:
@@ -197,7 +199,7 @@ def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Di
     """Parse and resolve; `@episode` completes the options."""
     archive, warnings = parse_archive(source)
     problem, options = _completed_problem(entry_of(archive, options), options)
-    return problem, options, (*warnings, *_deprecated(problem))
+    return problem, options, (*warnings, *problem.warnings, *_deprecated(problem))
 
 
 def _completed_problem(entry: Entry, options: Options) -> tuple[Problem, Options]:

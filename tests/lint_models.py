@@ -113,6 +113,7 @@ CASES: tuple[tuple[str, Parts, Parts], ...] = (
         (("Problem", "/* @episode: allow=deadlocks */ Problem"),),
         (("Problem", "/* @episode: allow=deadlock */ Problem"),),
     ),
+    ("undeclared-names", (("Real t;", ""),), ()),
     (
         "unobserved-variable",
         (('/* @var: bound=[0:3], unit="m/s" */', ""), ("x <= 1", "x <= 1 & 0 <= v & v <= 3")),

@@ -8,6 +8,7 @@ from dl2c.commands.failures import CommandError
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.env.opening import EXAMPLE, source_of
 from dl2c.lint.codes import LINTS
+from dl2c.source import Source
 
 
 def diagnostics_of(model: str, options: Mapping[str, Any], portable: bool) -> tuple[Diagnostic, ...]:
@@ -34,14 +35,18 @@ def fixed(model: str) -> int:
 
 
 def annotated(model: str, options: Mapping[str, Any]) -> bytes:
-    """The file of a model with suggested annotations."""
+    """The file of a model with declarations of what it does not declare, and suggested annotations."""
     from dl2c.lint.edits import edited
+    from dl2c.lint.fix import declarations
     from dl2c.lint.suggest import suggestions
     from dl2c.pipeline import resolve_options
 
     source = source_of(model)
     path = Path(source.name) if not model.startswith(EXAMPLE) else None
     content = path.read_bytes() if path else source.text.encode()
+    if declared := tuple(declarations(source)):
+        content = edited(content, declared)
+        source = Source(source.name, edited(source.text.encode(), declared).decode())
     return edited(content, suggestions(source, resolve_options(options)))
 
 

@@ -32,6 +32,7 @@ LINTS = (
     Lint("truncate-on-failure", "learners take a truncated failure for an episode that goes on"),
     Lint("unbounded", "an observed name has no finite bound"),
     Lint("undecided-precondition", "it is not known whether there is an initial state"),
+    Lint("undeclared-names", "names are used that nothing declares", fixable=True),
     Lint("unit-mismatch", "units given by `unit=` do not fit together"),
     Lint("unknown-lint", "`allow` names a code that does not exist"),
     Lint("unobserved-variable", "a step depends on a variable that is not observed"),

@@ -8,7 +8,11 @@ from dl2c.lint.edits import Edit, edited, replace_file
 from dl2c.lint.portable import portability, quotients
 from dl2c.parse import errors
 from dl2c.parse.archive import refused_comments
-from dl2c.parse.scan import Comment
+from dl2c.parse.parser import parse_archive
+from dl2c.parse.scan import Comment, scan
+from dl2c.parse.sections import find_sections
+from dl2c.parse.tree import Declaration
+from dl2c.resolve.infer import inferred
 from dl2c.source import Source
 
 ROUNDS = 10
@@ -37,8 +41,30 @@ def edits_of(source: Source) -> Iterator[Edit]:
     for found in portability(source):
         yield from _edits(found)
     yield from _comments(source, refused_comments(source))
+    yield from declarations(source)
     for found in quotients(source):
         yield Edit(found.span.start, found.span.end, f"(-({found.span.text[1:].strip()}))")
+
+
+def declarations(source: Source) -> Iterator[Edit]:
+    """Declarations of what is not declared, before the problem of each entry, in sections of their own."""
+    code = scan(source)
+    sections = find_sections(code, [])
+    for entry in parse_archive(source)[0].entries:
+        found = inferred(entry)
+        text = _section("Definitions", found.constants) + _section("ProgramVariables", found.variables)
+        number = next(k for k, s in enumerate(sections) if s.begin <= entry.problem.span.start < s.end)
+        if text and number > 0:
+            at = sections[number - 1].over
+            yield Edit(at, at, "\n\n" + text.rstrip("\n"))
+        elif text:
+            at = 0 if not code.text[: sections[0].start].strip() else sections[0].start
+            yield Edit(at, at, text)
+
+
+def _section(word: str, declared: tuple[Declaration, ...]) -> str:
+    lines = [f"  Real {d.name};" for d in declared]
+    return "\n".join([word, *lines, "End.", "", ""]) if lines else ""
 
 
 def _edits(found: Diagnostic) -> Iterator[Edit]:

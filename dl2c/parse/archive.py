@@ -71,7 +71,7 @@ def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
     sections = find_sections(code, problems)
     _check_count("sections", [code.span(s.start, s.begin) for s in sections], MAX_SECTIONS)
     if any(s.kind == "Problem" for s in sections) and all(s.kind != "entry" for s in sections):
-        sections.insert(0, bare_entry(sections))
+        sections.insert(0, bare_entry())
     heads = [i for i, section in enumerate(sections) if section.kind == "entry"]
     _check_count("entries", [code.span(sections[i].start, sections[i].end) for i in heads], MAX_ENTRIES)
     if not heads:

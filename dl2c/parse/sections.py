@@ -126,10 +126,9 @@ def _section(
     return Section(kind, word, start, begin, end, end)
 
 
-def bare_entry(sections: list[Section]) -> Section:
-    """The head of the one entry of a file that has none: empty, before the first section."""
-    start = sections[0].start
-    return Section("entry", "ArchiveEntry", start, start, start, start)
+def bare_entry() -> Section:
+    """The head of the one entry of a file that has none: empty, where the file begins."""
+    return Section("entry", "ArchiveEntry", 0, 0, 0, 0)
 
 
 def is_bare(head: Section) -> bool:

@@ -12,6 +12,7 @@ from dl2c.diagnostics import Diagnostic
 from dl2c.parse import tree
 from dl2c.resolve import errors
 from dl2c.resolve.symbols import BUILTINS, HOLES, Node, Symbols, children, nodes, own_names
+from dl2c.source import Span
 
 IN_HINTS = frozenset({"old()"})
 """What invariants may use, and definitions that only they call."""
@@ -24,7 +25,19 @@ def check_entry(entry: tree.Entry, symbols: Symbols) -> list[Diagnostic]:
         local = own_names(declaration) | IN_HINTS
         found += _parameters(declaration) if declaration.body is not None else ()
         found += [d for part in _meaning(declaration) for d in check(part, symbols, local)]
-    return found + list(check(entry.problem, symbols, frozenset()))
+    return list(_once([*found, *check(entry.problem, symbols, frozenset())]))
+
+
+def _once(found: list[Diagnostic]) -> Iterator[Diagnostic]:
+    """Each name that is not declared once, at its first use, with the places of the others."""
+    places: dict[tuple[str, str], list[Span]] = {}
+    for d in found:
+        if d.code.startswith("undeclared-"):
+            places.setdefault((d.code, d.label), []).append(d.span)
+    for d in found:
+        spans = sorted(places.get((d.code, d.label), [d.span]), key=lambda span: span.start)
+        if d.span == spans[0]:
+            yield errors.also_at(d, spans[1:])
 
 
 def _meaning(declaration: tree.Declaration) -> list[Node]:

@@ -1,9 +1,10 @@
 """Diagnostics of name resolution and of the executable fragment."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 
-from dl2c.diagnostics import Diagnostic, error
+from dl2c.diagnostics import Diagnostic, error, warning
 from dl2c.source import Span
 
 ELSEWHERE = {
@@ -54,6 +55,40 @@ def undeclared(kind: str, name: str, span: Span, known: Iterable[str], where: st
         label,
         suggestion(name, known, f"declare it: `{declaration[kind]}`"),
     )
+
+
+MANY_PLACES = 5
+"""More places than these are counted."""
+
+
+def also_at(found: Diagnostic, others: Sequence[Span]) -> Diagnostic:
+    """The diagnostic, with the other places of the same mistake."""
+    if not others:
+        return found
+    shown = ", ".join(f"{span.line}:{span.column}" for span in others[:MANY_PLACES])
+    more = f" and {len(others) - MANY_PLACES} more" if len(others) > MANY_PLACES else ""
+    return replace(found, notes=(*found.notes, f"also at {shown}{more}"))
+
+
+MANY_NAMES = 8
+"""More names than these are counted."""
+
+
+def inferred(variables: Sequence[str], constants: Sequence[str], span: Span) -> Diagnostic:
+    """Names without declaration, of which either list may be empty."""
+    both = ((variables, "a variable", "variables"), (constants, "a constant", "constants"))
+    parts = [
+        f"{_listed(names)} are taken as {several}" if len(names) > 1 else f"`{names[0]}` is taken as {one}"
+        for names, one, several in both
+        if names
+    ]
+    title = "names without declaration"
+    return warning("undeclared-names", title, span, ", ".join(parts), "`dl2c check --fix` declares them")
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(f"`{name}`" for name in names[:MANY_NAMES])
+    return shown if len(names) <= MANY_NAMES else f"{shown} and {len(names) - MANY_NAMES} more"
 
 
 def wrong_sort(name: str, is_a: str, wanted: str, span: Span) -> Diagnostic:

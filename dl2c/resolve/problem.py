@@ -24,9 +24,10 @@ from dl2c.parse.annotations import (
 from dl2c.resolve.bind import check_entry
 from dl2c.resolve.expand import expanded_formula
 from dl2c.resolve.fragment import check_executable
+from dl2c.resolve.infer import with_implied, with_inferred
 from dl2c.resolve.predicates import AnnotatedPredicate, bind_predicates
 from dl2c.resolve.shape import Shape, take_apart
-from dl2c.resolve.symbols import Symbols, collect, with_implied
+from dl2c.resolve.symbols import Symbols, collect
 
 _T = TypeVar("_T")
 
@@ -44,6 +45,7 @@ class Problem:
     predicates: tuple[AnnotatedPredicate, ...]
     program_annotations: tuple[ProgramAnnotation, ...]
     episode: EpisodeAnnotation | None
+    warnings: tuple[Diagnostic, ...] = ()
 
     @property
     def annotated(self) -> bool:
@@ -54,6 +56,7 @@ class Problem:
 
 def resolve(entry: tree.Entry, loop: int | None = None) -> Problem:
     """`loop` is which top-level loop to run, from 1; `@episode` may say so too. Raises `CompileError`."""
+    entry, undeclared = with_inferred(entry)
     symbols, found = collect(entry)
     if any(d.code == "recursive-definition" for d in found):
         raise CompileError(found)
@@ -77,6 +80,7 @@ def resolve(entry: tree.Entry, loop: int | None = None) -> Problem:
         predicates=bind_predicates(predicates, concluded, shape, symbols),
         program_annotations=program,
         episode=episode,
+        warnings=undeclared.warnings(),
     )
 
 

@@ -5,7 +5,7 @@ checked, or all errors found at once.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, TypeAlias, assert_never
 
 from dl2c.diagnostics import Diagnostic
@@ -80,47 +80,12 @@ def collect(entry: tree.Entry) -> tuple[Symbols, list[Diagnostic]]:
     return symbols, found
 
 
-def with_implied(entry: tree.Entry) -> tree.Entry:
-    """The entry with declarations of what KeYmaera X lets be undeclared or undefined.
-
-    Undeclared may be variables which the problem writes, programs, and in an entry without any
-    declaration every variable. A hole as definition defines nothing.
-    """
-    declared = {d.name for d in (*entry.definitions, *entry.variables)}
-    bare = not declared
-    variables: dict[str, tree.Declaration] = {}
-    programs: dict[str, tree.Declaration] = {}
-    for body in (entry.problem, *(d.body for d in entry.definitions if not d.implicit)):
-        for node in nodes(body):
-            match node:
-                case tree.Assign(name) | tree.AssignAny(name) | tree.AtomicODE(name):
-                    variables[name] = tree.Declaration("Real", name, None, None, span=node.span)
-                case tree.Variable(name) if bare:
-                    variables[name] = tree.Declaration("Real", name, None, None, span=node.span)
-                case tree.ProgramConst(name):
-                    programs[name] = tree.Declaration("HP", name, None, None, span=node.span)
-                case _:
-                    pass
-    return replace(
-        entry,
-        definitions=(
-            *map(_without_hole, entry.definitions),
-            *(d for n, d in programs.items() if n not in declared),
-        ),
-        variables=(*entry.variables, *(d for n, d in variables.items() if n not in declared)),
-    )
-
-
 def is_hole(node: tree.Expression | None) -> bool:
     """Whether an expression is the hole `__________` of an exercise."""
     return (
         isinstance(node, (tree.UnitFunctional, tree.UnitPredicational, tree.ProgramConst))
         and node.name in HOLES
     )
-
-
-def _without_hole(declaration: tree.Declaration) -> tree.Declaration:
-    return replace(declaration, body=None) if is_hole(declaration.body) else declaration
 
 
 def _role(declaration: tree.Declaration) -> Role:

@@ -1,0 +1,110 @@
+"""Names that nothing declares are what KeYmaera X takes them for."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from corpus_table import CORPUS, files
+
+import dl2c
+from dl2c.diagnostics import CompileError
+from dl2c.lint.check import examine
+from dl2c.lint.fix import fix_file
+from dl2c.parse.parser import parse_archive
+from dl2c.pipeline import checked, resolve_options
+from dl2c.resolve.infer import inferred
+from dl2c.source import Source
+
+PROGRAM = "[{ {a := A(); ++ a := -b;} t := 0; {x'=v, v'=a, t'=1 & v >= 0 & t <= 1} }*] x >= 0"
+PROBLEM = f"Problem\n  x >= 0 & A() > 0 & b > 0 -> {PROGRAM}\nEnd.\n"
+BARE = f"/* @episode: max_steps=20 */\n{PROBLEM}"
+NAMED = f'Theorem "named"\n{PROBLEM}End.\n'
+DEFINED = f'Theorem "defined"\nDefinitions Real A; End.\n{PROBLEM}End.\n'
+OLD = f"Functions. R A(). End.\n{PROBLEM.replace('Problem', 'Problem.')}"
+DECLARED = "Definitions Real A; Real b; End.\nProgramVariables Real x; Real v; End."
+WRITTEN = f'Theorem "written"\n{DECLARED}\n{PROBLEM}End.\n'
+OPTIONS: dict[str, Any] = {"default_bound": "-10:10"}
+
+
+def entry_of(text: str) -> Any:
+    return parse_archive(Source("model.kyx", text))[0].entries[0]
+
+
+def warned(text: str) -> list[str]:
+    found = examine(Source("model.kyx", text), resolve_options(OPTIONS))
+    assert all(d.severity == "warning" for d in found), found
+    return [d.label for d in found if d.code == "undeclared-names"]
+
+
+@pytest.mark.parametrize("text", [BARE, NAMED, DEFINED, OLD], ids=["bare", "named", "defined", "old"])
+def test_without_variables_what_is_only_read_is_a_constant(text: str) -> None:
+    env: Any = dl2c.make(text, **OPTIONS, constants={"b": 2})
+    assert {q.name for q in env.manifest.variables} == {"a", "t", "x", "v"}
+    assert {q.name: q.value for q in env.manifest.constants} == {"A": None, "b": 2}
+    env.reset(seed=1)
+    assert env.step(0)[4]["duration"] >= 0
+    assert len(warned(text)) == 1
+
+
+def test_the_warning_can_be_silenced() -> None:
+    assert warned(BARE) == ["`a`, `t`, `x`, `v` are taken as variables, `A`, `b` are taken as constants"]
+    assert warned(BARE.replace("max_steps=20", "allow=undeclared-names")) == []
+
+
+def test_what_is_written_is_a_variable() -> None:
+    assert warned(WRITTEN) == ["`a`, `t` are taken as variables"]
+
+
+def test_names_that_are_only_read_are_mistakes_where_variables_are_declared() -> None:
+    text = WRITTEN.replace("Real b;", "")
+    with pytest.raises(CompileError) as refused:
+        checked(Source("model.kyx", text), resolve_options(OPTIONS))
+    (found,) = refused.value.diagnostics
+    assert (found.code, found.span.text) == ("undeclared-variable", "b")
+    assert found.notes == ("also at 5:54",)
+
+
+def test_quantified_names_parameters_and_library_names_are_none_of_them() -> None:
+    text = """Theorem "q"
+    Definitions
+      import kyx.math.e;
+      Real twice(Real y) = 2*y;
+    End.
+    Problem \\exists z z > x & x < e -> [{x' = twice(x)}] x > 0 End.
+    End."""
+    found = inferred(entry_of(text))
+    assert [d.name for d in found.variables] == ["x"] and not found.constants
+
+
+@pytest.mark.parametrize("text", [BARE, NAMED, DEFINED, OLD, WRITTEN])
+def test_fix_declares_them(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "model.kyx"
+    path.write_text(text)
+    before = checked(Source.read(path), resolve_options(OPTIONS)).environment.model
+    assert fix_file(path) == 1
+    assert warned(path.read_text()) == []
+    after = checked(Source.read(path), resolve_options(OPTIONS)).environment.model
+    assert (after.variables, after.constants, after.body) == (before.variables, before.constants, before.body)
+    assert fix_file(path) == 0
+
+
+def test_public_models_without_declarations_can_be_fixed(tmp_path: Path) -> None:
+    if not CORPUS.exists():
+        pytest.skip("no public models here")
+    mended = 0
+    for path in files():
+        try:
+            archive, _ = parse_archive(Source.read(path))
+        except CompileError:
+            continue
+        if not any(inferred(e).warnings() for e in archive.entries):
+            continue
+        copy = tmp_path / "model.kyx"
+        copy.write_bytes(path.read_bytes())
+        fix_file(copy)
+        again, _ = parse_archive(Source.read(copy))
+        for old, new in zip(archive.entries, again.entries, strict=True):
+            assert not inferred(new).warnings(), path
+            assert old.problem == new.problem, path
+        mended += 1
+    assert mended > 15
