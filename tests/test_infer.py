@@ -7,6 +7,7 @@ import pytest
 from corpus_table import CORPUS, files
 
 import dl2c
+from dl2c.commands.check import annotated
 from dl2c.diagnostics import CompileError
 from dl2c.lint.check import examine
 from dl2c.lint.fix import fix_file
@@ -74,6 +75,50 @@ def test_quantified_names_parameters_and_library_names_are_none_of_them() -> Non
     End."""
     found = inferred(entry_of(text))
     assert [d.name for d in found.variables] == ["x"] and not found.constants
+
+
+QUANTIFIED = """Theorem "quantified"
+ProgramVariables Real x; Real v; Real t; End.
+Problem
+  \\forall d (d > 0 -> \\forall x (x = 0 & v = 0 ->
+    [{ {v := d; ++ v := -d;} t := 0; {x'=v, t'=1 & t <= 1} }*] x >= -100))
+End.
+End.
+"""
+
+
+def test_universal_quantifiers_around_the_program_declare_constants() -> None:
+    env: Any = dl2c.make(QUANTIFIED, **OPTIONS, constants={"d": 3})
+    assert [q.name for q in env.manifest.constants] == ["d"]
+    assert {q.name for q in env.manifest.variables} == {"x", "v", "t"}
+    env.reset(seed=0)
+    env.step(0)
+    assert env.state["x"] == 3.0
+    assert warned(QUANTIFIED) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("\\forall d", "\\exists d"),
+        ("\\forall d (d > 0", "d > 1 -> \\forall d (d > 0"),
+        ("\\forall x (x = 0", "x > 1 -> \\forall x (x = 0"),
+    ],
+)
+def test_other_quantifiers_around_it_are_refused(old: str, new: str) -> None:
+    with pytest.raises(CompileError) as refused:
+        checked(Source("model.kyx", QUANTIFIED.replace(old, new)), resolve_options(OPTIONS))
+    assert {d.code for d in refused.value.diagnostics} <= {"quantifier", "undeclared-variable"}
+
+
+@pytest.mark.parametrize("text", [QUANTIFIED, BARE, f"Problem {QUANTIFIED.split('Problem')[1][:-5]}"])
+def test_what_has_no_declaration_is_not_annotated(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "model.kyx"
+    path.write_text(text)
+    path.write_bytes(annotated(str(path), OPTIONS))
+    again = checked(Source.read(path), resolve_options(OPTIONS)).problem
+    assert all(a is not None for d, a in again.variables if d.name == "v")
+    assert parse_archive(Source.read(path))[0].entries[0].problem == entry_of(text).problem
 
 
 @pytest.mark.parametrize("text", [BARE, NAMED, DEFINED, OLD, WRITTEN])

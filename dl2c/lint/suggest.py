@@ -58,7 +58,8 @@ def suggestions(source: Source, options: Options) -> tuple[Edit, ...]:
     model = replace(model, constants=drawn.constants)
     code = scan(source).text
     wishes = [*_variables(problem, model, drawn, default), *_constants(problem, options, model, drawn)]
-    edits = [*_bounds(code, wishes), *_conclusions(problem, code, source)]
+    declared = [w for w in wishes if _is_declared(w.declaration, source)]
+    edits = [*_bounds(code, declared), *_conclusions(problem, code, source)]
     return tuple(sorted(edits, key=lambda e: e.start))
 
 
@@ -96,6 +97,13 @@ def _unlimited(model: Model, drawn: Model) -> set[str]:
     """Names that only the default limits."""
     before: Mapping[str, Variable | Constant] = {i.name: i for i in (*model.variables, *model.constants)}
     return {i.name for i in (*drawn.variables, *drawn.constants) if i.bound != before[i.name].bound}
+
+
+def _is_declared(declaration: tree.Declaration, source: Source) -> bool:
+    """Whether a section declares it, so that an annotation has a place; a quantifier has none."""
+    sections = find_sections(scan(source), [])
+    at = declaration.span.start
+    return any(s.kind in ("Definitions", "ProgramVariables") and s.begin <= at < s.end for s in sections)
 
 
 def _bounds(code: str, wishes: Iterable[_Wish]) -> Iterator[Edit]:

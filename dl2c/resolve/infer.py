@@ -3,6 +3,7 @@
 Comes in: a parsed entry. Goes out: the entry with a declaration for every such name, and which they
 are. What the program writes is a variable. What it only reads is a constant, in an entry that
 declares no variables at all; in others a name that nothing declares is more likely to be a mistake.
+Universal quantifiers around the program declare their names too.
 """
 
 from collections.abc import Iterator
@@ -45,14 +46,58 @@ def inferred(entry: tree.Entry) -> Inferred:
 
 
 def with_inferred(entry: tree.Entry) -> tuple[tree.Entry, Inferred]:
-    """The entry with everything declared that can be inferred."""
+    """The entry with everything declared that can be inferred, and the problem without the universal
+    quantifiers around its program: for all values of a name that nothing writes is for all constants.
+    """
+    problem, quantified = _opened(entry.problem, frozenset())
+    entry = replace(entry, problem=problem)
     found = inferred(entry)
+    known = {d.name for d in (*entry.definitions, *entry.variables, *found.variables, *found.constants)}
+    constants = (d for name, d in quantified.items() if name not in known)
     complete = replace(
         entry,
         variables=(*entry.variables, *found.variables),
-        definitions=(*entry.definitions, *found.constants),
+        definitions=(*entry.definitions, *found.constants, *constants),
     )
-    return complete, found
+    names = frozenset(quantified)
+    return complete, Inferred(_others(found.variables, names), _others(found.constants, names))
+
+
+def _others(found: tuple[tree.Declaration, ...], names: frozenset[str]) -> tuple[tree.Declaration, ...]:
+    return tuple(d for d in found if d.name not in names)
+
+
+def _opened(
+    formula: tree.Formula, outside: frozenset[str]
+) -> tuple[tree.Formula, dict[str, tree.Declaration]]:
+    """`P -> \\forall x F` as `P -> F`, and what the quantifiers declare; `outside` are the names that the
+    formula is read beside. A quantifier whose name means something outside it stays.
+    """
+    match formula:
+        case tree.Imply(left, right):
+            opened, names = _opened(right, outside | frozenset(name for name, _ in _uses(left, frozenset())))
+            return (replace(formula, right=opened) if names else formula), names
+        case tree.Forall(name, child) if name not in outside:
+            opened, names = _opened(child, outside)
+            if name in names or not _has_program(opened):
+                return formula, {}
+            return opened, {name: tree.Declaration("Real", name, None, None, span=formula.span), **names}
+        case _:
+            return formula, {}
+
+
+def _has_program(formula: tree.Formula) -> bool:
+    """Whether a formula says what a program does, under nothing but implications."""
+    while isinstance(formula, tree.Imply):
+        formula = formula.right
+    return any(isinstance(node, (tree.Box, tree.Diamond)) for node in _conjuncts(formula))
+
+
+def _conjuncts(formula: tree.Formula) -> Iterator[tree.Formula]:
+    if isinstance(formula, tree.And):
+        yield from (*_conjuncts(formula.left), *_conjuncts(formula.right))
+    else:
+        yield formula
 
 
 def with_implied(entry: tree.Entry) -> tree.Entry:
