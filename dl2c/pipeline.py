@@ -247,6 +247,8 @@ def entry_of(archive: Archive, options: Options) -> Entry:
     if len(named) == 1:
         return named[0]
     names = ", ".join(f'"{e.name}"' for e in archive.entries)
+    last = len(archive.entries)
+    numbers = f", or its number, from 1 to {last}" if chosen is not None and chosen.isdigit() else ""
     several = "the file has several entries" + (f" `{chosen}`: give its number" if chosen else "")
     title = several if named else f"no entry `{chosen}`"
     start = archive.entries[0].span
@@ -255,7 +257,7 @@ def entry_of(archive: Archive, options: Options) -> Entry:
             "entry-not-found",
             title,
             Span(start.source, start.start, start.start + 1),
-            help=f"choose one with --entry: {names}",
+            help=f"choose one with --entry: {names}{numbers}",
         )
     )
 

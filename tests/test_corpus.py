@@ -33,7 +33,7 @@ from dl2c.parse.parser import parse_archive
 from dl2c.pipeline import checked_entry
 from dl2c.source import Source
 
-LEAST_BUILT = 747
+LEAST_BUILT = 752
 """May only rise."""
 
 CVODES = 1e-5

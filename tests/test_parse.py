@@ -1,10 +1,13 @@
 """What the parser reads: KeYmaera X's own test pairs, its results on public models, and dl2c's rules."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
 
 from dl2c.diagnostics import CompileError
+from dl2c.env.opening import source_of
+from dl2c.options import Options
 from dl2c.parse.parser import parse_archive, parse_formula, parse_program, parse_term, parse_value
 from dl2c.parse.tree import (
     And,
@@ -30,6 +33,7 @@ from dl2c.parse.tree import (
     Truth,
     Variable,
 )
+from dl2c.pipeline import entry_of
 from dl2c.source import Source, Span
 
 READERS = {"term": parse_term, "formula": parse_formula, "program": parse_program}
@@ -289,3 +293,23 @@ def test_trees_at_the_limit_can_be_compared_and_shown() -> None:
     assert parse_formula(text) == parse_formula(text)
     nested: Expression = parse_term("(" * 90 + "x" + ")" * 90)
     assert repr(nested) == "Variable(name='x')"
+
+
+def test_control_characters_are_only_a_warning_where_nothing_is_read() -> None:
+    text = 'Theorem "c" /* a\x03b\x04 */\nProblem x>0 -> [x:=1;] x>0 End.\nTactic "t" a\x03 End.\nEnd.'
+    archive, warnings = parse_archive(Source("c.kyx", text))
+    assert [(d.severity, d.code, d.span.start) for d in warnings] == [("warning", "control-character", 16)]
+    assert archive.entries[0].name == "c"
+    with pytest.raises(CompileError) as refused:
+        parse_archive(Source("c.kyx", text.replace("x:=1", "x:=\x031")))
+    assert [d.code for d in refused.value.diagnostics] == ["control-character"]
+
+
+def test_a_byte_order_mark_is_no_part_of_a_text() -> None:
+    assert source_of("\ufeffTheorem\n").text == "Theorem\n"
+
+
+def test_numbers_of_entries_are_told() -> None:
+    archive, _ = parse_archive(Source("c.kyx", 'Theorem "c" Problem x>0 -> [x:=1;] x>0 End. End.'))
+    with pytest.raises(CompileError, match="or its number, from 1 to 1"):
+        entry_of(archive, replace(Options(), entry="0"))

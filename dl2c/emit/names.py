@@ -72,9 +72,9 @@ RUNTIME_FILES = frozenset(
     [
         *("actions", "admissible", "ahead", "batch", "block", "convoy", "dense", "dl2c"),
         *("dopri5", "events", "flow_cvodes", "flow_exact", "growth", "hull", "judge", "lanes", "linear"),
-        *("model", "move", "numbers", "numeric", "pieces", "project", "rng", "sampler", "snapshot"),
-        *("state", "step", "stretch", "sundials", "sundials_system", "sundials_wheel", "target"),
-        *("taylor", "threads", "travel"),
+        *("model", "move", "numbers", "numeric", "pieces", "project", "rng", "sampler", "search"),
+        *("snapshot", "state", "step", "stretch", "sundials", "sundials_system", "sundials_wheel", "target"),
+        *("taylor", "taylor_functions", "threads", "travel"),
     ]
 )
 """Headers of the runtime, which a model's own header must not hide."""

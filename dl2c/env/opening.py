@@ -38,7 +38,7 @@ def source_of(model: Model) -> Source:
         case Source():
             return model
         case str() if "\n" in model:
-            return Source("<string>", model)
+            return Source("<string>", model.removeprefix("\ufeff"))
         case str() if model.startswith(EXAMPLE):
             path = examples_dir() / f"{model.removeprefix(EXAMPLE)}.kyx"
             return Source(f"examples/{path.name}", Source.read(path).text)

@@ -14,7 +14,7 @@ from itertools import islice, pairwise
 from dl2c.diagnostics import CompileError, Diagnostic, in_source_order
 from dl2c.parse import build, comments, declarations, errors, old_dialect, placement
 from dl2c.parse.build import Reading
-from dl2c.parse.characters import check_characters
+from dl2c.parse.characters import check_controls, check_text
 from dl2c.parse.placement import Block, Statement
 from dl2c.parse.recovery import MAX_MISTAKES
 from dl2c.parse.scan import Code, Comment, scan
@@ -60,13 +60,13 @@ class Work:
 
 def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
     """Read a whole file; see `parser.parse_archive`."""
-    check_characters(source)
+    check_text(source)
     code = scan(source)
+    warnings = [*check_controls(code)]
     problems: list[Diagnostic] = []
-    old = old_dialect.find_sign(code)
-    work = Work(
-        code, Reading(source, [old] if old else []), comments.read_annotations(code, problems), problems
-    )
+    if old := old_dialect.find_sign(code):
+        warnings.append(old)
+    work = Work(code, Reading(source, warnings), comments.read_annotations(code, problems), problems)
     _check_count("annotations", [a.span for a in work.annotations], MAX_ANNOTATIONS)
     sections = find_sections(code, problems)
     _check_count("sections", [code.span(s.start, s.begin) for s in sections], MAX_SECTIONS)

@@ -84,6 +84,13 @@ FORMULAS = (
     _classic(r"", r"\\", "unknown symbol `\\`", "quantifiers are written `\\forall` and `\\exists`"),
     _classic(r"", r"\|[^|;]*\|", "absolute values have no bars in dL", "write `abs(x)`", _OPERAND),
     _classic(
+        r"\+",
+        rf"\+\s*{_NAME}'",
+        "`++` stands between programs, not between differential equations",
+        "write `{x' = 1 & P} ++ {x' = 2 & Q}`",
+        _OPERAND,
+    ),
+    _classic(
         rf"[-+*/^=<>(,≤≥≠]\s*{_HERE}", r"\+\s*[\w(]", "numbers have no sign `+`", "leave it out", _OPERAND
     ),
 )

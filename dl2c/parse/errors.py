@@ -45,6 +45,11 @@ def not_utf8(span: Span, byte: int) -> Diagnostic:
     )
 
 
+def not_text(span: Span) -> Diagnostic:
+    beside = "the model is the file without `._` in its name" if "/._" in f"/{span.source.name}" else ""
+    return error("not-text", "this file is not text", span, "", beside or "save the model as UTF-8 text")
+
+
 def control_character(span: Span, code: int) -> Diagnostic:
     return error(
         "control-character",
@@ -52,6 +57,17 @@ def control_character(span: Span, code: int) -> Diagnostic:
         span,
         "",
         "remove it: it makes the text look different from what it says",
+    )
+
+
+def control_character_aside(span: Span, code: int) -> Diagnostic:
+    """One where nothing is read."""
+    return warning(
+        "control-character",
+        f"the invisible character U+{code:04X}",
+        span,
+        "in a comment or tactic",
+        "remove it: other tools may refuse it",
     )
 
 
@@ -284,6 +300,9 @@ def defined_variable(span: Span) -> Diagnostic:
 
 
 def not_a_real(span: Span) -> Diagnostic:
+    if "(" in span.text:
+        advice = "leave out the parentheses, or move it to Definitions"
+        return error("wrong-sort", "a program variable has no arguments", span, "", advice)
     return error("wrong-sort", "program variables are of sort Real", span, "", "move it to Definitions")
 
 
