@@ -247,19 +247,13 @@ def entry_of(archive: Archive, options: Options) -> Entry:
     if len(named) == 1:
         return named[0]
     names = ", ".join(f'"{e.name}"' for e in archive.entries)
-    last = len(archive.entries)
-    numbers = f", or its number, from 1 to {last}" if chosen is not None and chosen.isdigit() else ""
+    if (chosen or "").isdigit():
+        names += f", or its number, from 1 to {len(archive.entries)}"
     several = "the file has several entries" + (f" `{chosen}`: give its number" if chosen else "")
     title = several if named else f"no entry `{chosen}`"
     start = archive.entries[0].span
-    raise CompileError(
-        error(
-            "entry-not-found",
-            title,
-            Span(start.source, start.start, start.start + 1),
-            help=f"choose one with --entry: {names}{numbers}",
-        )
-    )
+    place = Span(start.source, start.start, start.start + 1)
+    raise CompileError(error("entry-not-found", title, place, help=f"choose one with --entry: {names}"))
 
 
 def _environment(

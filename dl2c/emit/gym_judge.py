@@ -118,9 +118,9 @@ def _judged(model: Model, writer: Writer) -> str:
         "    undefined = not all(map(math.isfinite, pays))",
         '    status = "none"',
     ]
-    for condition_, trigger in _triggers(model, ending=False):
+    for condition_, _, trigger in reversed(_triggers(model, ending=False)):
         lines += [f"    if {condition_}:", f'        status = "{trigger.status}"']
-    for condition_, name, trigger in _endings(model):
+    for condition_, name, trigger in _triggers(model, ending=True):
         result = f'Judgement(reward, cost, "{trigger.action}", "{trigger.status}", "{name}", undefined)'
         lines += [f"    if {condition_}:", f"        return {result}"]
     lines.append('    return Judgement(reward, cost, "", status, "", undefined)')
@@ -169,23 +169,16 @@ def _pays(predicate: Predicate, writer: Writer) -> Iterator[str]:
             yield from statement("", Bracketed("pays.append", (writer.term(term),)), "", indent)
 
 
-def _triggers(model: Model, ending: bool) -> Iterator[tuple[str, Trigger]]:
-    for p in model.predicates:
-        for trigger, when in ((p.on_success, f"{p.name}_holds"), (p.on_failure, _fails(p))):
-            if trigger is not None and (trigger.action != "continue") == ending:
-                yield when, trigger
-
-
 def _fails(predicate: Predicate) -> str:
     return f"{predicate.name}_fails" if predicate.category == "progress" else f"not {predicate.name}_holds"
 
 
-def _endings(model: Model) -> list[tuple[str, str, Trigger]]:
-    """The ends that predicates may bring, most important first."""
+def _triggers(model: Model, ending: bool) -> list[tuple[str, str, Trigger]]:
+    """What predicates may bring, ends or what goes on, the most important first."""
     found: list[tuple[tuple[int, int, int, bool], str, str, Trigger]] = []
     for k, p in enumerate(model.predicates):
         for trigger, when in ((p.on_success, f"{p.name}_holds"), (p.on_failure, _fails(p))):
-            if trigger is not None and trigger.action != "continue":
+            if trigger is not None and (trigger.action != "continue") == ending:
                 status = ("failure", "success", "none").index(trigger.status)
                 category = ("safety", "progress", "stability").index(p.category)
                 rank = (status, category, k, trigger != p.on_failure)

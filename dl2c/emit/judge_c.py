@@ -181,7 +181,7 @@ def _shapes(model: Model, leaves: Leaves) -> str:
 def _endings(model: Model) -> list[str]:
     """Triggers as selections, the least important first; a `continue` counts only where nothing ends."""
     ending: list[tuple[tuple[int, int, int, bool], str, str, str, str]] = []
-    going_on: list[str] = []
+    going_on: list[tuple[tuple[int, int, int, bool], str]] = []
     for k, predicate in enumerate(model.predicates):
         good = f"facts[F_{predicate.name}_holds * row + i]"
         for trigger, when in ((predicate.on_success, good), (predicate.on_failure, _failed(predicate, good))):
@@ -189,7 +189,8 @@ def _endings(model: Model) -> list[str]:
                 continue
             status = STATUS[trigger.status]
             if trigger.action == "continue":
-                going_on.append(f"status = dl2c_pick({when}, {status}, status);")
+                line = f"status = dl2c_pick({when}, {status}, status);"
+                going_on.append((_rank(k, predicate, trigger), line))
             else:
                 reason = f"DL2C_REASON_PREDICATE + {k}"
                 ending.append((_rank(k, predicate, trigger), when, ENDS[trigger.action], status, reason))
@@ -198,7 +199,7 @@ def _endings(model: Model) -> list[str]:
         "int32_t status = DL2C_NONE;",
         "int32_t reason = DL2C_REASON_NONE;",
     ]
-    lines += going_on
+    lines += [line for _, line in sorted(going_on, reverse=True)]
     for j, (_, when, action, status, reason) in enumerate(sorted(ending, reverse=True)):
         lines += [
             f"const int32_t fires{j} = {when};",

@@ -44,7 +44,7 @@ def judge(model: Model, env: Environment, exact: bool = False, happened: Happene
     reward: Value = literal(Fraction(0), exact)
     cost = 0
     undefined = False
-    continued = "none"
+    continued: list[tuple[_Rank, Trigger]] = []
     firings: list[tuple[_Rank, Trigger, str]] = []
     for k, predicate in enumerate(model.predicates):
         own = _watch_of(model, k)
@@ -61,11 +61,12 @@ def judge(model: Model, env: Environment, exact: bool = False, happened: Happene
         fails = _fails(predicate, good, env, exact, own, happened)
         for trigger, fires in ((predicate.on_success, good), (predicate.on_failure, fails)):
             if trigger is not None and fires and trigger.action == "continue":
-                continued = trigger.status
+                continued.append((_rank(k, predicate, trigger), trigger))
             elif trigger is not None and fires:
                 firings.append((_rank(k, predicate, trigger), trigger, predicate.name))
     if not firings:
-        return Outcome(reward, cost, None, continued, "", undefined)
+        status = min(continued, key=lambda firing: firing[0])[1].status if continued else "none"
+        return Outcome(reward, cost, None, status, "", undefined)
     _, winner, name = min(firings, key=lambda firing: firing[0])
     return Outcome(reward, cost, winner.action, winner.status, name, undefined)
 

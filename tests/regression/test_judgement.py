@@ -214,3 +214,21 @@ def test_interpreter_and_compiled_code_agree_on_steps_without_a_run() -> None:
     seen = model.first(x=5)
     assert (seen.reward, seen.cost, seen.ending) == (0, 0, ("truncated", "none", "deadlock"))
     assert seen.postcondition
+
+
+@pytest.mark.parametrize(("first", "second"), [("failure", "success"), ("success", "failure")])
+def test_failure_goes_before_success_where_nothing_ends(first: str, second: str) -> None:
+    text = f"""Theorem "both"
+Definitions
+  /* @safety: penalty=-1, on_failure=continue:{first} */
+  Bool p(Real x) <-> x < 0;
+  /* @safety: penalty=-1, on_failure=continue:{second} */
+  Bool q(Real x) <-> x < 0;
+End.
+ProgramVariables Real x; End.
+Problem x = 1 -> [{{ x := x + 1; }}*] (p(x) & q(x)) End.
+End."""
+    env: Any = dl2c.make(text, default_bound="-10:10")
+    env.reset(seed=0)
+    info = env.step(env.action_space.sample())[4]
+    assert info["status"] == "failure" and info["cost"] == 2
