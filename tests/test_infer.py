@@ -77,6 +77,7 @@ def test_quantified_names_parameters_and_library_names_are_none_of_them() -> Non
     assert [d.name for d in found.variables] == ["x"] and not found.constants
 
 
+DEFINITIONS = "Definitions Bool p() <-> q(); Bool q() <-> x > 1; End."
 QUANTIFIED = """Theorem "quantified"
 ProgramVariables Real x; Real v; Real t; End.
 Problem
@@ -100,6 +101,7 @@ def test_universal_quantifiers_around_the_program_declare_constants() -> None:
 @pytest.mark.parametrize(
     ("old", "new"),
     [
+        ("\\forall x (x = 0", "p() -> \\forall x (x = 0"),
         ("\\forall d", "\\exists d"),
         ("\\forall d (d > 0", "d > 1 -> \\forall d (d > 0"),
         ("\\forall x (x = 0", "x > 1 -> \\forall x (x = 0"),
@@ -107,7 +109,8 @@ def test_universal_quantifiers_around_the_program_declare_constants() -> None:
 )
 def test_other_quantifiers_around_it_are_refused(old: str, new: str) -> None:
     with pytest.raises(CompileError) as refused:
-        checked(Source("model.kyx", QUANTIFIED.replace(old, new)), resolve_options(OPTIONS))
+        text = QUANTIFIED.replace(old, new).replace("ProgramVariables", f"{DEFINITIONS}\nProgramVariables")
+        checked(Source("model.kyx", text), resolve_options(OPTIONS))
     assert {d.code for d in refused.value.diagnostics} <= {"quantifier", "undeclared-variable"}
 
 

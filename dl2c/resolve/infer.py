@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from dl2c.diagnostics import Diagnostic
 from dl2c.parse import tree
 from dl2c.resolve import errors
-from dl2c.resolve.symbols import Node, children, collect, is_hole, nodes, own_names
+from dl2c.resolve.symbols import Node, children, collect, is_hole, mentioned, nodes, own_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ def with_inferred(entry: tree.Entry) -> tuple[tree.Entry, Inferred]:
     """The entry with everything declared that can be inferred, and the problem without the universal
     quantifiers around its program: for all values of a name that nothing writes is for all constants.
     """
-    problem, quantified = _opened(entry.problem, frozenset())
+    problem, quantified = _opened(entry, entry.problem, frozenset())
     entry = replace(entry, problem=problem)
     found = inferred(entry)
     known = {d.name for d in (*entry.definitions, *entry.variables, *found.variables, *found.constants)}
@@ -68,22 +68,36 @@ def _others(found: tuple[tree.Declaration, ...], names: frozenset[str]) -> tuple
 
 
 def _opened(
-    formula: tree.Formula, outside: frozenset[str]
+    entry: tree.Entry, formula: tree.Formula, outside: frozenset[str]
 ) -> tuple[tree.Formula, dict[str, tree.Declaration]]:
     """`P -> \\forall x F` as `P -> F`, and what the quantifiers declare; `outside` are the names that the
     formula is read beside. A quantifier whose name means something outside it stays.
     """
     match formula:
         case tree.Imply(left, right):
-            opened, names = _opened(right, outside | frozenset(name for name, _ in _uses(left, frozenset())))
+            opened, names = _opened(entry, right, outside | _names(entry, left))
             return (replace(formula, right=opened) if names else formula), names
         case tree.Forall(name, child) if name not in outside:
-            opened, names = _opened(child, outside)
+            opened, names = _opened(entry, child, outside)
             if name in names or not _has_program(opened):
                 return formula, {}
             return opened, {name: tree.Declaration("Real", name, None, None, span=formula.span), **names}
         case _:
             return formula, {}
+
+
+def _names(entry: tree.Entry, formula: tree.Formula) -> frozenset[str]:
+    """The names of numbers in a formula and in the definitions that it mentions."""
+    definitions = {d.name: d for d in entry.definitions if d.body is not None}
+    found: set[str] = set()
+    open_: list[tuple[tree.Expression, frozenset[str]]] = [(formula, frozenset())]
+    while open_:
+        node, local = open_.pop()
+        found |= {name for name, _ in _uses(node, local)}
+        for called in [definitions.pop(name) for name in mentioned(node) if name in definitions]:
+            assert called.body is not None
+            open_.append((called.body, own_names(called)))
+    return frozenset(found)
 
 
 def _has_program(formula: tree.Formula) -> bool:
