@@ -8,6 +8,7 @@ from dl2c.emit.gym_parts import condition, function
 from dl2c.emit.names import python_attribute, python_predicate
 from dl2c.emit.plan import Environment
 from dl2c.emit.python_expr import AND, OR, Bracketed, Expression, Writer, joined, statement
+from dl2c.ir.judge import Rank, rank
 from dl2c.ir.model import TRUE, And, Compare, Comparison, Formula, Model, Or, Predicate, Symbol, Trigger
 from dl2c.ir.printer import print_formula
 from dl2c.ir.slack import relaxed, terms_of
@@ -175,12 +176,9 @@ def _fails(predicate: Predicate) -> str:
 
 def _triggers(model: Model, ending: bool) -> list[tuple[str, str, Trigger]]:
     """What predicates may bring, ends or what goes on, the most important first."""
-    found: list[tuple[tuple[int, int, int, bool], str, str, Trigger]] = []
+    found: list[tuple[Rank, str, str, Trigger]] = []
     for k, p in enumerate(model.predicates):
         for trigger, when in ((p.on_success, f"{p.name}_holds"), (p.on_failure, _fails(p))):
             if trigger is not None and (trigger.action != "continue") == ending:
-                status = ("failure", "success", "none").index(trigger.status)
-                category = ("safety", "progress", "stability").index(p.category)
-                rank = (status, category, k, trigger != p.on_failure)
-                found.append((rank, when, p.name, trigger))
+                found.append((rank(k, p, trigger), when, p.name, trigger))
     return [(when, name, trigger) for _, when, name, trigger in sorted(found, key=lambda f: f[0])]

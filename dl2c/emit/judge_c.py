@@ -14,7 +14,8 @@ from dl2c.emit.cfile import LANES, each_flag, each_lane, function, place, wrappe
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import lane
 from dl2c.emit.plan import Environment
-from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Symbol, Term, Trigger
+from dl2c.ir.judge import Rank, rank
+from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Symbol, Term
 from dl2c.ir.printer import print_formula, print_term
 from dl2c.ir.slack import equalities_relaxed
 from dl2c.ir.watch import watches_of
@@ -180,8 +181,8 @@ def _shapes(model: Model, leaves: Leaves) -> str:
 
 def _endings(model: Model) -> list[str]:
     """Triggers as selections, the least important first; a `continue` counts only where nothing ends."""
-    ending: list[tuple[tuple[int, int, int, bool], str, str, str, str]] = []
-    going_on: list[tuple[tuple[int, int, int, bool], str]] = []
+    ending: list[tuple[Rank, str, str, str, str]] = []
+    going_on: list[tuple[Rank, str]] = []
     for k, predicate in enumerate(model.predicates):
         good = f"facts[F_{predicate.name}_holds * row + i]"
         for trigger, when in ((predicate.on_success, good), (predicate.on_failure, _failed(predicate, good))):
@@ -190,10 +191,10 @@ def _endings(model: Model) -> list[str]:
             status = STATUS[trigger.status]
             if trigger.action == "continue":
                 line = f"status = dl2c_pick({when}, {status}, status);"
-                going_on.append((_rank(k, predicate, trigger), line))
+                going_on.append((rank(k, predicate, trigger), line))
             else:
                 reason = f"DL2C_REASON_PREDICATE + {k}"
-                ending.append((_rank(k, predicate, trigger), when, ENDS[trigger.action], status, reason))
+                ending.append((rank(k, predicate, trigger), when, ENDS[trigger.action], status, reason))
     lines = [
         "int32_t end = DL2C_GOES_ON;",
         "int32_t status = DL2C_NONE;",
@@ -213,13 +214,6 @@ def _endings(model: Model) -> list[str]:
 def _failed(predicate: Predicate, good: str) -> str:
     """When a predicate counts as failed; a progress predicate only once its obligation is due."""
     return f"facts[F_{predicate.name}_failed * row + i]" if predicate.category == "progress" else f"!{good}"
-
-
-def _rank(k: int, predicate: Predicate, trigger: Trigger) -> tuple[int, int, int, bool]:
-    """The place of an ending of predicate k among those that fire at once; the least wins."""
-    status = ("failure", "success", "none").index(trigger.status)
-    category = ("safety", "progress", "stability").index(predicate.category)
-    return status, category, k, trigger != predicate.on_failure
 
 
 def observed(model: Model, options: Options) -> list[tuple[str, Symbol, Bound]]:

@@ -44,8 +44,8 @@ def judge(model: Model, env: Environment, exact: bool = False, happened: Happene
     reward: Value = literal(Fraction(0), exact)
     cost = 0
     undefined = False
-    continued: list[tuple[_Rank, Trigger]] = []
-    firings: list[tuple[_Rank, Trigger, str]] = []
+    continued: list[tuple[Rank, Trigger]] = []
+    firings: list[tuple[Rank, Trigger, str]] = []
     for k, predicate in enumerate(model.predicates):
         own = _watch_of(model, k)
         good = truth(predicate.relaxed, env, exact)
@@ -61,9 +61,9 @@ def judge(model: Model, env: Environment, exact: bool = False, happened: Happene
         fails = _fails(predicate, good, env, exact, own, happened)
         for trigger, fires in ((predicate.on_success, good), (predicate.on_failure, fails)):
             if trigger is not None and fires and trigger.action == "continue":
-                continued.append((_rank(k, predicate, trigger), trigger))
+                continued.append((rank(k, predicate, trigger), trigger))
             elif trigger is not None and fires:
-                firings.append((_rank(k, predicate, trigger), trigger, predicate.name))
+                firings.append((rank(k, predicate, trigger), trigger, predicate.name))
     if not firings:
         status = min(continued, key=lambda firing: firing[0])[1].status if continued else "none"
         return Outcome(reward, cost, None, status, "", undefined)
@@ -81,10 +81,10 @@ def shapes(model: Model, env: Environment, exact: bool = False) -> Value:
     return reward
 
 
-_Rank: TypeAlias = tuple[int, int, int, bool]
+Rank: TypeAlias = tuple[int, int, int, bool]
 
 
-def _rank(k: int, predicate: Predicate, trigger: Trigger) -> _Rank:
+def rank(k: int, predicate: Predicate, trigger: Trigger) -> Rank:
     """The place of an ending of predicate k among all that fire at once; the least wins.
 
     Of one predicate both may fire: an obligation that failed on the way, met in the end.
