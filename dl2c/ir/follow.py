@@ -81,7 +81,7 @@ def _straight(plan: FlowPlan, run: Course, part: Value, waiting: Sequence[int]) 
         return motion
     length = motion.duration
     track = _track(run, float(length)) if length > 0 else _rest(run)
-    search = Search(plan, Stretch(plan, run.env, track), waiting)
+    search = Search(Stretch(plan, run.env, track), waiting)
     halt = search.along(bounded=False)
     if isinstance(halt, Halt) and 0.0 + track.length * halt.place < length:
         motion = stopped(run, 0.0 + track.length * halt.place)
@@ -150,11 +150,11 @@ def _rest(run: Course) -> Track:
 def _searched(plan: FlowPlan, run: Course, stop: Value, waiting: Sequence[int]) -> tuple[Motion, bool]:
     """Motion for a time at most, whose events are searched, and whether the domain ended it."""
     if not stop > 0:
-        search = Search(plan, Stretch(plan, run.env, _rest(run)), waiting)
+        search = Search(Stretch(plan, run.env, _rest(run)), waiting)
         search.along(bounded=False)
         return Motion({}, 0.0, tuple(search.failed), tuple(search.met)), False
     track = _track(run, float(stop))
-    search = Search(plan, Stretch(plan, run.env, track), waiting)
+    search = Search(Stretch(plan, run.env, track), waiting)
     halt = search.along(bounded=True)
     if isinstance(halt, Halt):
         time = 0.0 + track.length * halt.place

@@ -12,7 +12,6 @@ from dl2c.ir.enclosed import Enclosed
 from dl2c.ir.evaluate import Undefined
 from dl2c.ir.events import Events, exit_of, watched
 from dl2c.ir.hull import Hull
-from dl2c.ir.kernel import FlowPlan
 from dl2c.ir.margins import margin_of
 from dl2c.ir.model import And, Compare, Formula, Or, Symbol, Truth
 from dl2c.ir.stretch import Stretch
@@ -39,7 +38,6 @@ class Search:
     """A look along the track of a stretch, from its start. `waiting` are the watches still open; `failed`
     and `met` collect what became of the others."""
 
-    plan: FlowPlan
     stretch: Stretch
     waiting: Sequence[int]
     failed: list[int] = field(default_factory=list[int])
@@ -48,9 +46,9 @@ class Search:
     def along(self, bounded: bool) -> Halt | Sequence[int]:
         """Where the motion ends; the signs at the end of the track if it does not. `bounded`: the domain is
         looked at too. Raises `TooManyLooks`."""
-        stretch = self.stretch
-        plain: Sequence[int] = [1] * len(self.plan.margins)
-        if not self.plan.margins or self._calm(stretch.track.hulls(), bounded):
+        stretch, plan = self.stretch, self.stretch.plan
+        plain: Sequence[int] = [1] * len(plan.margins)
+        if not plan.margins or self._calm(stretch.track.hulls(), bounded):
             return plain
         signs = plain
         stretch.clear = 0.0
@@ -81,11 +79,11 @@ class Search:
 
     def _ending(self, events: Events, bounded: bool) -> Halt | Sequence[int]:
         """How a stretch ends on which these events happen."""
-        stretch = self.stretch
-        found = exit_of(self.plan.domain, self.plan.margins, events)
+        stretch, plan = self.stretch, self.stretch.plan
+        found = exit_of(plan.domain, plan.margins, events)
         leaves = bounded and found.found
         limit = found.at if leaves else 1.0
-        stop, failed, met = watched(self.plan, self.waiting, events, limit)
+        stop, failed, met = watched(plan, self.waiting, events, limit)
         self.failed += failed
         self.met += met
         self.waiting = [w for w in self.waiting if w not in (*failed, *met)]
@@ -105,7 +103,7 @@ class Search:
         """Whether nothing happens: conditions hold in every state within hulls."""
         env, moves = self.stretch.env, self.stretch.moves
         terms = Enclosed(hull.FUNCTIONS, lambda a: hull.hull_of(a, a), state, env, moves)
-        domain, *stays = self.plan.written
+        domain, *stays = self.stretch.plan.written
         calm = (not bounded or _plainly(domain, terms)) and all(
             _plainly(stays[w], terms) for w in self.waiting
         )

@@ -83,34 +83,35 @@ def widened(atom: Compare, slack: Term) -> Compare:
             assert_never(atom.op)
 
 
-def relaxed(formula: Formula, tolerance: Fraction, scale: Scale = terms_of) -> Formula:
-    """Each atom widened by its slack, `!=` kept."""
-    if tolerance == 0:
-        return formula
+def _with_atoms(formula: Formula, change: Callable[[Compare], Compare]) -> Formula:
+    """The formula with every atom changed, and nothing simplified."""
     match formula:
         case Truth():
             return formula
         case Compare():
-            return widened(formula, slack_of(formula, tolerance, scale))
+            return change(formula)
         case And(children):
-            return And(tuple(relaxed(c, tolerance, scale) for c in children))
+            return And(tuple(_with_atoms(c, change) for c in children))
         case Or(children):
-            return Or(tuple(relaxed(c, tolerance, scale) for c in children))
+            return Or(tuple(_with_atoms(c, change) for c in children))
         case _:
             assert_never(formula)
 
 
+def relaxed(formula: Formula, tolerance: Fraction, scale: Scale = terms_of) -> Formula:
+    """Each atom widened by its slack, `!=` kept."""
+    if tolerance == 0:
+        return formula
+    return _with_atoms(formula, lambda atom: widened(atom, slack_of(atom, tolerance, scale)))
+
+
 def equalities_relaxed(formula: Formula, tolerance: Fraction) -> Formula:
     """Only the equalities widened, as by `relaxed`."""
-    match formula:
-        case Compare("="):
-            return relaxed(formula, tolerance)
-        case And(children):
-            return And(tuple(equalities_relaxed(c, tolerance) for c in children))
-        case Or(children):
-            return Or(tuple(equalities_relaxed(c, tolerance) for c in children))
-        case _:
-            return formula
+    if tolerance == 0:
+        return formula
+    return _with_atoms(
+        formula, lambda atom: widened(atom, slack_of(atom, tolerance)) if atom.op == "=" else atom
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,16 +155,13 @@ def least_slack(formula: Formula, tolerance: Fraction) -> Formula:
     """A condition that implies the formula: each symbol of a slack replaced by the tolerance, which is the
     least that it stands for, and equalities without any.
     """
-    match formula:
-        case Compare("<=", Call("abs", (difference,)), Symbol(_, "start"), span=span):
-            return Compare("=", difference, ZERO, span=span)
-        case Compare(op, left, right, span=span):
-            found = {*symbols(left), *symbols(right)}
-            values = {s: Number(tolerance) for s in found if s.kind == "start"}
-            return Compare(op, substituted(left, values), substituted(right, values), span=span)
-        case And(children):
-            return And(tuple(least_slack(c, tolerance) for c in children))
-        case Or(children):
-            return Or(tuple(least_slack(c, tolerance) for c in children))
-        case _:
-            return formula
+
+    def least(atom: Compare) -> Compare:
+        match atom:
+            case Compare("<=", Call("abs", (difference,)), Symbol(_, "start"), span=span):
+                return Compare("=", difference, ZERO, span=span)
+            case Compare(op, left, right, span=span):
+                values = {s: Number(tolerance) for s in symbols(left, right) if s.kind == "start"}
+                return Compare(op, substituted(left, values), substituted(right, values), span=span)
+
+    return _with_atoms(formula, least)

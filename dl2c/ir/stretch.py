@@ -70,10 +70,6 @@ class Stretch:
         terms = Enclosed(taylor.FUNCTIONS, taylor.number, state, self.env, self.moves)
         return [terms.term(m) for m in self.plan.margins]
 
-    def _model(self, margin: int, state: Mapping[Symbol, Taylor]) -> Taylor:
-        terms = Enclosed(taylor.FUNCTIONS, taylor.number, state, self.env, self.moves)
-        return terms.term(self.plan.margins[margin])
-
     def events(self, state: Mapping[Symbol, Taylor]) -> Events | None:
         """What happens on the stretch; None where a margin's model leaves it open."""
         models = self._models(state)
@@ -174,7 +170,7 @@ class Stretch:
         state, by the margin's slopes."""
         there = self.track.models(place, 0.0)
         exact = {x: taylor.number(t.c[0]) for x, t in there.items()}
-        low, high = self._model(margin, exact).hull
+        low, high = self._models(exact)[margin].hull
         off = 0.0
         for x, t in there.items():
             if t.e == 0 or not (low > off or high < -off):
@@ -184,7 +180,7 @@ class Stretch:
                 c=(t.c[0], t.e, 0.0, 0.0, 0.0),
                 hull=hull.hull_of(t.c[0] - 2.0 * t.e, t.c[0] + 2.0 * t.e),
             )
-            g = self._model(margin, {**exact, x: moved})
+            g = self._models({**exact, x: moved})[margin]
             off += g.spread if math.isfinite(g.r) else math.inf
         return (low > off) - (high < -off)
 
