@@ -8,7 +8,7 @@ of what a step changes they are at least as wide as that default, since they lim
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context
 from fractions import Fraction
@@ -23,7 +23,7 @@ from dl2c.lint.world import changing
 from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.scan import scan
-from dl2c.parse.sections import find_sections
+from dl2c.parse.sections import Section, find_sections
 from dl2c.paths.enumerate import enumerate_paths
 from dl2c.pipeline import resolved
 from dl2c.resolve.problem import Problem
@@ -56,9 +56,10 @@ def suggestions(source: Source, options: Options) -> tuple[Edit, ...]:
     model = lower(problem, replace(options, default_bound=default))
     drawn = bounded(model, default)
     model = replace(model, constants=drawn.constants)
-    code = scan(source).text
+    scanned = scan(source)
+    code, sections = scanned.text, find_sections(scanned, [])
     wishes = [*_variables(problem, model, drawn, default), *_constants(problem, options, model, drawn)]
-    declared = [w for w in wishes if _is_declared(w.declaration, source)]
+    declared = [w for w in wishes if _is_declared(w.declaration, sections)]
     edits = [*_bounds(code, declared), *_conclusions(problem, code, source)]
     return tuple(sorted(edits, key=lambda e: e.start))
 
@@ -99,9 +100,8 @@ def _unlimited(model: Model, drawn: Model) -> set[str]:
     return {i.name for i in (*drawn.variables, *drawn.constants) if i.bound != before[i.name].bound}
 
 
-def _is_declared(declaration: tree.Declaration, source: Source) -> bool:
+def _is_declared(declaration: tree.Declaration, sections: Sequence[Section]) -> bool:
     """Whether a section declares it, so that an annotation has a place; a quantifier has none."""
-    sections = find_sections(scan(source), [])
     at = declaration.span.start
     return any(s.kind in ("Definitions", "ProgramVariables") and s.begin <= at < s.end for s in sections)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from dl2c.diagnostics import Diagnostic
 from dl2c.parse import tree
 from dl2c.resolve import errors
+from dl2c.resolve.shape import conjuncts, implications
 from dl2c.resolve.symbols import Node, children, collect, is_hole, mentioned, nodes, own_names
 
 
@@ -102,16 +103,8 @@ def _names(entry: tree.Entry, formula: tree.Formula) -> frozenset[str]:
 
 def _has_program(formula: tree.Formula) -> bool:
     """Whether a formula says what a program does, under nothing but implications."""
-    while isinstance(formula, tree.Imply):
-        formula = formula.right
-    return any(isinstance(node, (tree.Box, tree.Diamond)) for node in _conjuncts(formula))
-
-
-def _conjuncts(formula: tree.Formula) -> Iterator[tree.Formula]:
-    if isinstance(formula, tree.And):
-        yield from (*_conjuncts(formula.left), *_conjuncts(formula.right))
-    else:
-        yield formula
+    _, conclusion = implications(formula)
+    return any(isinstance(part, (tree.Box, tree.Diamond)) for part in conjuncts(conclusion))
 
 
 def with_implied(entry: tree.Entry) -> tree.Entry:

@@ -50,14 +50,14 @@ def take_apart(written: tree.Formula, expanded: tree.Formula, chosen: int | None
 
     Raises `CompileError` for a problem that is not of this shape.
     """
-    assumptions, conclusion = _implications(expanded)
+    assumptions, conclusion = implications(expanded)
     box, diamond = _modalities(conclusion)
     if box and diamond and _grouped(box.statements) != _grouped(diamond.statements):
         raise CompileError(_different_programs(box, diamond))
     some = box or diamond
     assert some is not None, "a conclusion has one of them"
     prefix, loop, suffix = _around_loop(some.statements, chosen)
-    written_assumptions, written_conclusion = _implications(written)
+    written_assumptions, written_conclusion = implications(written)
     written_box, written_diamond = _written(written_conclusion, box, diamond)
     return Shape(
         assumptions=assumptions,
@@ -110,7 +110,7 @@ def _choose(rest: tree.Program, first: tree.Program) -> tree.Program:
     return tree.Choice(first, rest)
 
 
-def _implications(formula: tree.Formula) -> tuple[tuple[tree.Formula, ...], tree.Formula]:
+def implications(formula: tree.Formula) -> tuple[tuple[tree.Formula, ...], tree.Formula]:
     assumptions: list[tree.Formula] = []
     while isinstance(formula, tree.Imply):
         assumptions.append(formula.left)
@@ -132,7 +132,7 @@ def _modal(formula: tree.Formula) -> _Modal | None:
 
 def _modalities(conclusion: tree.Formula) -> tuple[_Modal | None, _Modal | None]:
     """The box and the diamond of the conclusion, at least one."""
-    parts = [(part, _modal(part)) for part in _conjuncts(conclusion)]
+    parts = [(part, _modal(part)) for part in conjuncts(conclusion)]
     boxes = [m for _, m in parts if m and isinstance(m.node, tree.Box)]
     diamonds = [m for _, m in parts if m and isinstance(m.node, tree.Diamond)]
     if not boxes and not diamonds:
@@ -145,9 +145,9 @@ def _modalities(conclusion: tree.Formula) -> tuple[_Modal | None, _Modal | None]
     return (boxes[0] if boxes else None), (diamonds[0] if diamonds else None)
 
 
-def _conjuncts(formula: tree.Formula) -> tuple[tree.Formula, ...]:
+def conjuncts(formula: tree.Formula) -> tuple[tree.Formula, ...]:
     if isinstance(formula, tree.And):
-        return (*_conjuncts(formula.left), *_conjuncts(formula.right))
+        return (*conjuncts(formula.left), *conjuncts(formula.right))
     return (formula,)
 
 
