@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from corpus_table import CORPUS, files
+from conftest import shared
+from corpus_table import files
 
 import dl2c
 from dl2c.commands.check import annotated
@@ -137,8 +138,7 @@ def test_fix_declares_them(tmp_path: Path, text: str) -> None:
 
 
 def test_public_models_without_declarations_can_be_fixed(tmp_path: Path) -> None:
-    if not CORPUS.exists():
-        pytest.skip("no public models here")
+    shared("corpus")
     mended = 0
     for path in files():
         try:
