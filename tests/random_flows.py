@@ -44,12 +44,16 @@ def wild_program(seed: int) -> Model:
     """Program number `seed` with wild flows, durations that somebody decides, and watches."""
     rng = Random(f"wild program {seed}")
     model = random_program(seed)
+    duration = rng.choice(("max", "sample", "sample", "agent", "agent"))
+    flows = tuple(
+        replace(_flow(rng, f), drawn=duration == "sample" or rng.random() < 0.2) for f in model.flows
+    )
     return replace(
-        model.with_flows(tuple(_flow(rng, f) for f in model.flows)),
+        model.with_flows(flows),
         name=f"wildprogram{seed}",
         predicates=tuple(_predicate(rng, k, model) for k in range(rng.randint(1, 3))),
         continuous=rng.random() < 0.8,
-        duration=rng.choice(("max", "sample", "sample", "agent", "agent")),
+        duration=duration,
     )
 
 

@@ -158,13 +158,14 @@ class Builder:
 
     def form(self, depth: int) -> list[Statement]:
         """A loop, or a decision of the environment; nested in `depth` others at most."""
-        kind = self.rng.randrange(4 if self.role == "agent" else 2)
+        kind = self.rng.randrange(5 if self.role == "agent" else 2)
         if kind == 0:
             return [self.while_loop()]
-        if kind == 1:
+        if kind in (1, 4):
             self.loops += 1
             key = self.key(f"loop_{self.loops - 1}")
-            return [Repeat(key, self.inner(), self.rng.randint(1, 2), self.role)]
+            role = "env" if kind == 4 else self.role
+            return [Repeat(key, self.inner(), self.rng.randint(1, 2), role)]
         role, self.role = self.role, "env"
         made: list[Statement] = [self.choice(min(depth, 1) or 1)] if kind == 2 else self.input()
         self.role = role

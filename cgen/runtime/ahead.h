@@ -26,12 +26,13 @@ static inline bool dl2c_ventures(const dl2c_trial *trial, int path)
 
 /*
  * Whether a run that goes on along a path counts as open without being followed: beyond its end, a
- * new input, and a flow, unless masks are deep and chance has decided nothing on the way.
+ * new input, and a flow, unless masks are deep and chance has decided nothing on the way, nor how long
+ * the flow lasts.
  */
 static inline bool dl2c_surely(const dl2c_trial *trial, int path, bool ventured)
 {
   const bool flows = PATHS[path].flow != DL2C_NO_FLOW;
-  bool sure = PATHS[path].target == DL2C_END || (flows && (!DL2C_LOOKS_DEEP || ventured));
+  bool sure = PATHS[path].target == DL2C_END || (flows && (!DL2C_LOOKS_DEEP || ventured || FLOW_DRAW[PATHS[path].flow] >= 0));
   for (int j = 0; NU > 0 && j < PATHS[path].ninput; j++)
     sure |= !trial->given[PATHS[path].inputs[j].input];
   return sure;

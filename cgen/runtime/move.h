@@ -206,11 +206,14 @@ DL2C_INLINE void dl2c_move_fleet(dl2c_batch *b, int64_t first, int64_t count, co
 }
 #endif
 
-/* Draws for the next step of every environment of a block that moved, and begins that step. */
+/*
+ * Draws for the next step of every environment of a block that moved, and begins that step. Without a
+ * loop there is none.
+ */
 DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
                                  const uint8_t *attempt)
 {
-  if (NSTEPDRAW == 0) return;
+  if (NSTEPDRAW == 0 || !DL2C_LOOPS) return;
   for (int64_t i = 0; i < count; i++) {
     if (attempt[i] != DL2C_RAN) continue;
     real x[NX];

@@ -37,7 +37,9 @@ def _runs(environment: Environment) -> Iterator[Diagnostic]:
         yield _refused(_span_at(paths.of(paths.lead), start), "the environment decides before the agent")
     elif several := [p for p in paths.of(0) if p.target != END]:
         yield _refused(several[0].span, "a step with loops inside, or with more after a flow")
-    if any(d.role == "env" for d in paths.decisions) or any(i.role == "env" for i in paths.inputs):
+    if any(d.role == "env" for d in (*paths.decisions, *paths.inputs)) or (
+        paths.sampled and environment.model.duration == "max"
+    ):
         yield _refused(start, "chance decides some of this step")
 
 

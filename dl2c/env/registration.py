@@ -10,6 +10,7 @@ EXAMPLES = {
     "StaticSafetyLine": "static_safety_line",
     "StaticSafety": "static_safety",
     "PassiveSafety": "passive_safety",
+    "Evasion": "evasion",
     "ForcedAcceleration": "forced_acceleration",
     "BouncingBall": "bouncing_ball",
     "Pendulum": "pendulum",

@@ -153,8 +153,9 @@ class Interpreter:
     def _surely(self, line: Line, trial: Trial, chance: bool) -> bool:
         """Whether an enabled line counts as a run that masks need not follow."""
         new = any(isinstance(s, AssignAny) and s.key not in trial.values for s in line.statements)
-        deep = self.model.mask_depth == "step" and self.model.duration == "max" and not chance
-        return new or not line.rest or (line.flows and not deep)
+        deep = self.model.mask_depth == "step" and self.model.duration != "agent" and not chance
+        drawn = any(isinstance(s, Evolve) and self.model.flows[s.flow].drawn for s in line.statements)
+        return new or not line.rest or (line.flows and not (deep and not drawn))
 
     def _rank(self, line: Line, trial: Trial, request: Request, width: int) -> list[float]:
         """Lines are tried by agreement with the request, decision by decision, then marked ones
@@ -274,7 +275,7 @@ class Interpreter:
         env = self.environment(after)
         outcome = judge(self.model, env, self.exact, Happened(done.failed, done.met, late))
         reward, reason, status, ends = outcome.reward, outcome.reason, outcome.status, outcome.ends
-        upcoming = self.lead(after, following)
+        upcoming = self.lead(after, following) if self.model.loops else Start(after)
         openings = self.openings(upcoming) if upcoming else Openings(False, {})
         if ends is None:
             if outcome.undefined:

@@ -15,13 +15,13 @@ def leading(body: Block) -> tuple[Block, Block]:
     """`(lead, rest)`: `lead; rest` does what the body does; the lead ends with a decision of the
     environment and the tests right after it, or is empty.
 
-    A choice of the environment whose alternatives contain decisions of the agent is split inside:
-    both parts then hold a choice of the same key, which is made in the first.
+    A choice of the environment whose alternatives contain decisions of the agent is split inside, and so
+    is a loop: both parts then hold a choice of the same key, which is made in the first.
     """
     free = 0
     while free < len(body) and not _waits(body[free]):
         free += 1
-    if free < len(body) and isinstance(choice := body[free], Choice) and choice.role == "env":
+    if free < len(body) and (choice := _split(body[free])):
         parts = [(a, *_divided(a.body)) for a in choice.alternatives]
         first = replace(choice, alternatives=tuple(replace(a, body=lead) for a, lead, _ in parts))
         second = replace(choice, alternatives=tuple(replace(a, body=rest) for a, _, rest in parts))
@@ -30,6 +30,17 @@ def leading(body: Block) -> tuple[Block, Block]:
     if end:
         end += _tests(body[end:])
     return body[:end], body[end:]
+
+
+def _split(statement: Statement) -> Choice | None:
+    """What the environment decides with decisions of the agent inside."""
+    match statement:
+        case Choice(role="env"):
+            return statement
+        case Repeat(role="env"):
+            return statement.choice
+        case _:
+            return None
 
 
 def _divided(body: Block) -> tuple[Block, Block]:
@@ -71,7 +82,7 @@ def _waits(statement: Statement) -> bool:
 def _draws(statement: Statement) -> bool:
     """Whether the environment decides something in it."""
     match statement:
-        case AssignAny(role=role) | Choice(role=role) if role == "env":
+        case AssignAny(role=role) | Choice(role=role) | Repeat(role=role) if role == "env":
             return True
         case Assign() | Test() | Evolve() | AssignAny():
             return False

@@ -165,7 +165,7 @@ def scope_of(problem: Problem) -> Scope:
 
 
 def _roles(problem: Problem) -> dict[str, ir.Role]:
-    return {d.name: a.role for d, a in problem.variables if a is not None}
+    return {d.name: a.role for d, a in problem.variables if a is not None and a.role is not None}
 
 
 def _constants(

@@ -6,7 +6,7 @@ other loop a `Repeat` (semantics 2).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import assert_never
 
 from dl2c.ir import model as ir
@@ -27,9 +27,10 @@ SPACE = " \t\r\n{"
 class ProgramLowering:
     """One program being lowered: what it reads, and the flows and keys found so far.
 
-    `code` is the text of the model with blank comments. `placed` holds for every annotation met
-    where the construct that it belongs to begins. `once` in a problem without a loop. Where `resets`,
-    chance makes all decisions, under keys of their own.
+    `roles` are those that variables are annotated with; else the agent decides, and for the other player
+    of a game chance does. `code` is the text of the model with blank comments. `placed` holds for every
+    annotation met where the construct that it belongs to begins. `once` in a problem without a loop.
+    Where `resets`, chance makes all decisions, under keys of their own.
     """
 
     scope: Scope
@@ -67,22 +68,27 @@ class ProgramLowering:
             case tree.Assign(name, term):
                 return (ir.Assign(name, lower_term(term, self.scope), span=program.span),)
             case tree.AssignAny(name):
-                return (self._assign_any(name, program.span),)
+                return (self._assign_any(program, name),)
             case tree.Test(formula):
                 return (ir.Test(lower_formula(formula, self.scope), span=program.span),)
             case tree.ODESystem():
-                self.flows.append(lower_flow(program, self.scope, self.options, self.once))
+                self.flows.append(self._flow(program))
                 return (ir.Evolve(len(self.flows) - 1, span=program.span),)
             case tree.Choice():
                 return (self._choice(program),)
-            case tree.Loop(child):
-                return (self._repeat(child, program.span),)
+            case tree.Loop():
+                return (self._repeat(program),)
             case tree.ProgramConst() | tree.Dual():
-                raise AssertionError("expansion and check_executable leave none of these")
+                raise AssertionError("expansion and with_players leave none of these")
             case _:
                 assert_never(program)
 
-    def _assign_any(self, name: str, span: Span) -> ir.AssignAny:
+    def _flow(self, program: tree.ODESystem) -> ir.Flow:
+        flow = lower_flow(program, self.scope, self.options, self.once)
+        chance = self._role(program) != "agent" or self.options.duration == "sample"
+        return replace(flow, drawn=chance)
+
+    def _assign_any(self, program: tree.AssignAny, name: str) -> ir.AssignAny:
         stem = self._key(f"assign_{name}")
         key = stem
         count = 0
@@ -90,7 +96,7 @@ class ProgramLowering:
             count += 1
             key = f"{stem}_{count}"
         self.assigned[key] = name
-        return ir.AssignAny(name, key, self._role(self.roles.get(name, "agent")), span=span)
+        return ir.AssignAny(name, key, self._role(program, self.roles.get(name)), span=program.span)
 
     def _choice(self, program: tree.Choice) -> ir.Statement:
         found = alternatives(program)
@@ -103,13 +109,14 @@ class ProgramLowering:
         lowered = tuple(
             ir.Alternative(self.block(a), mark, span=a.span) for a, mark in zip(found, marks, strict=True)
         )
-        role = self._role(annotation.role if annotation else "agent")
+        role = self._role(program, annotation.role if annotation else None)
         return ir.Choice(key, lowered, role, annotation.name if annotation else "", span=program.span)
 
-    def _repeat(self, body: tree.Program, span: Span) -> ir.Repeat:
+    def _repeat(self, program: tree.Loop) -> ir.Repeat:
         key = self._key(f"loop_{self.loops}")
         self.loops += 1
-        return ir.Repeat(key, self.block(body), self.options.max_repeat, self._role("agent"), span=span)
+        body, most = self.block(program.child), self.options.max_repeat
+        return ir.Repeat(key, body, most, self._role(program), span=program.span)
 
     def _while(self, loop: tree.Loop, after: tree.Program) -> ir.While | None:
         """`{?P; body}*; ?!P`, if that is what it is."""
@@ -124,8 +131,15 @@ class ProgramLowering:
     def _key(self, key: str) -> str:
         return f"prefix_{key}" if self.resets else key
 
-    def _role(self, role: ir.Role) -> ir.Role:
-        return "reset" if self.resets else role
+    def _role(
+        self,
+        decision: tree.AssignAny | tree.Choice | tree.Loop | tree.ODESystem,
+        annotated: ir.Role | None = None,
+    ) -> ir.Role:
+        """Who makes a decision of the program."""
+        if self.resets:
+            return "reset"
+        return annotated or ("env" if decision.dual else "agent")
 
     def _branch(self, sides: tuple[tree.Program, ...], span: Span) -> ir.If | None:
         """A deterministic branch, if the first tests exclude each other and one always holds."""

@@ -163,10 +163,13 @@ class Test:
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """One branch of a choice; `fallback` where it is marked `@fallback`."""
+    """One branch of a choice; `fallback` where it is marked `@fallback`. Of a loop, how many `times` its
+    body is run.
+    """
 
     body: "Block"
     fallback: bool = False
+    times: int | None = None
     span: Span = _span()
 
 
@@ -226,7 +229,12 @@ class Repeat:
     @property
     def alternatives(self) -> tuple[Alternative, ...]:
         """The choice that it stands for: alternative k runs the body k times."""
-        return tuple(Alternative(self.body * k, span=self.span) for k in range(self.most + 1))
+        return tuple(Alternative(self.body * k, times=k, span=self.span) for k in range(self.most + 1))
+
+    @property
+    def choice(self) -> Choice:
+        """The same decision with its iterations written out."""
+        return Choice(self.key, self.alternatives, self.role, span=self.span)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +266,7 @@ class Flow:
     derivative is zero, which are relaxed by the tolerance where the flow begins. `cap` is a
     further limit of the duration in seconds: an explicit `dt`, or the default where there is no
     horizon. A flow with a `reach` lasts to the end of its domain where that is met within so many
-    seconds, at least `cap`; else for `cap`.
+    seconds, at least `cap`; else for `cap`. How much of that it lasts is `drawn` where chance decides.
     """
 
     equations: tuple[tuple[str, Term], ...]
@@ -268,6 +276,7 @@ class Flow:
     cap: Fraction | None
     invariants: tuple[Compare, ...] = ()
     reach: Fraction | None = None
+    drawn: bool = False
     span: Span = _span()
 
 

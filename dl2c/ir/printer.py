@@ -172,6 +172,7 @@ def print_model(model: Model) -> str:
         horizons = ", ".join(f"{h.clock} <= {print_term(h.bound)}" for h in flow.horizons)
         cap = "" if flow.cap is None else f" cap {print_number(flow.cap)}"
         cap += "" if flow.reach is None else f" reach {print_number(flow.reach)}"
+        cap += " drawn" if flow.drawn else ""
         lines += ["", f"flow {k} {print_flow(flow)}", f"  horizon {horizons or 'none'}{cap}"]
     for title, block in (("before the first step", model.prefix), ("before each step", model.lead)):
         if block:

@@ -41,7 +41,7 @@ class VariableAnnotation:
     bound: tuple[Bound, Bound] | None
     description: str
     plot: Plot
-    role: Role
+    role: Role | None
     unit: str
     observe: bool
     span: Span
@@ -85,7 +85,7 @@ class PredicateAnnotation:
 class ChoiceAnnotation:
     """`@choice` before a choice: who decides, and under which name ("" for the default key)."""
 
-    role: Role
+    role: Role | None
     name: str
     span: Span
 
@@ -150,7 +150,7 @@ def decode_program(annotations: Sequence[Annotation]) -> tuple[ProgramAnnotation
         else:
             assert annotation.name == "choice"
             given = _attributes(annotation, _CHOICE, problems)
-            role: Role = _get(given, "role", _role, "agent", problems)
+            role: Role | None = _get(given, "role", _role, None, problems)
             name = _get(given, "name", _string, "", problems)
             decoded.append(ChoiceAnnotation(role, name, annotation.span))
     return _checked(tuple(decoded), problems)
@@ -234,7 +234,7 @@ def _declared(annotation: Annotation, problems: list[Diagnostic]) -> Declaration
                 _get(given, "bound", _bound, None, problems),
                 _get(given, "def", _string, "", problems),
                 _get(given, "plot", _plot, "none", problems),
-                _get(given, "role", _role, "agent", problems),
+                _get(given, "role", _role, None, problems),
                 _get(given, "unit", _string, "", problems),
                 _get(given, "observe", _boolean, True, problems),
                 annotation.span,

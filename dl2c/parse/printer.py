@@ -5,6 +5,7 @@ gives the same tree. A minus sign is only left bare at the start of a sum.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from typing import assert_never, cast
 
@@ -246,6 +247,8 @@ def _bare_program(program: Program) -> str:
     match program:
         case Assign(name=name, term=term, differential=differential):
             return f"{name}{_prime(differential)} := {print_term(term)};"
+        case AssignAny(dual=True) | ODESystem(dual=True):
+            return _bare_program(Dual(replace(program, dual=False)))
         case AssignAny(name=name, differential=differential):
             return f"{name}{_prime(differential)} := *;"
         case Test(formula=formula):
@@ -257,10 +260,11 @@ def _bare_program(program: Program) -> str:
             return f"{{{', '.join(map(_equation, equations))}{constraint}}}{_invariants(invariants)}"
         case Compose(left=left, right=right):
             return f"{_program(left, STATEMENT)} {_program(right, SEQUENCE)}"
-        case Choice(left=left, right=right):
-            return f"{_program(left, SEQUENCE)} ++ {_program(right, CHOICE)}"
-        case Loop(child=child, invariants=invariants):
-            return f"{{{print_program(child)}}}*{_invariants(invariants)}"
+        case Choice(left=left, right=right, dual=dual):
+            level = CHOICE if isinstance(right, Choice) and right.dual == dual else SEQUENCE
+            return f"{_program(left, SEQUENCE)} {'--' if dual else '++'} {_program(right, level)}"
+        case Loop(child=child, invariants=invariants, dual=dual):
+            return f"{{{print_program(child)}}}{'×' if dual else '*'}{_invariants(invariants)}"
         case Dual(child=child):
             return f"{{{print_program(child)}}}^@"
         case _:

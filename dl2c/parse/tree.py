@@ -4,6 +4,9 @@ Constructors are named after KeYmaera X's own. Every node carries the span it wa
 read from; spans never take part in equality, so two texts with the same meaning
 compare equal. `if`, `<-` and doubled arguments are resolved while parsing, as
 KeYmaera X does, so no node stands for them.
+
+What a player of a hybrid game decides is `dual` where that is the other player. The parser makes
+`Dual` nodes and leaves it False; `resolve.players` does away with the one and sets the other.
 """
 
 from dataclasses import dataclass, field
@@ -15,6 +18,10 @@ from dl2c.source import NOWHERE, Span
 
 def _span() -> Span:
     return field(default=NOWHERE, compare=False, repr=False, kw_only=True)  # pyright: ignore[reportReturnType]
+
+
+def _dual() -> bool:
+    return field(default=False, repr=False, kw_only=True)  # pyright: ignore[reportReturnType]
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,6 +287,7 @@ class AssignAny:
 
     name: str
     differential: bool = False
+    dual: bool = _dual()
     span: Span = _span()
 
 
@@ -330,6 +338,7 @@ class ODESystem:
     equations: tuple[AtomicODE | DifferentialProgramConst, ...]
     domain: Formula
     invariants: tuple[Formula, ...] = field(default=(), compare=False)
+    dual: bool = _dual()
     span: Span = _span()
 
 
@@ -348,6 +357,7 @@ class Choice:
 
     left: "Program"
     right: "Program"
+    dual: bool = _dual()
     span: Span = _span()
 
 
@@ -357,6 +367,7 @@ class Loop:
 
     child: "Program"
     invariants: tuple[Formula, ...] = field(default=(), compare=False)
+    dual: bool = _dual()
     span: Span = _span()
 
 

@@ -23,6 +23,7 @@ from dl2c.ir.logic import (
 )
 from dl2c.ir.model import (
     FALSE,
+    Alternative,
     Assign,
     AssignAny,
     Block,
@@ -119,10 +120,10 @@ def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | Non
     inputs = input_limits(model, _by_role({a.key: a for a in assignments_of(programs)}), tests, default_bound)
     flows = tuple(dict.fromkeys(_flows(model.body)))
     if model.duration == "agent":
-        durations = tuple(duration_input(k) for k in flows)
+        durations = tuple(duration_input(k) for k in flows if not model.flows[k].drawn)
         agents = sum(i.role == "agent" for i in inputs)
         inputs = (*inputs[:agents], *durations, *inputs[agents:])
-    sampled = flows if model.duration == "sample" else ()
+    sampled = tuple(k for k in flows if model.flows[k].drawn)
     decisions = _by_role({d.key: d for d in decisions_of(programs)})
     found: list[Diagnostic] = []
     order = order_of(dict.fromkeys(Meeting(d.point, d.inputs, d.target) for d in drafts))
@@ -130,7 +131,7 @@ def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | Non
     if found:
         raise CompileError(found)
     lead, prefix = starts.get("lead"), starts.get("prefix")
-    deep = model.mask_depth == "step" and model.duration == "max"
+    deep = model.mask_depth == "step" and model.duration != "agent"
     return Paths(decisions, inputs, len(points), paths, lead, prefix, sampled, deep)
 
 
@@ -167,14 +168,11 @@ def decisions_of(block: Block) -> Iterator[Decision]:
     for statement in block:
         match statement:
             case Choice(key, alternatives, role, name):
-                texts = tuple(_shown(a.span) for a in alternatives)
-                yield Decision(key, name, role, texts)
+                yield Decision(key, name, role, tuple(map(_shown, alternatives)))
                 for alternative in alternatives:
                     yield from decisions_of(alternative.body)
-            case Repeat(key, body, most, role):
-                text = _shown(statement.span)
-                counts = (f"{k} time{'s' * (k != 1)}" for k in range(most + 1))
-                yield Decision(key, "", role, tuple(f"{count} {text}".strip() for count in counts))
+            case Repeat(key, body, role=role):
+                yield Decision(key, "", role, tuple(map(_shown, statement.alternatives)))
                 yield from decisions_of(body)
             case If(_, _, then, orelse):
                 yield from decisions_of((*then, *orelse))
@@ -223,9 +221,11 @@ def _flows(block: Block) -> Iterator[int]:
                 assert_never(statement)
 
 
-def _shown(span: Span) -> str:
-    """The text of an alternative on one line, without comments' line ends."""
-    return " ".join(span.text.split())
+def _shown(alternative: Alternative) -> str:
+    """Its text on one line, without comments' line ends."""
+    text = " ".join(alternative.span.text.split())
+    times = alternative.times
+    return text if times is None else f"{times} time{'s' * (times != 1)} {text}".strip()
 
 
 def _first_span(block: Block) -> Span:

@@ -56,9 +56,11 @@ def events(model: Model, track: Track) -> list[int]:
     """After which states a flow ended before its time was up, because its domain did; none where a step
     does not show that, having other flows or statements after them. Failures end flows too.
     """
-    if len(model.flows) != 1 or not flows_come_last(model.body) or model.duration != "max":
+    if len(model.flows) != 1 or not flows_come_last(model.body) or model.duration == "agent":
         return []
     flow = model.flows[0]
+    if flow.drawn:
+        return []
     longest = math.inf if flow.cap is None else float(flow.cap)
     found: list[int] = []
     for k in range(1, len(track.times) - (track.status == "failure")):

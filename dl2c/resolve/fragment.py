@@ -1,7 +1,7 @@
 """Refuse what cannot be executed, naming the construct and its place.
 
 Comes in: an expanded problem. Goes out: nothing, or `CompileError` with one error for
-every construct found: games, uniform-substitution symbols, modalities inside state formulas and
+every construct found: uniform-substitution symbols, modalities inside state formulas and
 quantifiers around them, differential symbols, `old(...)`.
 """
 
@@ -63,9 +63,6 @@ def _state(node: Node) -> Iterator[Diagnostic]:
 
 def _refused(node: Node) -> Diagnostic | None:
     match node:
-        case tree.Dual(span=span):
-            advice = "write the opponent's moves into the program, as choices or as one fixed strategy"
-            return errors.not_executable("game", "a hybrid game", span, advice)
         case tree.Box(span=span) | tree.Diamond(span=span):
             advice = "replace it by a condition on the state; only the problem itself may run a program"
             return errors.not_executable("modality-in-state", "a modality inside a condition", span, advice)

@@ -5,18 +5,20 @@ Formulas stay trees; nothing is evaluated.
 """
 
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.parse import tree
 from dl2c.parse.printer import print_program
 from dl2c.resolve import errors
+from dl2c.resolve.players import with_players
 from dl2c.resolve.symbols import nodes
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A problem taken apart, expanded. `written_*` keep the calls of definitions as the user wrote them.
+    """A problem taken apart, expanded, its games with players. `written_*` keep the calls of definitions
+    as the user wrote them.
 
     `body` is one step; `loop` is the loop it came from, None where the program has none.
     `postcondition` is Q, None for a diamond-only problem; `progress` is R.
@@ -81,10 +83,16 @@ def statements(program: tree.Program) -> tuple[tree.Program, ...]:
 
 
 def alternatives(program: tree.Program) -> tuple[tree.Program, ...]:
-    """The alternatives of a choice, nested choices flattened."""
-    if isinstance(program, tree.Choice):
-        return (*alternatives(program.left), *alternatives(program.right))
-    return (program,)
+    """The alternatives of a choice, nested choices of the same player flattened."""
+    if not isinstance(program, tree.Choice):
+        return (program,)
+    return tuple(
+        alternative
+        for side in (program.left, program.right)
+        for alternative in (
+            alternatives(side) if isinstance(side, tree.Choice) and side.dual == program.dual else (side,)
+        )
+    )
 
 
 def _grouped(program: tuple[tree.Program, ...]) -> tuple[tree.Program, ...]:
@@ -92,11 +100,11 @@ def _grouped(program: tuple[tree.Program, ...]) -> tuple[tree.Program, ...]:
     out: list[tree.Program] = []
     for statement in program:
         match statement:
-            case tree.Loop(child) | tree.Dual(child):
+            case tree.Loop(child):
                 out.append(replace(statement, child=reduce(_compose, reversed(_grouped(statements(child))))))
             case tree.Choice():
                 sides = [reduce(_compose, reversed(_grouped(statements(a)))) for a in alternatives(statement)]
-                out.append(reduce(_choose, reversed(sides)))
+                out.append(reduce(partial(_choose, statement), reversed(sides)))
             case _:
                 out.append(statement)
     return tuple(out)
@@ -106,8 +114,8 @@ def _compose(rest: tree.Program, first: tree.Program) -> tree.Program:
     return tree.Compose(first, rest)
 
 
-def _choose(rest: tree.Program, first: tree.Program) -> tree.Program:
-    return tree.Choice(first, rest)
+def _choose(choice: tree.Choice, rest: tree.Program, first: tree.Program) -> tree.Program:
+    return replace(choice, left=first, right=rest)
 
 
 def implications(formula: tree.Formula) -> tuple[tuple[tree.Formula, ...], tree.Formula]:
@@ -122,10 +130,10 @@ def _modal(formula: tree.Formula) -> _Modal | None:
     """`[a][b]Q` is `[a;b]Q`."""
     if not isinstance(formula, (tree.Box, tree.Diamond)):
         return None
-    programs = [formula.program]
+    programs = [with_players(formula.program)]
     post = formula.child
     while isinstance(post, type(formula)):
-        programs.append(post.program)
+        programs.append(with_players(post.program))
         post = post.child
     return _Modal(tuple(programs), post, formula)
 
