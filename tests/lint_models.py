@@ -113,6 +113,17 @@ CASES: tuple[tuple[str, Parts, Parts], ...] = (
         (("Problem", "/* @episode: allow=deadlocks */ Problem"),),
         (("Problem", "/* @episode: allow=deadlock */ Problem"),),
     ),
+    (
+        "existential-constant",
+        (
+            (WHOLE, f"\\exists e (0 < e & e < 1 & ({WHOLE}))"),
+            ("Problem", "/* @episode: allow=unbounded */ Problem"),
+        ),
+        (
+            (WHOLE, f"\\forall e (0 < e & e < 1 -> ({WHOLE}))"),
+            ("Problem", "/* @episode: allow=unbounded */ Problem"),
+        ),
+    ),
     ("undeclared-names", (("Real t;", ""),), ()),
     (
         "unobserved-variable",

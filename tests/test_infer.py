@@ -78,7 +78,7 @@ def test_quantified_names_parameters_and_library_names_are_none_of_them() -> Non
     assert [d.name for d in found.variables] == ["x"] and not found.constants
 
 
-DEFINITIONS = "Definitions Bool p() <-> q(); Bool q() <-> x > 1; End."
+DEFINITIONS = "Definitions Real r; Bool p() <-> q(); Bool q() <-> x > 1; End."
 QUANTIFIED = """Theorem "quantified"
 ProgramVariables Real x; Real v; Real t; End.
 Problem
@@ -99,16 +99,52 @@ def test_universal_quantifiers_around_the_program_declare_constants() -> None:
     assert warned(QUANTIFIED) == []
 
 
+STABLE = """Theorem "stable"
+Definitions
+  Bool near(Real x, Real y, Real r) <-> x^2 + y^2 < r^2;
+  Bool stable() <-> \\forall eps (eps > 0 -> \\exists del (del > 0 & del < 4 & \\forall x \\forall y (
+    near(x, y, del) -> [{x' = -x + y, y' = -x - y}] near(x, y, eps))));
+End.
+ProgramVariables Real x; Real y; End.
+Problem stable() End.
+End.
+"""
+
+
+def existential(text: str) -> list[str]:
+    found = examine(Source("model.kyx", text), resolve_options(OPTIONS))
+    return [d.label for d in found if d.code == "existential-constant"]
+
+
+def test_existential_quantifiers_declare_constants_with_a_warning() -> None:
+    """What stands beside the rest of the problem limits them."""
+    env: Any = dl2c.make(STABLE, **OPTIONS)
+    assert {q.name for q in env.manifest.constants} == {"eps", "del"}
+    for seed in range(20):
+        env.reset(seed=seed)
+        state = env.state
+        assert 0 < state["del"] < 4 and state["eps"] > 0
+        assert state["x"] ** 2 + state["y"] ** 2 < state["del"] ** 2
+    assert existential(STABLE) == [
+        "`del` is a constant here, with any value; a violation says nothing of others"
+    ]
+    assert existential(STABLE.replace("\\exists", "\\forall").replace("4 &", "4 ->")) == []
+    assert existential(STABLE.replace("Problem", "/* @episode: allow=existential-constant */ Problem")) == []
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [
         ("\\forall x (x = 0", "p() -> \\forall x (x = 0"),
-        ("\\forall d", "\\exists d"),
+        ("\\forall d", "\\forall r"),
         ("\\forall d (d > 0", "d > 1 -> \\forall d (d > 0"),
         ("\\forall x (x = 0", "x > 1 -> \\forall x (x = 0"),
+        ("\\forall d (d > 0 ->", "\\forall d (d > 0 |"),
+        ("\\forall d (d > 0 ->", "\\exists d ([v := 0;] v = d &"),
     ],
 )
 def test_other_quantifiers_around_it_are_refused(old: str, new: str) -> None:
+    """Those of names that something else means, or under which it is not one program that runs."""
     with pytest.raises(CompileError) as refused:
         text = QUANTIFIED.replace(old, new).replace("ProgramVariables", f"{DEFINITIONS}\nProgramVariables")
         checked(Source("model.kyx", text), resolve_options(OPTIONS))

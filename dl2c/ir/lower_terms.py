@@ -23,6 +23,7 @@ from dl2c.ir.logic import (
     folded,
     mapped,
 )
+from dl2c.ir.lower_modal import Modality
 from dl2c.ir.slack import Slacks, settled
 from dl2c.parse import tree
 from dl2c.resolve.symbols import nodes
@@ -164,13 +165,12 @@ class _Lowering:
                 everything = isinstance(formula, tree.Forall) != negated
                 nested = any(isinstance(n, (tree.Forall, tree.Exists)) for n in nodes(child))
                 return eliminated(Quantifier(everything, name, bound, nested, formula.span), body)
+            case tree.Box(program, child) | tree.Diamond(program, child):
+                everything = isinstance(formula, tree.Box) != negated
+                runs = Modality(everything, negated, child, formula.span, self.formula, lower_term)
+                return runs.after((program,), scope)
             case (
-                tree.PredOf()
-                | tree.UnitPredicational()
-                | tree.PredicationalOf()
-                | tree.Box()
-                | tree.Diamond()
-                | tree.DifferentialFormula()
+                tree.PredOf() | tree.UnitPredicational() | tree.PredicationalOf() | tree.DifferentialFormula()
             ):
                 raise AssertionError("expansion and check_executable leave none of these")
             case _:
@@ -179,8 +179,11 @@ class _Lowering:
 
 def lower_delta(formula: tree.Formula, scope: Scope) -> ir.Term:
     """The distance to satisfaction of a formula (paper eq. 4-5)."""
-    if quantifier := next((n for n in nodes(formula) if isinstance(n, (tree.Forall, tree.Exists))), None):
-        raise CompileError(_no_distance(quantifier.span, "a quantifier compares no terms"))
+    for node in nodes(formula):
+        if isinstance(node, (tree.Forall, tree.Exists)):
+            raise CompileError(_no_distance(node.span, "a quantifier compares no terms"))
+        if isinstance(node, (tree.Box, tree.Diamond)):
+            raise CompileError(_no_distance(node.span, "a program compares no terms"))
     term = delta(_Lowering(STRICT).formula(formula, scope))
     if term is None:
         raise CompileError(_no_distance(formula.span, "it is always true or always false"))

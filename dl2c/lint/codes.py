@@ -20,6 +20,9 @@ LINTS = (
     Lint("decision-in-loop", "a decision inside a loop of a step is made only once"),
     Lint("default-dt", "nothing but the default of 0.1 s limits how long a flow lasts"),
     Lint("deprecated-option", "`@episode` gives an option a value that has a new name"),
+    Lint(
+        "existential-constant", "a constant stands for some value of an existential quantifier, not for all"
+    ),
     Lint("if-in-choice", "the branches of an `if` become alternatives of a choice around it"),
     Lint("keymaera-rejects", "KeYmaera X 5 does not read this; an error with `--portable`", fixable=True),
     Lint("minus-in-quotient", "`x/-y/z` means `x/(-(y/z))` to KeYmaera X", fixable=True),

@@ -86,6 +86,19 @@ def inferred(variables: Sequence[str], constants: Sequence[str], span: Span) -> 
     return warning("undeclared-names", title, span, ", ".join(parts), "`dl2c check --fix` declares them")
 
 
+def existential(names: Sequence[str], span: Span) -> Diagnostic:
+    """Names of existential quantifiers around the program."""
+    several = len(names) > 1
+    label = f"{_listed(names)} {'are constants' if several else 'is a constant'} here, with any value"
+    return warning(
+        "existential-constant",
+        "the problem is about some value, not about all",
+        span,
+        f"{label}; a violation says nothing of others",
+        f"give one for which the problem holds, `--set {names[0]}=0.1`",
+    )
+
+
 def _listed(names: Sequence[str]) -> str:
     shown = ", ".join(f"`{name}`" for name in names[:MANY_NAMES])
     return shown if len(names) <= MANY_NAMES else f"{shown} and {len(names) - MANY_NAMES} more"
@@ -187,6 +200,17 @@ def not_executable(code: str, construct: str, span: Span, advice: str = "") -> D
     return error(code, f"{construct} cannot be executed", span, help=advice)
 
 
+def modality(span: Span, reason: str) -> Diagnostic:
+    """A program inside a condition that no condition on the state can stand for."""
+    return error(
+        "modality-in-state",
+        "a modality inside a condition cannot be executed",
+        span,
+        reason,
+        "replace it by a condition on the state; only the problem itself may run a program",
+    )
+
+
 def hole(span: Span, wanted: str) -> Diagnostic:
     """An exercise placeholder; `wanted` is what has to stand there."""
     return error(
@@ -230,7 +254,7 @@ def not_a_problem(span: Span) -> Diagnostic:
         "no-program",
         "the problem contains no program to run",
         span,
-        "expected `assumptions -> [{ctrl; plant}*] safe`",
+        "expected `assumptions -> [{ctrl; plant}*] safe`; programs inside conditions are none",
     )
 
 

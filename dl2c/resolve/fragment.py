@@ -1,8 +1,8 @@
 """Refuse what cannot be executed, naming the construct and its place.
 
 Comes in: an expanded problem. Goes out: nothing, or `CompileError` with one error for
-every construct found: uniform-substitution symbols, modalities inside state formulas and
-quantifiers around them, differential symbols, `old(...)`.
+every construct found: uniform-substitution symbols, modalities with loops inside state formulas,
+differential symbols, `old(...)`.
 """
 
 from collections.abc import Iterable, Iterator
@@ -37,6 +37,9 @@ def _top(formula: tree.Formula) -> Iterator[Diagnostic]:
         case tree.Box(program, child) | tree.Diamond(program, child):
             yield from _state(program)
             yield from _top(child) if isinstance(child, type(formula)) else _state(child)
+        case tree.Forall(name, child, span=span) | tree.Exists(name, child, span=span) if _runs(child):
+            advice = f"give `{name}` a name of its own, or declare it as a constant or a variable"
+            yield errors.not_executable("quantifier", "a quantifier around a program", span, advice)
         case _:
             yield from _state(formula)
 
@@ -47,8 +50,19 @@ def _has_modality(node: Node) -> bool:
     )
 
 
-def _has_program(formula: tree.Formula) -> bool:
+def _runs(formula: tree.Formula) -> bool:
     return any(isinstance(n, (tree.Box, tree.Diamond)) for n in nodes(formula))
+
+
+def _endless(node: Node) -> str:
+    """Why a program inside a condition with such a part is no condition on the state."""
+    match node:
+        case tree.Loop():
+            return "it has a loop"
+        case tree.Dual():
+            return "it is a game"
+        case _:
+            return ""
 
 
 def _state(node: Node) -> Iterator[Diagnostic]:
@@ -63,14 +77,8 @@ def _state(node: Node) -> Iterator[Diagnostic]:
 
 def _refused(node: Node) -> Diagnostic | None:
     match node:
-        case tree.Box(span=span) | tree.Diamond(span=span):
-            advice = "replace it by a condition on the state; only the problem itself may run a program"
-            return errors.not_executable("modality-in-state", "a modality inside a condition", span, advice)
-        case tree.Forall(name, child, span=span) | tree.Exists(name, child, span=span) if _has_program(child):
-            advice = (
-                f"declare `{name}` as a constant or a variable; only the problem itself may run a program"
-            )
-            return errors.not_executable("quantifier", "a quantifier around a program", span, advice)
+        case tree.Box(program, span=span) | tree.Diamond(program, span=span):
+            return next((errors.modality(span, why) for n in nodes(program) if (why := _endless(n))), None)
         case tree.FuncOf("old", (_, *_), span=span):
             advice = "keep the earlier value in a variable of the program"
             return errors.not_executable("old-value", "`old(...)` outside @invariant", span, advice)

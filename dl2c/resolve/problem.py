@@ -34,7 +34,9 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One resolved entry. Annotations are None where a declaration has none."""
+    """One resolved entry. Annotations are None where a declaration has none. `existential` are the constants
+    for some value of which the problem is stated.
+    """
 
     entry: tree.Entry
     symbols: Symbols
@@ -46,6 +48,7 @@ class Problem:
     program_annotations: tuple[ProgramAnnotation, ...]
     episode: EpisodeAnnotation | None
     warnings: tuple[Diagnostic, ...] = ()
+    existential: tuple[str, ...] = ()
 
     @property
     def annotated(self) -> bool:
@@ -81,6 +84,7 @@ def resolve(entry: tree.Entry, loop: int | None = None) -> Problem:
         program_annotations=program,
         episode=episode,
         warnings=undeclared.warnings(),
+        existential=tuple(d.name for d in undeclared.existential),
     )
 
 

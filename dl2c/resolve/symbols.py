@@ -233,3 +233,21 @@ def children(node: Node) -> tuple[Node, ...]:
             return (*equations, domain)
         case _:
             assert_never(node)
+
+
+def uses(node: Node, local: frozenset[str] = frozenset()) -> Iterator[tuple[str, Node]]:
+    """Every name of a number that is used, but for `local` ones, with the node that does."""
+    match node:
+        case tree.Forall(name, child) | tree.Exists(name, child):
+            yield from uses(child, local | {name})
+            return
+        case tree.Variable(name) | tree.FuncOf(name, ()):
+            if name not in local:
+                yield name, node
+        case tree.Assign(name, _) | tree.AssignAny(name) | tree.AtomicODE(name, _):
+            if name not in local:
+                yield name, node
+        case _:
+            pass
+    for child in children(node):
+        yield from uses(child, local)
