@@ -33,7 +33,7 @@ from dl2c.parse.parser import parse_archive
 from dl2c.pipeline import checked_entry
 from dl2c.source import Source
 
-LEAST_BUILT = 752
+LEAST_BUILT = 856
 """May only rise."""
 
 CVODES = 1e-5
@@ -169,7 +169,7 @@ def _near(got: list[Any], told: list[Any], tolerance: float) -> bool:
 
 
 def built(rng: Random, count: int) -> Iterator[tuple[str, Environment]]:
-    """Random entries that build, from as many files as there are, with names for them."""
+    """Random entries that build and leave nothing to chance, from as many files as there are, with names."""
     paths = files(shared("corpus"))
     found = 0
     while found < count:
@@ -179,8 +179,9 @@ def built(rng: Random, count: int) -> Iterator[tuple[str, Environment]]:
             environment = checked_entry(rng.choice(archive.entries), OPTIONS).environment
         except CompileError:
             continue
-        yield f"m{found}", environment
-        found += 1
+        if not environment.paths.draws:
+            yield f"m{found}", environment
+            found += 1
 
 
 @pytest.mark.slow
