@@ -9,7 +9,7 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo paper studies test test-slow test-events test-target test-ray lint docs bench corpus sampling-report fuzz clean
+.PHONY: help demo paper studies test test-slow test-events test-target test-ray lint docs bench corpus corpus-table sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
@@ -81,8 +81,11 @@ bench: $(READY)
 	$(BIN)/dl2c bench examples/dubins.kyx --integrator dopri5 --rtol 1e-6 --atol 1e-6 --require batch1024=800 \
 	  --require batch1024/scalar1024=3
 
-# What becomes of every public model, where these are at hand (../shared/corpus).
-corpus: $(READY)
+# What becomes of every public model, where these are at hand (../shared/corpus), and how many of them run.
+corpus: corpus-table
+	$(BIN)/python tests/corpus_runs.py
+
+corpus-table: $(READY)
 	$(BIN)/python tests/corpus_table.py
 
 # Five minutes, or FUZZ_SECONDS; atheris is not there for every Python and system.

@@ -1,4 +1,4 @@
-"""A table of the public models: `make corpus`, which writes build/corpus.tsv.
+"""A table of the public models: `make corpus-table`, which writes build/corpus.tsv.
 
 One row for every entry of every file of the shared corpus: what became of it, in how many
 seconds. An entry is `built` once its C is written; none is compiled here. Else its outcome is
