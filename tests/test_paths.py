@@ -302,12 +302,14 @@ def test_tests_of_an_input_are_limits_over_the_state() -> None:
 
 
 UNRESOLVED = {
-    "a cube": "a^3 <= 1",
+    "a cube of two inputs": "a^3 * x <= 1",
+    "a high power": "a^13 <= 1",
     "a function": "sin(a) <= 1/2",
     "a root": "x > 0 | sqrt(a) <= 1",
-    "a condition of degree 4 for an earlier input": "a^2 + x^2 <= 1 & 50*a*x >= 1",
 }
 RESOLVED = {
+    "a cube": "a^3 <= 1",
+    "a condition of degree 4 for an earlier input": "a^2 + x^2 <= 1 & 50*a*x >= 1",
     "a disjunction": "a <= 1 | a >= 2",
     "two inputs": "a + x <= 1",
     "a square": "a^2 <= 1",

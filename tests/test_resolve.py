@@ -259,11 +259,7 @@ def test_equal_argument_lists_are_one() -> None:
             "Bool p(Real y) <-> y >= 1;",
             "undeclared-function",
         ),
-        (
-            "true -> [{x := v;}*] p(x)",
-            "Bool p(Real y) <-> \\forall z [{v := z;}*]v > y;",
-            "modality-in-state",
-        ),
+        ("true -> [{x := v;}*] p(x)", "Bool p(Real y) <-> <{v := v;}*>v > y;", "modality-in-state"),
     ],
 )
 def test_predicates_that_stand_for_nothing_are_refused(problem: str, predicate: str, code: str) -> None:

@@ -39,21 +39,6 @@ typedef struct dl2c_probes {
   bool passes[DL2C_NPROBE];
 } dl2c_probes;
 
-/* Steps between two doubles by number; they may be further apart than an int64_t reaches. */
-static inline uint64_t dl2c_distance(int64_t a, int64_t b)
-{
-  return a > b ? (uint64_t)a - (uint64_t)b : (uint64_t)b - (uint64_t)a;
-}
-
-/* The number so many steps up (direction 1) or down (-1); stays inside the doubles. */
-static inline int64_t dl2c_moved(int64_t number, int direction, uint64_t steps)
-{
-  const uint64_t moved = direction > 0 ? (uint64_t)number + steps : (uint64_t)number - steps;
-  int64_t result;
-  memcpy(&result, &moved, sizeof result);
-  return result;
-}
-
 static bool dl2c_any(const dl2c_search *search, int place);
 
 /* Whether a value passes for the input at a place of the path, which is set to it. */

@@ -78,6 +78,7 @@
 #include "flow_exact.h"
 #include "numbers.h"
 #include "taylor_functions.h"
+#include "zeros.h"
 
 /* The longest list of decisions or inputs of one path that a table row holds. */
 enum { DL2C_END = -1 };
@@ -108,45 +109,6 @@ static inline void dl2c_limit(real offset, real slope, real *low, real *high)
   const real root = -offset / slope;
   *low = dl2c_select((slope > 0.0) & (root > *low), root, *low);
   *high = dl2c_select((slope < 0.0) & (root < *high), root, *high);
-}
-
-/* Appends where c0 + c1*u + c2*u^2 is zero, or if that is nowhere where it is nearest to zero. */
-static inline int dl2c_roots(real c0, real c1, real c2, real *root, int count)
-{
-  if (c2 == 0.0) {
-    if (c1 != 0.0) root[count++] = -c0 / c1;
-    return count;
-  }
-  const real inner = c1 * c1 - 4.0 * c2 * c0;
-  if (!(inner > 0.0)) {
-    root[count++] = -c1 / (2.0 * c2);
-    return count;
-  }
-  const real sum = c1 < 0.0 ? c1 - sqrt(inner) : c1 + sqrt(inner);
-  root[count++] = -sum / (2.0 * c2);
-  root[count++] = -2.0 * c0 / sum;
-  return count;
-}
-
-/* The roots, or -1 where every value is one. */
-static inline int dl2c_pins(real c0, real c1, real c2, real *root)
-{
-  return c0 == 0.0 && c1 == 0.0 && c2 == 0.0 ? -1 : dl2c_roots(c0, c1, c2, root, 0);
-}
-
-/* A discriminant counts as zero if it is no more below zero than this, relative to its first term. */
-#define DL2C_TOUCH 0x1p-48
-
-/* Whether a value is a root as computed, 1 or 0; all are where the polynomial is zero. */
-static inline real dl2c_solves(real c0, real c1, real c2, real value)
-{
-  real root[2];
-  if (c0 == 0.0 && c1 == 0.0 && c2 == 0.0) return 1.0;
-  if (c2 != 0.0 && c1 * c1 - 4.0 * c2 * c0 < -(c1 * c1) * DL2C_TOUCH) return 0.0;
-  const int count = dl2c_roots(c0, c1, c2, root, 0);
-  for (int k = 0; k < count; k++)
-    if (value == root[k]) return 1.0;
-  return 0.0;
 }
 
 /* What became of a flow. */

@@ -19,9 +19,9 @@ from scipy.integrate import (
 
 from dl2c.bench.python_source import NAMESPACE, formula_source, margin_source, term_source
 from dl2c.ir.admission import Admission
-from dl2c.ir.inputs import roots
 from dl2c.ir.logic import conjuncts, symbols
 from dl2c.ir.model import Compare, Flow, Formula, Model, Predicate, Symbol, Term, Trigger
+from dl2c.ir.zeros import roots
 from dl2c.paths.path import END, Input, Path, Paths
 
 RTOL = 1e-6

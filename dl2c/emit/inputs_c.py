@@ -6,15 +6,18 @@ Sections, in order: leaf functions (through `Leaves`), `model_limits`, `model_cr
 
 from collections.abc import Callable, Iterator
 
+from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import slot
 from dl2c.emit.plan import Environment
 from dl2c.ir.admission import Admission, Solved
+from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import TRUE, ZERO, Symbol
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.printer import print_formula, print_term
-from dl2c.paths.path import Path
+from dl2c.ir.zeros import zero_count
+from dl2c.paths.path import Input, Path
 
 STATE = "int path, int input, const real *x, const real *p, const real *u"
 
@@ -32,7 +35,7 @@ def input_functions(environment: Environment, leaves: Leaves) -> list[str]:
 def critical_count(environment: Environment) -> int:
     """How many roots `model_criticals` gives at most."""
     found = (a for path in environment.paths.paths for a in path.admissions)
-    return max((sum(len(c) - 1 for c in a.criticals) for a in found), default=0)
+    return max((sum(zero_count(len(c) - 1) for c in a.criticals) for a in found), default=0)
 
 
 def _limits(environment: Environment, leaves: Leaves) -> str:
@@ -63,7 +66,11 @@ def _criticals(environment: Environment, leaves: Leaves) -> str:
         yield "int n = 0;"
         for j, polynomial in enumerate(admission.criticals):
             stem = f"path{k}_critical{admission.input}_{j}"
-            yield f"n = dl2c_roots({_coefficients(leaves, stem, polynomial, name)}, root, n);"
+            if len(polynomial) <= 3:
+                yield f"n = dl2c_roots({_coefficients(leaves, stem, polynomial, name)}, root, n);"
+            else:
+                between = _between(leaves, stem, polynomial, environment.paths.inputs[admission.input])
+                yield f"n = dl2c_zeros({between}, true, root, n);"
         yield "return n;"
 
     return function(
@@ -78,8 +85,13 @@ def _pins(environment: Environment, leaves: Leaves) -> str:
         for solved in admission.solved:
             if solved.polynomial == admission.pin:
                 stem = f"path{k}_{solved.symbol.name}"
-                coefficients = _coefficients(leaves, stem, solved.polynomial, solved.input.name)
-                yield f"return dl2c_pins({coefficients}, root);"
+                if len(solved.polynomial) <= 3:
+                    coefficients = _coefficients(leaves, stem, solved.polynomial, solved.input.name)
+                    yield f"return dl2c_pins({coefficients}, root);"
+                else:
+                    given = environment.paths.inputs[admission.input]
+                    between = _between(leaves, stem, solved.polynomial, given)
+                    yield f"return dl2c_pin_zeros({between}, root);"
                 return
 
     return function(
@@ -90,11 +102,13 @@ def _pins(environment: Environment, leaves: Leaves) -> str:
 
 
 def _admits(environment: Environment, leaves: Leaves) -> str:
+    inputs = {given.key: given for given in environment.paths.inputs}
+
     def lines(k: int, path: Path, admission: Admission) -> Iterator[str]:
         if admission.condition == TRUE:
             return
         about = f"{place(path.span)}  {print_formula(admission.tests)}"
-        solved = {s.symbol: _solved(leaves, k, s) for s in admission.solved}
+        solved = {s.symbol: _solved(leaves, k, s, inputs[s.input.name]) for s in admission.solved}
 
         def where(symbol: Symbol) -> str:
             return solved.get(symbol) or slot(symbol)
@@ -109,11 +123,15 @@ def _admits(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def _solved(leaves: Leaves, k: int, solved: Solved) -> str:
+def _solved(leaves: Leaves, k: int, solved: Solved, given: Input) -> str:
     """An expression that is 1 where the input is a root, else 0."""
     stem = f"path{k}_{solved.symbol.name}"
-    coefficients = _coefficients(leaves, stem, solved.polynomial, solved.input.name)
-    call = f"dl2c_solves({coefficients}, {slot(solved.input)})"
+    if len(solved.polynomial) <= 3:
+        coefficients = _coefficients(leaves, stem, solved.polynomial, solved.input.name)
+        call = f"dl2c_solves({coefficients}, {slot(solved.input)})"
+    else:
+        between = _between(leaves, stem, solved.polynomial, given)
+        call = f"dl2c_is_zero({between}, {slot(solved.input)})"
     defined = leaves.defined(f"{stem}_defined", list(solved.polynomial), "all of these have a value")
     return call if defined is None else f"{defined} * {call}"
 
@@ -123,6 +141,14 @@ def _coefficients(leaves: Leaves, stem: str, polynomial: Coefficients, name: str
     padded = (*polynomial, ZERO, ZERO)[:3]
     texts = [f"... + ({print_term(c)}) * {name}^{j}" for j, c in enumerate(padded)]
     return ", ".join(leaves.term(f"{stem}_c{j}", c, texts[j]) for j, c in enumerate(padded))
+
+
+def _between(leaves: Leaves, stem: str, polynomial: Coefficients, given: Input) -> str:
+    """All its coefficients, its degree and the ends of the input's Box as arguments."""
+    texts = [f"... + ({print_term(c)}) * {given.key}^{j}" for j, c in enumerate(polynomial)]
+    low, high = number(rounded_up(given.low)), number(rounded_down(given.high))
+    values = ", ".join(leaves.term(f"{stem}_c{j}", c, texts[j]) for j, c in enumerate(polynomial))
+    return f"(const real[]){{{values}}}, {len(polynomial) - 1}, {low}, {high}"
 
 
 def _each(environment: Environment, lines: Callable[[int, Path, Admission], Iterator[str]]) -> list[str]:

@@ -74,7 +74,7 @@ RUNTIME_FILES = frozenset(
         *("dopri5", "events", "flow_cvodes", "flow_exact", "growth", "hull", "judge", "lanes", "linear"),
         *("model", "move", "numbers", "numeric", "pieces", "project", "rng", "sampler", "search"),
         *("snapshot", "state", "step", "stretch", "sundials", "sundials_system", "sundials_wheel", "target"),
-        *("taylor", "taylor_functions", "threads", "travel"),
+        *("taylor", "taylor_functions", "threads", "travel", "zeros"),
     ]
 )
 """Headers of the runtime, which a model's own header must not hide."""

@@ -46,6 +46,7 @@ from dl2c.ir.model import (
 )
 from dl2c.ir.normal import normal_form
 from dl2c.ir.polynomial import Coefficients, polynomial
+from dl2c.ir.zeros import MAX_DEGREE, zero_count
 
 MAX_CRITICALS = 64
 """Of one input; more would cost more than a step may."""
@@ -170,7 +171,7 @@ def _costly(made: list[Admission], own: list[list[Formula]]) -> Formula | None:
     """A test of inputs for which too many values would have to be tried together."""
     trials: list[int] = [0] * len(made)
     for k, a in reversed(list(enumerate(made))):
-        roots = sum(len(c) - 1 for c in a.criticals)
+        roots = sum(zero_count(len(c) - 1) for c in a.criticals)
         here = 2 if a.pin is not None or a.is_interval else 2 * roots + 3
         trials[k] = here * (1 if a.following is None else trials[a.following])
         if trials[k] > MAX_TRIALS and a.following is not None:
@@ -240,7 +241,7 @@ def _cases(part: Formula, places: dict[Symbol, int], solved: list[Solved]) -> Fo
         case Compare("=", left) if used := _used(left, places):
             symbol = next(s for s, k in places.items() if k == used[-1])
             coefficients = _polynomial(left, symbol)
-            assert coefficients is not None and len(coefficients) <= 3, "`_criticals` refuses others"
+            assert coefficients is not None, "`_criticals` refuses others"
             made = Solved(Symbol(f"solved_{len(solved)}", "input"), symbol, coefficients)
             solved.append(made)
             return Compare("!=", made.symbol, ZERO, span=part.span)
@@ -287,6 +288,8 @@ def _criticals(
             break
         if not any(_used(c, places) for p in polynomials for c in p):
             continue
+        if high := [part for p, part in polynomials.items() if len(p) > 3]:
+            return made, [Problem("joint", part, tuple(_used(part, places))) for part in high]
         for product, part in _projection(polynomials, inputs[k]):
             for term in _factors(product):
                 _file(term, part, margins, places)
@@ -315,13 +318,15 @@ def _file(term: Term, part: Formula, margins: list[Margins], places: dict[Symbol
 def _of_input(
     k: int, given: Unknown, margins: list[Margins], places: dict[Symbol, int]
 ) -> tuple[dict[Coefficients, Formula], list[Problem]]:
-    """The margins of an input as polynomials of degree 1 or 2, each with the test it comes from."""
+    """The margins of an input as polynomials, each with the test it comes from: of degree 1 or 2, or
+    higher where no other input occurs.
+    """
     found: dict[Coefficients, Formula] = {}
     problems: list[Problem] = []
     for term, part in margins[k]:
         used = tuple(_used(part, places))
         coefficients = _polynomial(term, given.symbol)
-        if coefficients is None or len(coefficients) > 3:
+        if coefficients is None or not _is_resolved(coefficients, places):
             problems.append(Problem("degree" if used[-1] == k else "joint", part, used))
         elif len(coefficients) == 1:
             _file(coefficients[0], part, margins, places)
@@ -331,6 +336,13 @@ def _of_input(
         last = max(found.values(), key=lambda part: len(_used(part, places)))
         problems.append(Problem("many", last, tuple(_used(last, places))))
     return found, problems
+
+
+def _is_resolved(polynomial: Coefficients, places: dict[Symbol, int]) -> bool:
+    """Whether its zeros are found."""
+    if len(polynomial) <= 3:
+        return True
+    return len(polynomial) <= MAX_DEGREE + 1 and not any(_used(c, places) for c in polynomial)
 
 
 def _polynomial(term: Term, symbol: Symbol) -> Coefficients | None:

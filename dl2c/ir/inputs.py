@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
-from math import nan, sqrt
 from typing import TypeAlias
 
 from dl2c.ir.admission import Solved
@@ -26,16 +25,14 @@ from dl2c.ir.doubles import (
     rounded_down,
     rounded_up,
 )
-from dl2c.ir.evaluate import Undefined, Value, evaluate, square_root, truth
+from dl2c.ir.evaluate import Undefined, Value, evaluate, truth
 from dl2c.ir.model import Symbol
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.straight import Plan
+from dl2c.ir.zeros import zeros
 
 NEARBY = 8
 """Where nothing around a root passes, values up to 4^(NEARBY - 1) doubles away from it are tried."""
-
-TOUCH = 2.0**-48
-"""A discriminant counts as zero if it is no more below zero than this, relative to its first term."""
 
 Piece: TypeAlias = tuple[Value, Value]
 """The ends of a closed interval of values that pass."""
@@ -129,7 +126,8 @@ class Inputs:
             return False
         if all(x == 0 for x in c):
             return True
-        return not misses(c, self.exact) and value in roots(c, self.exact)
+        box = self._box(self._place(solved.input.name))
+        return value in zeros(c, *box, near=False, exact=self.exact)
 
     # Pieces ---------------------------------------------------------------------
 
@@ -167,7 +165,8 @@ class Inputs:
         if c is None or all(x == 0 for x in c):
             return None
         low, high = self._box(place)
-        return sorted({r for r in roots(c, self.exact) if low <= r <= high})
+        found = zeros(c, low, high, near=len(c) <= 3, exact=self.exact)
+        return sorted({r for r in found if low <= r <= high})
 
     def _interval(self, place: int) -> list[Piece]:
         """Between limits that are linear in the input."""
@@ -204,7 +203,7 @@ class Inputs:
         admission = self.plan.admissions[place]
         for polynomial in (*admission.criticals, *((m.offset, m.slope) for m in admission.limits)):
             c = self._coefficients(polynomial)
-            found.update(r for r in roots(c or [], self.exact) if low < r < high)
+            found.update(r for r in zeros(c or [], low, high, near=True, exact=self.exact) if low < r < high)
         critical = sorted(found)
         tried: list[tuple[Value, bool]] = [(critical[0], True)]
         for a, b in pairwise(critical):
@@ -245,31 +244,6 @@ class Inputs:
         while not self._passes(place, outside[0] + distance):
             distance *= 2
         return outside[0] + distance
-
-
-def roots(c: Sequence[Value], exact: bool) -> list[Value]:
-    """Where c0 + c1*u + c2*u^2 is zero; where it is nearest to zero if that is nowhere."""
-    c0, c1, c2 = (*c, *[Fraction(0)] * 3)[:3] if exact else (*map(float, c), 0.0, 0.0, 0.0)[:3]
-    if c2 == 0:
-        return [] if c1 == 0 else [-c0 / c1]
-    inner = c1 * c1 - 4 * c2 * c0
-    if not inner > 0:
-        return [_ratio(-c1, 2 * c2)]
-    root = square_root(inner) if exact else sqrt(inner)
-    sum_ = c1 - root if c1 < 0 else c1 + root
-    return [_ratio(-sum_, 2 * c2), _ratio(-2 * c0, sum_)]
-
-
-def misses(c: Sequence[Value], exact: bool) -> bool:
-    """Whether a square has no root, not even one that rounding may have taken from it."""
-    if len(c) < 3 or c[2] == 0:
-        return False
-    square = c[1] * c[1]
-    return square - 4 * c[2] * c[0] < -square * (0 if exact else TOUCH)
-
-
-def _ratio(a: Value, b: Value) -> Value:
-    return a / b if b != 0 else nan
 
 
 def nearest(pieces: Sequence[Piece], wanted: Value) -> tuple[Piece, Value]:

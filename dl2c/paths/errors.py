@@ -66,7 +66,7 @@ def reused_input(variables: tuple[str, ...], span: Span) -> Diagnostic:
 
 
 def high_degree(variable: str, span: Span) -> Diagnostic:
-    advice = f"use comparisons of polynomials of degree 2 in {variable}, e.g. `{variable}^2 <= x`"
+    advice = f"use comparisons of polynomials in {variable}, e.g. `{variable}^2 <= x`, up to degree 12"
     return _unresolved(variable, f"it is neither linear nor quadratic in {variable}", span, advice)
 
 
