@@ -25,6 +25,7 @@ from dl2c.parse.printer import print_archive, print_formula
 from dl2c.parse.tree import Archive, Entry
 from dl2c.progress import LOG, Progress, silent, stages
 from dl2c.resolve.problem import Problem, expansion, resolve
+from dl2c.resolve.unreadable import read_entry
 from dl2c.source import Source, Span
 from dl2c.version import __version__
 
@@ -103,8 +104,8 @@ class Checked:
 
 def checked(source: Source, options: Options) -> Checked:
     """A model up to the point where C would be written. Raises `CompileError` for its errors."""
-    archive, warnings = parse_archive(source)
-    found = checked_entry(entry_of(archive, options), options)
+    entry, warnings = read_entry(source, lambda archive: entry_of(archive, options))
+    found = checked_entry(entry, options)
     return replace(found, warnings=in_source_order((*warnings, *found.warnings)))
 
 
@@ -197,8 +198,8 @@ def drawn_model_of(entry: Entry, options: Options) -> "Model":
 
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:
     """Parse and resolve; `@episode` completes the options."""
-    archive, warnings = parse_archive(source)
-    problem, options = _completed_problem(entry_of(archive, options), options)
+    entry, warnings = read_entry(source, lambda archive: entry_of(archive, options))
+    problem, options = _completed_problem(entry, options)
     return problem, options, (*warnings, *problem.warnings, *_deprecated(problem))
 
 

@@ -80,7 +80,7 @@ def test_the_variable_annotations_of_the_paper() -> None:
         (Fraction(4, 5), Fraction(6, 5)), "friction coefficient", "none", "", True, NOWHERE
     )
     assert replace(var, span=NOWHERE) == VariableAnnotation(
-        (Fraction(0), Fraction(100)), "vehicle position", "line", "agent", "", True, NOWHERE
+        (Fraction(0), Fraction(100)), "vehicle position", "line", None, "", True, NOWHERE
     )
 
 
@@ -229,7 +229,7 @@ def test_annotations_inside_programs_keep_their_order() -> None:
     first, second, third = decode_program(read.program_annotations)
     assert isinstance(first, ChoiceAnnotation) and (first.role, first.name) == ("env", "mode")
     assert isinstance(second, FallbackAnnotation)
-    assert isinstance(third, ChoiceAnnotation) and (third.role, third.name) == ("agent", "other")
+    assert isinstance(third, ChoiceAnnotation) and (third.role, third.name) == (None, "other")
 
 
 def test_episode_options_have_types() -> None:

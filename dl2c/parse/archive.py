@@ -7,8 +7,8 @@ declaration does not hide the errors of the next.
 
 import re
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 
 from dl2c.diagnostics import CompileError, Diagnostic, in_source_order
@@ -16,7 +16,7 @@ from dl2c.parse import build, comments, declarations, errors, old_dialect, place
 from dl2c.parse.build import Reading
 from dl2c.parse.characters import check_controls, check_text
 from dl2c.parse.placement import Block, Statement
-from dl2c.parse.recovery import MAX_MISTAKES
+from dl2c.parse.recovery import MAX_MISTAKES, Recovery
 from dl2c.parse.scan import Code, Comment, scan
 from dl2c.parse.sections import (
     Section,
@@ -36,6 +36,7 @@ _STATEMENT = re.compile(
     r"(?<![A-Za-z0-9_])(?:(?:Real|Bool|HP|HG|implicit|import)(?![A-Za-z0-9_])"
     rf"|(?P<old>{old_dialect.OLD_SORT}))"
 )
+_SIGN = re.compile(r"<->|::=|=")
 _STRAY = re.compile(r"(?P<word>\w+|\S)[^;]*;?")
 MAX_DECLARATIONS = 1000
 """Names that one section may declare."""
@@ -50,12 +51,27 @@ _SEAM = re.compile(r"(?:(?:HP|HG)\s+\w+\s*::=\s*\{)?\s*\Z")
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """A file being read. Errors are appended to `problems`, warnings to `read.warnings`."""
+    """A file being read. Errors outside of declarations and Problems, such as misplaced sections, are
+    appended to `problems`, those inside to `recovery.problems`, warnings to `read.warnings`.
+    """
 
     code: Code
     read: Reading
     annotations: tuple[Annotation, ...]
     problems: list[Diagnostic]
+    recovery: Recovery
+
+    def fail(self, refused: CompileError) -> None:
+        """Enter why a declaration or Problem cannot be read, but for what is wrong with stand-ins."""
+        self.recovery.problems.extend(d for d in refused.diagnostics if not self.recovery.covers(d))
+
+
+class Unreadable(CompileError):
+    """A file with syntax errors. `archive` is what could be read of it, with stand-ins: see `recovery`."""
+
+    def __init__(self, diagnostics: Iterable[Diagnostic], archive: Archive, recovery: Recovery) -> None:
+        super().__init__(diagnostics)
+        self.archive, self.recovery = archive, recovery
 
 
 def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
@@ -66,7 +82,9 @@ def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
     problems: list[Diagnostic] = []
     if old := old_dialect.find_sign(code):
         warnings.append(old)
-    work = Work(code, Reading(source, warnings), comments.read_annotations(code, problems), problems)
+    recovery = Recovery()
+    read = Reading(source, warnings, recovery=recovery)
+    work = Work(code, read, comments.read_annotations(code, problems), problems, recovery)
     _check_count("annotations", [a.span for a in work.annotations], MAX_ANNOTATIONS)
     sections = find_sections(code, problems)
     _check_count("sections", [code.span(s.start, s.begin) for s in sections], MAX_SECTIONS)
@@ -82,9 +100,11 @@ def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
         for head, following in pairwise([*heads, None])
         if (entry := _entry(sections[head:following], shared, _over(sections, following, code), work))
     ]
-    if problems:
-        raise CompileError(problems)
-    return Archive(tuple(entries), span=code.span(0, len(source.text))), in_source_order(work.read.warnings)
+    archive = Archive(tuple(entries), span=code.span(0, len(source.text)))
+    recovery.lost |= bool(problems)
+    if problems or recovery.problems:
+        raise Unreadable((*problems, *recovery.problems), archive, recovery)
+    return archive, in_source_order(work.read.warnings)
 
 
 def _check_count(what: str, spans: Sequence[Span], limit: int) -> None:
@@ -130,8 +150,9 @@ def _block(section: Section, work: Work) -> Block:
         try:
             statements.append(_statement(section, start, end, work))
         except CompileError as found:
-            work.problems.extend(found.diagnostics)
-            statements.append(Statement(start, end, (), ()))
+            work.fail(found)
+            statements.append(Statement(start, end, _head(section, start, end, work), ()))
+            work.recovery.lost |= not statements[-1].declared
         _check_comments(start, end, work)
         declared += max(1, len(statements[-1].declared))
         if declared > MAX_DECLARATIONS:
@@ -165,6 +186,23 @@ def _statement(section: Section, start: int, end: int, work: Work) -> Statement:
     if section.kind == "ProgramVariables":
         return Statement(start, end, declarations.read_variables(code, start, end, read), ())
     return Statement(start, end, declarations.read_definition(code, start, end, read), ())
+
+
+def _head(section: Section, start: int, end: int, work: Work) -> tuple[Declaration, ...]:
+    """What a definition that cannot be read declares, without its body; nothing where that is not clear."""
+    sign = _SIGN.search(work.code.text, start, end)
+    if sign is None or section.kind != "Definitions":
+        return ()
+    text = work.code.text
+    headed = replace(work.code, text=f"{text[: sign.start()]};{text[sign.start() + 1 :]}")
+    try:
+        declared = declarations.read_definition(
+            headed, start, sign.start() + 1, Reading(work.read.source, [])
+        )
+    except CompileError:
+        return ()
+    work.recovery.gaps.append((sign.start(), end))
+    return declared
 
 
 def _check_comments(start: int, end: int, work: Work) -> None:
@@ -240,10 +278,10 @@ def _problem(sections: Sequence[Section], name: str, work: Work) -> Formula | No
     begin, end = problems[0].begin, trimmed_end(work.code, problems[0].begin, problems[0].end)
     _check_comments(begin, end, work)
     try:
-        root = parse_tree(work.code, begin, max(end, begin), "start_formula")
+        root = parse_tree(work.code, begin, max(end, begin), "start_formula", work.recovery)
         return build.formula(build.nodes(build.parts(root))[0], work.read)
     except CompileError as found:
-        work.problems.extend(found.diagnostics)
+        work.fail(found)
         return None
 
 

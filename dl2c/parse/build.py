@@ -17,6 +17,7 @@ from lark import Token, Tree
 from dl2c.diagnostics import CompileError, Diagnostic, together
 from dl2c.parse import errors
 from dl2c.parse import tree as ast
+from dl2c.parse.recovery import Recovery
 from dl2c.parse.syntax import Node
 from dl2c.source import Source, Span
 
@@ -30,7 +31,8 @@ _TERMS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One text being read, and the warnings found so far (appended to while reading).
+    """One text being read, and the warnings found so far (appended to while reading). With a `recovery`
+    reading goes on behind mistakes.
 
     `anonymous` are the names given to the parameters without name that `.`, `._0`, `._1` mean.
     """
@@ -38,6 +40,11 @@ class Reading:
     source: Source
     warnings: list[Diagnostic]
     anonymous: tuple[str, ...] = ()
+    recovery: Recovery | None = None
+
+    def stands_in(self, span: Span) -> bool:
+        """Whether this is no text of the user, but stands in for a mistake."""
+        return self.recovery is not None and any(a <= span.start < b for a, b in self.recovery.gaps)
 
     def span(self, part: Node | Token) -> Span:
         match part:
@@ -198,7 +205,9 @@ def formula(node: Node, read: Reading) -> ast.Formula:
         case "hole", _:
             return ast.UnitPredicational("exerciseP_", (), span=span)
         case "name", [Token() as name]:
-            return ast.PredOf(str(name), (), span=span)
+            return (
+                ast.Truth(True, span=span) if read.stands_in(span) else ast.PredOf(str(name), (), span=span)
+            )
         case "call", [Token() as name, *arguments, prime]:
             return _primed_formula(ast.PredOf(str(name), _arguments(arguments, read), span=span), prime, span)
         case "space_call", [Token() as name, Token() as space, prime]:
@@ -300,6 +309,8 @@ def program(node: Node, read: Reading) -> ast.Program:
         case "test", [Tree() as condition]:
             return ast.Test(formula(condition, read), span=span)
         case "call_program", [Token() as name, *dual]:
+            if read.stands_in(span):
+                return ast.Test(ast.Truth(True), span=span)
             call = ast.ProgramConst("exerciseS_" if name.type == "HOLE" else str(name), span=span)
             return ast.Dual(call, span=span) if dual else call
         case "ode", [Tree() as flow]:

@@ -66,7 +66,7 @@ _IMPORT = re.compile(
 
 def read_definition(code: Code, start: int, end: int, read: Reading) -> tuple[Declaration, ...]:
     """The declarations of one statement of a Definitions block."""
-    node = parse_tree(code, start, end, "declaration")
+    node = parse_tree(code, start, end, "declaration", read.recovery)
     match str(node.data), build.parts(node):
         case "declared", [Token() as sort, *items]:
             declared = tuple(_declaration(sort, item, None, read) for item in build.nodes(items))
@@ -119,7 +119,7 @@ def _in_order(program: Program) -> list[Program]:
 
 def read_variables(code: Code, start: int, end: int, read: Reading) -> tuple[Declaration, ...]:
     """The program variables of one statement of a ProgramVariables block."""
-    node = parse_tree(code, start, end, "declaration")
+    node = parse_tree(code, start, end, "declaration", read.recovery)
     match str(node.data), build.parts(node):
         case "declared", [Token() as sort, *items]:
             variables = tuple(_declaration(sort, item, None, read) for item in build.nodes(items))

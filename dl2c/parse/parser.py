@@ -19,7 +19,9 @@ _T = TypeVar("_T")
 
 
 def parse_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
-    """Read a whole .kyx file; the warnings come second. Independent errors are raised together."""
+    """Read a whole .kyx file; the warnings come second. Independent errors are raised together, as
+    `archive.Unreadable` with what could be read.
+    """
     return archive.read_archive(source)
 
 

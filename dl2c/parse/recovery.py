@@ -6,8 +6,9 @@ fails because of the first one. The stand-in has the length of what it stands fo
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from dl2c.diagnostics import Diagnostic
 from dl2c.parse.mistakes import NOTHING, Failure
 
 MAX_MISTAKES = 20
@@ -37,8 +38,42 @@ class _Level:
     begin: int
 
 
-def without_mistake(failure: Failure) -> tuple[str, int] | None:
-    """The text to read instead and where the news begin in it; None where reading cannot go on."""
+@dataclass(slots=True)
+class Recovery:
+    """Mistakes in declarations and Problems: the `problems`, and the ranges that stand-ins took the place of
+    (`gaps`). `lost` where declarations may be missing.
+    """
+
+    problems: list[Diagnostic] = field(default_factory=list[Diagnostic])
+    gaps: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])
+    lost: bool = False
+
+    def covers(self, found: Diagnostic) -> bool:
+        """Whether it is about a stand-in."""
+        return any(start < found.span.end and found.span.start < end for start, end in self.gaps)
+
+    def hides(self, found: Diagnostic) -> bool:
+        """Whether it is about a stand-in, or a name that what was there may have declared or written."""
+        if self.covers(found) or not found.code.startswith(("undeclared-", "undefined-")):
+            return self.covers(found)
+        name = re.compile(rf"\b{re.escape(found.span.text)}\b")
+        return self.lost or any(name.search(found.span.source.text, *gap) for gap in self.gaps)
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """The text to read instead, where the news begin in it, and the range of the stand-in; `blank` where
+    nothing stands in.
+    """
+
+    text: str
+    news: int
+    gap: tuple[int, int]
+    blank: bool
+
+
+def without_mistake(failure: Failure) -> Resumed | None:
+    """How to read on; None where that cannot be."""
     found = _region(failure)
     if found is None or failure.end - failure.start > MAX_TEXT:
         return None
@@ -47,7 +82,8 @@ def without_mistake(failure: Failure) -> tuple[str, int] | None:
         return None
     text = failure.code.text
     blanks = re.sub(r"[^\n]", " ", text[start + len(instead) : end])
-    return text[:start] + instead + blanks + text[end:], max(end, failure.place + 1)
+    news = max(end, failure.place + 1)
+    return Resumed(text[:start] + instead + blanks + text[end:], news, (start, end), not instead)
 
 
 def _region(failure: Failure) -> tuple[int, int, str] | None:

@@ -15,7 +15,7 @@ from lark.utils import TextSlice
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import errors, mistakes
-from dl2c.parse.recovery import MAX_MISTAKES, without_mistake
+from dl2c.parse.recovery import MAX_MISTAKES, Recovery, without_mistake
 from dl2c.parse.scan import Code
 
 Node: TypeAlias = Tree[Token]
@@ -42,34 +42,46 @@ def _parser() -> Lark:
     )
 
 
-def parse_tree(code: Code, start: int, end: int, symbol: str) -> Node:
-    """The tree of `code.text[start:end]` read as `symbol`, one of `STARTS`."""
+def parse_tree(code: Code, start: int, end: int, symbol: str, recovery: Recovery | None = None) -> Node:
+    """The tree of `code.text[start:end]` read as `symbol`, one of `STARTS`. With a `recovery` mistakes behind
+    which reading can go on are entered there, and the tree has stand-ins.
+    """
     if not code.text[start:end].strip():
         raise CompileError(errors.nothing_there(code.span(start, end), symbol))
     try:
         tree = _parser().parse(TextSlice(code.text, start, end), start=symbol)  # pyright: ignore[reportUnknownMemberType]
     except UnexpectedInput as problem:
-        raise CompileError(_mistakes(_failure(problem, code, start, end, symbol))) from None
+        tree = _recovered(_failure(problem, code, start, end, symbol), recovery)
     _check_depth(tree, code)
     return tree
 
 
-def _mistakes(failure: mistakes.Failure) -> list[Diagnostic]:
-    """The first mistake, and those that are found when reading goes on behind it."""
-    found = [mistakes.explain(failure)]
+def _recovered(failure: mistakes.Failure, recovery: Recovery | None) -> Node:
+    """The tree with stand-ins, if there is one and it is wanted. Else raises the first mistake, and those
+    that are found when reading goes on behind it.
+    """
+    found: list[Diagnostic] = [mistakes.explain(failure)]
+    gaps: list[tuple[int, int]] = []
+    lost = False
     while len(found) < MAX_MISTAKES and (resumed := without_mistake(failure)):
-        text, news = resumed
-        code = replace(failure.code, text=text)
+        gaps.append(resumed.gap)
+        lost |= resumed.blank
+        code = replace(failure.code, text=resumed.text)
         start, end = failure.start, failure.end
         try:
-            _parser().parse(TextSlice(text, start, end), start=failure.symbol)  # pyright: ignore[reportUnknownMemberType]
-            break
+            tree = _parser().parse(TextSlice(code.text, start, end), start=failure.symbol)  # pyright: ignore[reportUnknownMemberType]
+            if recovery is None:
+                break
+            recovery.problems += found
+            recovery.gaps += gaps
+            recovery.lost |= lost
+            return tree
         except UnexpectedInput as problem:
             failure = _failure(problem, code, start, end, failure.symbol)
-        if failure.length == 0 or failure.place < news or mistakes.closes_nothing(failure):
+        if failure.length == 0 or failure.place < resumed.news or mistakes.closes_nothing(failure):
             break
         found.append(mistakes.explain(failure))
-    return found
+    raise CompileError(found) from None
 
 
 def _failure(problem: UnexpectedInput, code: Code, start: int, end: int, symbol: str) -> mistakes.Failure:

@@ -48,7 +48,7 @@ def joint_test(variables: tuple[str, ...], span: Span) -> Diagnostic:
     *earlier, last = dict.fromkeys(variables)
     earlier = earlier or [last]  # one variable may have several inputs
     names = " and ".join(earlier)
-    reason = f"for which {names} it leaves a {last} depends on terms of a higher degree than 2 in {names}"
+    reason = f"for which {names} it leaves a {last} depends on terms of too high a degree in {names}"
     return _unresolved(earlier[-1], reason, span, f"test {names} alone as well, or assign one of them a term")
 
 
@@ -66,8 +66,10 @@ def reused_input(variables: tuple[str, ...], span: Span) -> Diagnostic:
 
 
 def high_degree(variable: str, span: Span) -> Diagnostic:
-    advice = f"use comparisons of polynomials in {variable}, e.g. `{variable}^2 <= x`, up to degree 12"
-    return _unresolved(variable, f"it is neither linear nor quadratic in {variable}", span, advice)
+    advice = (
+        f"use polynomials in {variable} of degree 2, e.g. `{variable}^2 <= x`, or 12 in a test of it alone"
+    )
+    return _unresolved(variable, f"it is no polynomial in {variable}, or of too high a degree", span, advice)
 
 
 def _unresolved(variable: str, reason: str, span: Span, advice: str) -> Diagnostic:
