@@ -151,6 +151,17 @@ def test_other_quantifiers_around_it_are_refused(old: str, new: str) -> None:
     assert {d.code for d in refused.value.diagnostics} <= {"quantifier", "undeclared-variable"}
 
 
+def test_definitions_that_call_themselves_are_told_so() -> None:
+    text = STABLE.replace(
+        "near(x, y, eps))));", "near(x, y, eps)))); Bool p() <-> q() & p(); Bool q() <-> p();"
+    )
+    for problem in ("p()", "\\forall z p()", "stable() & p()", "x > 0 -> \\exists z (z > 0 & q())"):
+        with pytest.raises(CompileError) as refused:
+            changed = text.replace("Problem stable()", f"Problem {problem}")
+            checked(Source("model.kyx", changed), resolve_options(OPTIONS))
+        assert {d.code for d in refused.value.diagnostics} == {"recursive-definition"}
+
+
 @pytest.mark.parametrize("text", [QUANTIFIED, BARE, f"Problem {QUANTIFIED.split('Problem')[1][:-5]}"])
 def test_what_has_no_declaration_is_not_annotated(tmp_path: Path, text: str) -> None:
     path = tmp_path / "model.kyx"

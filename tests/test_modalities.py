@@ -166,6 +166,9 @@ def test_preconditions_and_tests_may_hold_programs() -> None:
         ("[{x := 1; ++ x := 2;}^@] x > 0", "it is a game"),
         ("[{x' = -x}] x > 0", "its motion is no polynomial of time"),
         ("<{x' = v, v' = y, y' = 1}> x > 0", "its times or values cannot be eliminated"),
+        (f"[{'{x := 1; ++ x := 2;}' * 40}] x > 0", "it has too many runs"),
+        (f"[{'x := x*v + x;' * 60}] x > 0", "the value of `x` is too long"),
+        (f"<{'y := *; ?y > x; x := x*y;' * 30}> x > 0", "its times or values cannot be eliminated"),
     ],
 )
 def test_other_programs_are_refused(text: str, label: str) -> None:

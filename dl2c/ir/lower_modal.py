@@ -6,15 +6,15 @@ of `x := *` are quantified, and these quantifiers eliminated. Programs have no l
 are polynomials of time.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import count
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir import model as ir
 from dl2c.ir.eliminate import Quantifier, eliminated
 from dl2c.ir.flow import NotPolynomial, solve
-from dl2c.ir.logic import conjunction, disjunction, folded, substituted, symbols
+from dl2c.ir.logic import conjunction, disjunction, folded, operands, substituted, symbols
 from dl2c.ir.polynomial import Coefficients
 from dl2c.parse import tree
 from dl2c.resolve import errors
@@ -23,6 +23,12 @@ from dl2c.source import Span
 
 Scope = Mapping[str, ir.Term]
 """What each name of a model stands for."""
+
+MAX_STATEMENTS = 1000
+"""On all runs of a program inside a condition."""
+
+MAX_SIZE = 1000
+"""Numbers and symbols in the value of a variable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,17 +45,24 @@ class Modality:
     span: Span
     formula: Callable[[tree.Formula, Scope, bool], ir.Formula]
     term: Callable[[tree.Term, Scope], ir.Term]
+    statements: Iterator[int] = field(default_factory=count)
+    """Counts them on all runs."""
 
     def after(self, program: Sequence[tree.Program], scope: Scope) -> ir.Formula:
         """What has to hold where the rest of the program begins, its values being those of the scope."""
         if not program:
             return self.formula(self.post, scope, self.negated)
+        if next(self.statements) > MAX_STATEMENTS:
+            raise CompileError([errors.modality(self.span, "it has too many runs")])
         first, *rest = program
         match first:
             case tree.Compose():
                 return self.after((*statements(first), *rest), scope)
             case tree.Assign(name, term):
-                return self.after(rest, {**scope, name: self.term(term, scope)})
+                value = self.term(term, scope)
+                if _size(value) > MAX_SIZE:
+                    raise CompileError([errors.modality(self.span, f"the value of `{name}` is too long")])
+                return self.after(rest, {**scope, name: value})
             case tree.Test(condition):
                 return self._where(self.formula(condition, scope, self.everything), self.after(rest, scope))
             case tree.Choice(left, right):
@@ -105,6 +118,16 @@ class Modality:
         except CompileError:
             reason = "its times or values cannot be eliminated"
             raise CompileError([errors.modality(self.span, reason)]) from None
+
+
+def _size(term: ir.Term) -> int:
+    """How many numbers and symbols it has, counted only until they are too many."""
+    size, waiting = 0, [term]
+    while waiting and size <= MAX_SIZE:
+        parts = operands(waiting.pop())
+        size += not parts
+        waiting += parts
+    return size
 
 
 def _fresh(scope: Scope) -> ir.Symbol:

@@ -30,12 +30,13 @@ def without_quantifiers(entry: tree.Entry) -> Opened:
         d.name: d.body for d in entry.definitions if isinstance(d.body, tree.Formula) and not d.parameters
     }
     outside = frozenset(d.name for d in entry.definitions)
-    return _Opening({d.name: d for d in entry.definitions}, bodies).opened(entry.problem, outside)
+    definitions = {d.name: d for d in entry.definitions}
+    return _Opening(definitions, bodies).opened(entry.problem, outside)
 
 
 @dataclass(frozen=True, slots=True)
 class _Opening:
-    """`bodies` are those of formulas without parameters."""
+    """`bodies` are those of formulas without parameters that are not being looked into."""
 
     definitions: dict[str, tree.Declaration]
     bodies: dict[str, tree.Formula]
@@ -49,7 +50,7 @@ class _Opening:
                 opened = replace(inner, problem=replace(formula, right=inner.problem))
                 return opened if inner.declared else closed
             case tree.PredOf(name, ()) if name in self.bodies:
-                inner = self.opened(self.bodies[name], outside)
+                inner = self._inside(name).opened(self.bodies[name], outside)
                 return inner if inner.declared else closed
             case tree.Forall(name, child) | tree.Exists(name, child) if name not in outside:
                 some = isinstance(formula, tree.Exists)
@@ -74,15 +75,20 @@ class _Opening:
     def _is_problem(self, formula: tree.Formula) -> bool:
         """Whether a formula says what a program does, under nothing but implications."""
         _, conclusion = implications(formula)
-        return any(
-            isinstance(part, (tree.Box, tree.Diamond))
-            or (
-                isinstance(part, tree.PredOf)
-                and part.name in self.bodies
-                and self._is_problem(self.bodies[part.name])
-            )
-            for part in conjuncts(conclusion)
-        )
+        for part in conjuncts(conclusion):
+            match part:
+                case tree.Box() | tree.Diamond():
+                    return True
+                case tree.PredOf(name) if name in self.bodies:
+                    if self._inside(name)._is_problem(self.bodies[name]):
+                        return True
+                case _:
+                    pass
+        return False
+
+    def _inside(self, name: str) -> "_Opening":
+        """For a body, which may call itself by mistake."""
+        return replace(self, bodies={n: body for n, body in self.bodies.items() if n != name})
 
     def _runs(self, formula: tree.Formula) -> bool:
         """Whether a program stands anywhere in a formula, or in what it calls."""
