@@ -305,6 +305,25 @@ def test_bounds_of_defined_names_are_checked():
     assert columns["x"].min() >= 0 and columns["x"].max() <= 1
 
 
+@pytest.mark.parametrize(
+    ("text", "point"),
+    [
+        ("x**2 + y**2 == 0", (0, 0)),
+        ("(x - 1)**2 + 2*(y + 3)**2 == 0 and z > 1/2", (1, -3)),
+        ("0 == 0 - x*x - 3*(y - x)**4", (0, 0)),
+        ("x**2/3 == 0 - (y - 2)**2", (0, 2)),
+    ],
+)
+def test_where_a_sum_of_squares_is_zero_is_a_point(text, point):
+    m = model(text, {"x": "-9:9", "y": "-9:9", "z": "0:1"})
+    plan = planned(m)
+    columns = draw_many(plan, np.random.default_rng(10), 20)
+    assert plan.certificate == "exact"
+    assert [set(columns[n].tolist()) for n in "xy"] == [{float(v)} for v in point]
+    assert len(set(columns["z"].tolist())) == 20
+    audit(m, plan, columns)
+
+
 # Refusals ---------------------------------------------------------------------
 
 

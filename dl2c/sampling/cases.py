@@ -23,7 +23,24 @@ from dl2c.ir.logic import (
     oriented,
     with_term,
 )
-from dl2c.ir.model import FALSE, ZERO, And, Call, Compare, Formula, Mul, Neg, Or, Pow, Sub, Term, Truth
+from dl2c.ir.model import (
+    FALSE,
+    ZERO,
+    Add,
+    And,
+    Call,
+    Compare,
+    Div,
+    Formula,
+    Mul,
+    Neg,
+    Number,
+    Or,
+    Pow,
+    Sub,
+    Term,
+    Truth,
+)
 from dl2c.ir.normal import Monomial, normal_form
 
 Conjuncts: TypeAlias = tuple[Formula, ...]
@@ -111,6 +128,10 @@ def _has_equality(formula: Formula) -> bool:
 
 def _equality(atom: Compare, box: Box) -> list[Conjuncts]:
     """The cases of an equality."""
+    difference = Sub(atom.left, atom.right)
+    squares = _squares(difference, 1) or _squares(difference, -1)
+    if squares is not None and len(squares) > 1:
+        return _split(conjunction(Compare("=", s, ZERO, span=atom.span) for s in squares), box)
     for side, other in ((atom.left, atom.right), (atom.right, atom.left)):
         match side, other:
             case (Mul(a, b), _) if other == ZERO:
@@ -129,6 +150,27 @@ def _equality(atom: Compare, box: Box) -> list[Conjuncts]:
                 pass
     kink = next((k for side in (atom.left, atom.right) for k in _kinks(side)), None)
     return [(atom,)] if kink is None else _kink_cases(atom, kink, box)
+
+
+def _squares(term: Term, sign: int) -> list[Term] | None:
+    """What has to be zero where a sum of squares is; None for another term. Its squares have this sign."""
+    match term:
+        case Number(value) if value == 0:
+            return []
+        case Pow(base, exponent) if exponent % 2 == 0:
+            return [base] if sign > 0 else None
+        case Mul(left, right) if left == right:
+            return [left] if sign > 0 else None
+        case Mul(Number(value), child) | Mul(child, Number(value)) | Div(child, Number(value)) if value != 0:
+            return _squares(child, sign if value > 0 else -sign)
+        case Neg(child):
+            return _squares(child, -sign)
+        case Add(left, right) | Sub(left, right):
+            first = _squares(left, sign)
+            second = _squares(right, sign if isinstance(term, Add) else -sign)
+            return None if first is None or second is None else [*first, *second]
+        case _:
+            return None
 
 
 def _defined(term: Term, atom: Compare) -> Conjuncts:
