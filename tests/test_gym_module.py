@@ -22,7 +22,7 @@ from dl2c.source import Source
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parent / "examples"
 WAYPOINT = EXAMPLES / "waypoint.kyx"
-REFUSED = {"etcs", "passive_safety", "static_safety"}
+REFUSED = {"etcs", "evasion", "passive_safety", "static_safety"}
 """In plain Python: the environment decides, or tests join inputs."""
 SUPPORTED = sorted(path for path in EXAMPLES.glob("*.kyx") if path.stem not in REFUSED)
 SMALL = EXAMPLES / "rewards" / "deadline.kyx"

@@ -32,6 +32,7 @@ CLOSED_FORM = {
     "acc",
     "bouncing_ball",
     "etcs",
+    "evasion",
     "forced_acceleration",
     "static_safety_line",
     "watertank",

@@ -59,6 +59,7 @@ CLOSED_FORM = (
     "acc",
     "bouncing_ball",
     "etcs",
+    "evasion",
     "forced_acceleration",
     "static_safety_line",
     "watertank",
@@ -72,6 +73,10 @@ PASSIVE = "1.01 + (v^2 / (2 * b) + V * v / b + (A / b + 1.01) * (A / 2 * ep^2 + 
 EQUIVALENT = {
     "acc": {f"0: ?d + vl^2 / (2 * b) > v^2 / {BRAKING}"},
     "etcs": {"0: ?m - z >= (v^2 - d^2) / (2 * b) + (A / b + 1.01) * (A / 2 * ep^2 + ep * v)"},
+    "evasion": {
+        f"?(x - xo)^2 + (y - yo)^2 >= ({reach} + V) * T)^2 | (x - xo) * (ux - vx) + (y - yo) * (uy - vy) >= 0"
+        for reach in ("1 + (2.02 * W", "1.01 + (2 * W")
+    },
     "passive_safety": {f"2: ?abs(x - xo) > {PASSIVE} | abs(y - yo) > {PASSIVE}"},
     "static_safety": {f"2: ?abs(x - xo) > v^2 / {BRAKING} | abs(y - yo) > v^2 / {BRAKING}"},
     "static_safety_line": {f"2: ?x + v^2 / {BRAKING} < xo"},
