@@ -179,7 +179,7 @@ def built(rng: Random, count: int) -> Iterator[tuple[str, Environment]]:
             environment = checked_entry(rng.choice(archive.entries), OPTIONS).environment
         except CompileError:
             continue
-        if not environment.paths.draws:
+        if not (environment.paths.draws or environment.paths.reset_draws):
             yield f"m{found}", environment
             found += 1
 
