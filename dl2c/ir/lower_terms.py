@@ -6,7 +6,6 @@ eliminated and for distances that do not exist.
 """
 
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import assert_never, cast
@@ -23,7 +22,7 @@ from dl2c.ir.logic import (
     folded,
     mapped,
 )
-from dl2c.ir.lower_modal import Modality
+from dl2c.ir.lower_modal import Modality, Scope
 from dl2c.ir.slack import Slacks, settled
 from dl2c.parse import tree
 from dl2c.resolve.symbols import nodes
@@ -35,10 +34,6 @@ E = Fraction(6121026514868073, 2251799813685248)
 
 MAX_EXPONENT = 64
 """A literal exponent up to this is repeated multiplication, above it a call of pow."""
-
-Scope = Mapping[str, ir.Term]
-"""What each name of a model stands for."""
-
 
 LARGEST = Fraction(sys.float_info.max)
 

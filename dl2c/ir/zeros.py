@@ -9,7 +9,7 @@ from fractions import Fraction
 from itertools import pairwise
 from math import nan, sqrt
 
-from dl2c.ir.doubles import from_ordinal, ordinal
+from dl2c.ir.doubles import bisected, from_ordinal, ordinal
 from dl2c.ir.evaluate import Value, square_root
 
 TOUCH = 2.0**-48
@@ -66,14 +66,11 @@ def _bisected(c: Sequence[Value], a: Value, b: Value, below: bool, exact: bool) 
             middle = (a + b) / 2
             a, b = (middle, b) if (_value(c, middle) < 0) == below else (a, middle)
         return b
-    left, right = ordinal(float(a)), ordinal(float(b))
-    while right - left > 1:
-        number = left + (right - left) // 2
-        if (_value(c, from_ordinal(number)) < 0) == below:
-            left = number
-        else:
-            right = number
-    return from_ordinal(right)
+
+    def passed(tried: float) -> bool:
+        return (_value(c, tried) < 0) != below
+
+    return from_ordinal(bisected(passed, ordinal(float(b)), ordinal(float(a))))
 
 
 def _value(c: Sequence[Value], at: Value) -> Value:
