@@ -117,6 +117,24 @@ static inline int dl2c_between(const real *c, real low, real high, real *place)
   return found;
 }
 
+/* Low, where a polynomial of degree above 2 turns between, in order, and high; how many. */
+static inline int dl2c_turns(const real *c, int degree, real low, real high, real *place)
+{
+  real row[DL2C_DEGREE - 1][DL2C_DEGREE + 1]; /* the derivatives */
+  memcpy(row[0], c, (size_t)(degree + 1) * sizeof *c);
+  for (int m = 1; m <= degree - 2; m++)
+    for (int k = 0; k <= degree - m; k++) row[m][k] = (real)(k + 1) * row[m - 1][k + 1];
+  int places = dl2c_between(row[degree - 2], low, high, place);
+  for (int m = degree - 3; m > 0; m--) {
+    real turn[DL2C_DEGREE];
+    const int turns = dl2c_crossings(row[m], degree - m, place, places, turn);
+    memcpy(place + 1, turn, (size_t)turns * sizeof *turn);
+    place[turns + 1] = high;
+    places = turns + 2;
+  }
+  return places;
+}
+
 /*
  * Appends where the polynomial is zero from low to high; up to degree 2 anywhere. Where it turns and
  * nearly touches zero too, and if `near`, wherever it turns. How many.   root: (2*degree + 1 more)
@@ -127,24 +145,24 @@ static inline int dl2c_zeros(const real *c, int degree, real low, real high, boo
   while (degree > 2 && c[degree] == 0.0) degree--;
   if (degree <= 2)
     return !near && dl2c_misses(c[0], c[1], c[2]) ? count : dl2c_roots(c[0], c[1], c[2], root, count);
-  real row[DL2C_DEGREE - 1][DL2C_DEGREE + 1]; /* the derivatives */
-  memcpy(row[0], c, (size_t)(degree + 1) * sizeof *c);
-  for (int m = 1; m <= degree - 2; m++)
-    for (int k = 0; k <= degree - m; k++) row[m][k] = (real)(k + 1) * row[m - 1][k + 1];
-  real place[DL2C_DEGREE + 2]; /* low, where the row last looked at is zero, high */
-  int places = dl2c_between(row[degree - 2], low, high, place);
-  for (int m = degree - 3; m > 0; m--) {
-    real turn[DL2C_DEGREE];
-    const int turns = dl2c_crossings(row[m], degree - m, place, places, turn);
-    memcpy(place + 1, turn, (size_t)turns * sizeof *turn);
-    place[turns + 1] = high;
-    places = turns + 2;
-  }
+  real place[DL2C_DEGREE + 2];
+  const int places = dl2c_turns(c, degree, low, high, place);
   for (int k = 1; k + 1 < places; k++)
     if (near || dl2c_touches(c, degree, place[k])) root[count++] = place[k];
   if (dl2c_touches(c, degree, low)) root[count++] = low;
   if (dl2c_touches(c, degree, high)) root[count++] = high;
   return count + dl2c_crossings(c, degree, place, places, root + count);
+}
+
+/* Where a polynomial of degree 3 or more in (c) changes its sign for the n-th time from low to high,
+ * the first being 0; NaN where it does so less often. */
+static inline real dl2c_root_of(const real *c, int degree, real low, real high, int n)
+{
+  while (degree > 2 && c[degree] == 0.0) degree--;
+  real place[DL2C_DEGREE + 2], root[DL2C_DEGREE];
+  if (degree <= 2) return n + 2 < dl2c_between(c, low, high, place) ? place[n + 1] : (real)NAN;
+  const int places = dl2c_turns(c, degree, low, high, place);
+  return n < dl2c_crossings(c, degree, place, places, root) ? root[n] : (real)NAN;
 }
 
 /* The zeros, or -1 where every value is one. */

@@ -4,7 +4,7 @@ import csv
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -172,7 +172,7 @@ def coverage_of(model: str, options: Mapping[str, Any]) -> tuple[str, bool]:
         return f"initial states are not sampled: {plan.diagnostic.label}", False
     seconds = 0.0
     for around, boxes, region in regions(plan):
-        match coverage(drawn, around, boxes, region):
+        match coverage(replace(drawn, precondition=plan.precondition), around, boxes, region):
             case Covered(taken):
                 seconds += taken
             case Outside(state):

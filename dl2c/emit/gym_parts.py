@@ -22,6 +22,7 @@ from dl2c.ir.printer import print_flow
 from dl2c.ir.slack import equalities_relaxed
 from dl2c.ir.watch import watches_of
 from dl2c.paths.path import Input, Path
+from dl2c.sampling.root_of import RootOf
 
 
 def function(head: str, about: str, body: Iterable[str]) -> str:
@@ -81,7 +82,7 @@ def start_function(environment: Environment, writer: Writer) -> str:
             low, high = min(b.low[k] for b in block.boxes), max(b.high[k] for b in block.boxes)
             limits = (number(_plain(low)), number(_plain(high)))
             drawn.append(Named(f"{python_attribute(name)}=", Bracketed("rng.uniform", limits)))
-        defined += [(n, value(writer, t)) for n, t in chart.definitions]
+        defined += [(n, value(writer, t)) for n, t in chart.definitions if not isinstance(t, RootOf)]
     body = statement("s = ", Bracketed("State", tuple(drawn)), "", 4) + returned(replaced(defined))
     if not defined:
         body = returned(Bracketed("State", tuple(drawn)))

@@ -8,6 +8,8 @@ from dl2c.emit.plan import Environment
 from dl2c.ir.logic import atoms
 from dl2c.ir.model import Formula
 from dl2c.paths.path import END, Path
+from dl2c.sampling.plan import SamplingPlan
+from dl2c.sampling.root_of import RootOf
 from dl2c.source import NOWHERE, Span
 
 
@@ -77,10 +79,14 @@ def _start(environment: Environment) -> Iterator[Diagnostic]:
     span = _place(environment.model.precondition, environment.paths.paths[0].span)
     if plan is None:
         yield _refused(span, "initial states that cannot be drawn")
-    elif plan.weighted or any(len(b.charts) != 1 for b in plan.blocks):
+    elif plan.weighted or any(len(b.charts) != 1 for b in plan.blocks) or _has_root(plan):
         yield _refused(span, "initial states on a curve or surface")
     elif any(chart.between for chart in plan.charts):
         yield _refused(span, "initial states so rare that limits of names depend on others")
+
+
+def _has_root(plan: SamplingPlan) -> bool:
+    return any(isinstance(d, RootOf) for chart in plan.charts for _, d in chart.definitions)
 
 
 def _options(environment: Environment) -> Iterator[Diagnostic]:

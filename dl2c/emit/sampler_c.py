@@ -1,6 +1,6 @@
 """Initial states in C: tables of boxes, and the functions that complete and check a draw."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import function, row, table
@@ -10,6 +10,7 @@ from dl2c.emit.plan import Environment
 from dl2c.ir.model import Model, Symbol
 from dl2c.ir.printer import print_formula, print_term
 from dl2c.sampling.plan import SamplingPlan
+from dl2c.sampling.root_of import RootOf
 from dl2c.sampling.tested import SampleChart
 
 MOST_TEXT = 2000
@@ -70,10 +71,25 @@ def _initial(environment: Environment, chart: SampleChart, leaves: Leaves, suffi
     def place(symbol: Symbol) -> str:
         return parts.get(symbol.name) or slot(symbol)
 
-    for name, term in (*chart.between, *chart.definitions):
-        value = leaves.term(f"initial_set_{name}{suffix}", term, f"{name} = {print_term(term)}", place)
+    for name, definition in (*chart.between, *chart.definitions):
+        if isinstance(definition, RootOf):
+            value = _root_of(name, definition, leaves, suffix, place)
+        else:
+            about = f"{name} = {print_term(definition)}"
+            value = leaves.term(f"initial_set_{name}{suffix}", definition, about, place)
         body.append(f"{_target(symbols[name])} = {value};")
     return body
+
+
+def _root_of(name: str, root: RootOf, leaves: Leaves, suffix: str, place: Callable[[Symbol], str]) -> str:
+    """The call that looks for it."""
+    row = ", ".join(
+        leaves.term(f"initial_{name}_{k}{suffix}", c, f"Of {name}^{k}: {print_term(c)}", place)
+        for k, c in enumerate(root.coefficients)
+    )
+    limits = f"{number(root.low)}, {number(root.high)}"
+    degree = len(root.coefficients) - 1
+    return f"dl2c_root_of((const real[]){{{row}}}, {degree}, {limits}, {root.number})"
 
 
 def _rounded(value: str, far: float | None) -> str:

@@ -1,9 +1,23 @@
-"""Whether a step forgets a variable's old value."""
+"""Which variables a program changes, and whether it forgets their old values."""
 
+from collections.abc import Iterator
 from typing import assert_never
 
 from dl2c.ir.logic import symbols
-from dl2c.ir.model import Assign, AssignAny, Block, Choice, Evolve, Flow, If, Repeat, Symbol, Test, While
+from dl2c.ir.model import (
+    Assign,
+    AssignAny,
+    Block,
+    Choice,
+    Evolve,
+    Flow,
+    If,
+    Repeat,
+    Statement,
+    Symbol,
+    Test,
+    While,
+)
 
 
 def overwritten(block: Block, variable: str, flows: tuple[Flow, ...]) -> bool:
@@ -48,3 +62,33 @@ def _scan(block: Block, symbol: Symbol, flows: tuple[Flow, ...]) -> tuple[bool, 
         if reads or writes:
             return reads, writes
     return False, False
+
+
+def statements(block: Block) -> Iterator[Statement]:
+    """All statements of a program, also those inside others."""
+    for statement in block:
+        yield statement
+        match statement:
+            case Choice(_, alternatives):
+                for alternative in alternatives:
+                    yield from statements(alternative.body)
+            case If(_, _, then, orelse):
+                yield from statements((*then, *orelse))
+            case While(body=body) | Repeat(body=body):
+                yield from statements(body)
+            case _:
+                pass
+
+
+def written(block: Block, flows: tuple[Flow, ...]) -> frozenset[str]:
+    """Variables that a program may change."""
+    found: set[str] = set()
+    for statement in statements(block):
+        match statement:
+            case Assign(name) | AssignAny(name):
+                found.add(name)
+            case Evolve(k):
+                found.update(name for name, _ in flows[k].equations)
+            case _:
+                pass
+    return frozenset(found)

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from dl2c.diagnostics import Diagnostic, warning
+from dl2c.ir.liveness import written
 from dl2c.ir.logic import domain_at_end, mapped, negation, operands, substituted
 from dl2c.ir.model import (
     Assign,
@@ -25,7 +26,7 @@ from dl2c.ir.model import (
     Truth,
     While,
 )
-from dl2c.lint.world import rigid_facts, written
+from dl2c.lint.world import rigid_facts
 from dl2c.smt.precondition import span_of
 from dl2c.smt.query import Oracle
 from dl2c.source import NOWHERE, Span

@@ -6,55 +6,9 @@ its bounds, and the variables that do change.
 
 from collections.abc import Iterable, Iterator
 
+from dl2c.ir.liveness import written
 from dl2c.ir.logic import conjuncts, symbols
-from dl2c.ir.model import (
-    Assign,
-    AssignAny,
-    Block,
-    Bound,
-    Choice,
-    Compare,
-    Evolve,
-    Flow,
-    Formula,
-    If,
-    Model,
-    Number,
-    Repeat,
-    Statement,
-    Symbol,
-    While,
-)
-
-
-def statements(block: Block) -> Iterator[Statement]:
-    """All statements of a program, also those inside others."""
-    for statement in block:
-        yield statement
-        match statement:
-            case Choice(_, alternatives):
-                for alternative in alternatives:
-                    yield from statements(alternative.body)
-            case If(_, _, then, orelse):
-                yield from statements((*then, *orelse))
-            case While(body=body) | Repeat(body=body):
-                yield from statements(body)
-            case _:
-                pass
-
-
-def written(block: Block, flows: tuple[Flow, ...]) -> frozenset[str]:
-    """Variables that a program may change."""
-    found: set[str] = set()
-    for statement in statements(block):
-        match statement:
-            case Assign(name) | AssignAny(name):
-                found.add(name)
-            case Evolve(k):
-                found.update(name for name, _ in flows[k].equations)
-            case _:
-                pass
-    return frozenset(found)
+from dl2c.ir.model import Bound, Compare, Formula, Model, Number, Symbol
 
 
 def changing(model: Model) -> frozenset[str]:

@@ -40,6 +40,7 @@ from dl2c.ir.model import (
     Truth,
 )
 from dl2c.sampling.grid import Grid, granule
+from dl2c.sampling.root_of import Definition, RootOf
 from dl2c.sampling.running import NoErrorBound, running_error
 
 Errors: TypeAlias = Mapping[Symbol, float]
@@ -65,7 +66,7 @@ class Acceptance:
 
 def acceptance(
     formula: Formula,
-    definitions: Sequence[tuple[Symbol, Term]],
+    definitions: Sequence[tuple[Symbol, Definition]],
     bounds: Mapping[Symbol, Formula],
     box: Box,
     between: Sequence[Symbol] = (),
@@ -86,21 +87,14 @@ def acceptance(
         if (limited := contract(limit, ranges)) is None:
             return Acceptance(FALSE, errors)
         ranges = limited
-    for symbol, term in definitions:
-        limits = [bounds[symbol]]
-        try:
-            if (exponent := granule(term, known, ranges)) is not None:
-                known[symbol] = exponent
-            error = error_bound(term, ranges, errors) if exponent is None else 0.0
-            errors[symbol] = _moderate(error, box[symbol])
-            tests += _defined(term, ranges, errors)
-        except NoErrorBound:
-            errors[symbol] = ALLOWED_ERROR * max(1.0, magnitude(box[symbol]).high)
-            running = running_error(term, errors)
-            tests += [*running.conditions, Compare("<=", running.error, Number(Fraction(errors[symbol])))]
-            limits += _inside(symbol, box[symbol])
-        ranges[symbol] = evaluate(term, ranges)
-        for limit in limits:
+    for symbol, definition in definitions:
+        exponent = None if isinstance(definition, RootOf) else granule(definition, known, ranges)
+        if exponent is not None:
+            known[symbol] = exponent
+        found = _computed(symbol, definition, exponent is not None, box[symbol], ranges, errors)
+        errors[symbol], ranges[symbol] = found.error, found.range
+        tests += found.tests
+        for limit in (bounds[symbol], *found.limits):
             tests.append(_proved(limit, ranges, errors))
             if ranges[symbol].empty or (limited := contract(limit, ranges)) is None:
                 return Acceptance(FALSE, {**dict.fromkeys(defined, 0.0), **errors})
@@ -108,10 +102,46 @@ def acceptance(
     return Acceptance(conjunction([*tests, _proved(formula, ranges, errors)]), errors)
 
 
-def _moderate(error: float, around: Interval) -> float:
-    if error > ALLOWED_ERROR * max(1.0, magnitude(around).high):
-        raise NoErrorBound
-    return error
+@dataclass(frozen=True, slots=True)
+class _Computed:
+    """A value off by at most `error` where the `tests` hold; it counts only inside the `limits`."""
+
+    error: float
+    range: Interval
+    tests: tuple[Formula, ...]
+    limits: tuple[Formula, ...] = ()
+
+
+def _computed(
+    symbol: Symbol, definition: Definition, is_exact: bool, around: Interval, ranges: Box, errors: Errors
+) -> _Computed:
+    allowed = ALLOWED_ERROR * max(1.0, magnitude(around).high)
+    if isinstance(definition, RootOf):
+        test = _crossed(definition, allowed, errors)
+        return _Computed(allowed, Interval(definition.low, definition.high), (test,))
+    span = evaluate(definition, ranges)
+    try:
+        error = 0.0 if is_exact else error_bound(definition, ranges, errors)
+        if error > allowed:
+            raise NoErrorBound
+        return _Computed(error, span, tuple(_defined(definition, ranges, errors)))
+    except NoErrorBound:
+        running = running_error(definition, errors)
+        tests = (*running.conditions, Compare("<=", running.error, Number(Fraction(allowed))))
+        return _Computed(allowed, span, tests, tuple(_inside(symbol, around)))
+
+
+def _crossed(root: RootOf, reach: float, errors: Errors) -> Formula:
+    """The polynomial has certainly different signs so far before and after the computed value: there is a
+    zero between (intermediate value theorem)."""
+    exact = {**errors, root.symbol: 0.0}
+    sides: list[tuple[Formula, Formula]] = []
+    for value in root.around(reach):
+        running = running_error(value, exact)
+        below, above = Compare("<", value, Neg(running.error)), Compare(">", value, running.error)
+        sides.append((conjunction([*running.conditions, below]), conjunction([*running.conditions, above])))
+    (low_before, high_before), (low_after, high_after) = sides
+    return disjunction([conjunction([low_before, high_after]), conjunction([high_before, low_after])])
 
 
 def _inside(symbol: Symbol, around: Interval) -> Iterator[Formula]:

@@ -23,6 +23,7 @@ from dl2c.sampling.equalities import Elimination, Unsolved, eliminate
 from dl2c.sampling.linear import replaced
 from dl2c.sampling.measure import Measure, TooEntangled, measure_of
 from dl2c.sampling.refusal import beyond_doubles, entangled, unsolved, without_sample
+from dl2c.sampling.root_of import Definition, RootOf
 
 Items: TypeAlias = Mapping[Symbol, Variable | Constant]
 """The names to sample, in the order of `Model.sampled`, with their declarations."""
@@ -43,7 +44,7 @@ class Chart:
     """
 
     free: tuple[Symbol, ...]
-    definitions: tuple[tuple[Symbol, Term], ...]
+    definitions: tuple[tuple[Symbol, Definition], ...]
     rest: Formula
     bounds: Mapping[Symbol, Formula]
     formula: Formula
@@ -142,7 +143,9 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
     defined = dict(elimination.definitions)
     free = tuple(s for s in items if s not in defined)
     bent = {row.symbol for row in elimination.rows}
-    equal = [Compare("=", s, t) for s, t in elimination.definitions if s in bent]
+    equal = [
+        Compare("=", s, t) for s, t in elimination.definitions if s in bent and not isinstance(t, RootOf)
+    ]
     further = [_inner(c) for c in elimination.rest if c not in case]
     formula = conjunction([*case, *further, *equal, *_shortened(elimination)])
     around = contract(formula, box)
@@ -174,7 +177,9 @@ def _inner(condition: Formula) -> Formula:
 def _shortened(elimination: Elimination) -> Iterator[Compare]:
     """Conjuncts that lose names where defined ones are replaced by their polynomials: intervals do not see
     that these cancel."""
-    values = {s: t for s, t in elimination.definitions if normal_form(t) is not None}
+    values = {
+        s: t for s, t in elimination.definitions if not isinstance(t, RootOf) and normal_form(t) is not None
+    }
     for atom in elimination.rest:
         if not isinstance(atom, Compare) or not symbols(atom) & values.keys():
             continue

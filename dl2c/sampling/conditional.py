@@ -21,6 +21,7 @@ from dl2c.ir.normal import divided, normal_form
 from dl2c.sampling.algebra import size_of, term_of
 from dl2c.sampling.charts import Chart
 from dl2c.sampling.linear import linear_parts, replaced
+from dl2c.sampling.root_of import RootOf
 
 MOST = 12
 """Names of a chart that are drawn in this way."""
@@ -67,6 +68,8 @@ def _definitions(chart: Chart) -> dict[Symbol, Term]:
     """Short definitions, over drawn names alone."""
     values: dict[Symbol, Term] = {}
     for symbol, term in chart.definitions:
+        if isinstance(term, RootOf):
+            continue
         value = replaced(term, values)
         if size_of(value) <= LONGEST_LIMIT and symbols(value) <= set(chart.free):
             values[symbol] = value

@@ -3,7 +3,7 @@
 Top-level conjuncts and a box that holds every initial state come in; definitions for
 as many names as there are independent equalities go out, with the conjuncts that are
 left. A name has one definition where an equality is linear in it and its coefficient is
-proved to vanish nowhere in the box; else an equality is solved in charts (quadrics.py).
+proved to vanish nowhere in the box; else an equality is solved in charts (branches.py).
 """
 
 import math
@@ -25,8 +25,9 @@ from dl2c.sampling.algebra import (
     term_of,
     without_content,
 )
+from dl2c.sampling.branches import Branch, Row, branches_of
 from dl2c.sampling.linear import Solution, is_tautology, linear_parts, rank, replaced, solutions
-from dl2c.sampling.quadrics import Branch, Row, branches_of
+from dl2c.sampling.root_of import Definition, names_of, with_terms
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,7 @@ class Elimination:
     """`definitions` in the order of evaluation; `rest` holds no equality. `rows` are the slopes of
     the defined names that are no affine functions of others."""
 
-    definitions: tuple[tuple[Symbol, Term], ...]
+    definitions: tuple[tuple[Symbol, Definition], ...]
     rest: tuple[Formula, ...]
     rows: tuple[Row, ...] = ()
 
@@ -88,7 +89,7 @@ def _eliminated(
         return
     known = {s.symbol for s in solved}
     unknown = [n for n in names if n not in known]
-    equality, branches = _branching(left, unknown, lambda s: _is_nonzero(s, limits, box))
+    equality, branches = _branching(left, unknown, box, lambda s: _is_nonzero(s, limits, box))
     if left and not branches:
         solved, left = _directly_solved(pending, names, rest, box, steep=True)
         if left:
@@ -99,7 +100,7 @@ def _eliminated(
         reduced = [_reduced(e, branch) for e in left if e is not equality]
         others = [e for e, _ in reduced] + [Compare("=", s.symbol, s.term) for s in solved]
         conditions = [c for s in solved for c in s.conditions] + [c for _, cs in reduced for c in cs]
-        free = tuple(n for n in names if n != branch.symbol and n not in symbols(branch.term))
+        free = tuple(n for n in names if n != branch.symbol and n not in names_of(branch.value))
         yield from _eliminated(others, (*rest, *conditions, *branch.conditions), free, (*chosen, branch), box)
 
 
@@ -122,11 +123,11 @@ def _cancelled(equality: Compare, others: Sequence[Formula], box: Box) -> Compar
 
 
 def _branching(
-    equalities: Sequence[Compare], names: Sequence[Symbol], is_nonzero: Callable[[Symbol], bool]
+    equalities: Sequence[Compare], names: Sequence[Symbol], box: Box, is_nonzero: Callable[[Symbol], bool]
 ) -> tuple[Compare | None, tuple[Branch, ...]]:
     """The shortest equality that can be solved in charts, and these."""
     for equality in sorted(equalities, key=lambda e: len(symbols(e))):
-        if branches := branches_of(equality, names, is_nonzero):
+        if branches := branches_of(equality, names, box, is_nonzero):
             return equality, branches
     return None, ()
 
@@ -134,7 +135,10 @@ def _branching(
 def _assembled(
     chosen: Sequence[Branch], solved: Sequence[Solution], rest: Sequence[Formula], box: Box
 ) -> Elimination:
-    definitions = [(s.symbol, s.term) for s in (*chosen, *reversed(solved))]
+    definitions = [
+        *((b.symbol, b.value) for b in chosen),
+        *((s.symbol, s.term) for s in reversed(solved)),
+    ]
     rows = [*(b.row for b in chosen), *(r for s in solved if (r := _row(s, box)) is not None)]
     return _with_numbers(definitions, [*rest, *(c for s in solved for c in s.conditions)], rows)
 
@@ -173,7 +177,7 @@ def _reduced(equality: Compare, branch: Branch) -> tuple[Compare, tuple[Formula,
         return equality, ()
     if any(rest) and len(rest) > len(form):
         return equality, ()
-    known = {(s.kind, s.name): s for s in symbols(equality) | symbols(branch.term) | {branch.symbol}}
+    known = {(s.kind, s.name): s for s in symbols(equality) | names_of(branch.value) | {branch.symbol}}
     divisor = () if parts[1] == ONE else (Compare("!=", parts[1], ZERO, span=equality.span),)
     return Compare("=", term_of(rest, known), ZERO, span=equality.span), divisor
 
@@ -195,13 +199,13 @@ def _row(solution: Solution, box: Box) -> Row | None:
 
 
 def _with_numbers(
-    definitions: Iterable[tuple[Symbol, Term]], rest: Iterable[Formula], rows: Iterable[Row]
+    definitions: Iterable[tuple[Symbol, Definition]], rest: Iterable[Formula], rows: Iterable[Row]
 ) -> Elimination:
     """Names that turned out to be plain numbers replaced wherever they occur."""
     numbers: dict[Symbol, Term] = {}
-    simple: list[tuple[Symbol, Term]] = []
-    for symbol, term in definitions:
-        value = replaced(term, numbers)
+    simple: list[tuple[Symbol, Definition]] = []
+    for symbol, definition in definitions:
+        value = with_terms(definition, lambda t: replaced(t, numbers))
         simple.append((symbol, value))
         if isinstance(value, Number):
             numbers[symbol] = value

@@ -13,6 +13,7 @@ from typing import TypeAlias
 from dl2c.interval.arithmetic import Box, Interval, evaluate, magnitude
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import Add, Call, Compare, Div, Mul, Neg, Number, Sub, Symbol, Term
+from dl2c.sampling.root_of import Definition, RootOf, names_of
 
 Grid: TypeAlias = Mapping[Symbol, int]
 """Exponents: a name is a multiple of two to this power."""
@@ -22,11 +23,13 @@ COARSEST = 16
 """Bits that the grid may have less than doubles of the largest size."""
 
 
-def grid_of(definitions: Sequence[tuple[Symbol, Term]], equalities: Sequence[Compare], box: Box) -> Grid:
+def grid_of(
+    definitions: Sequence[tuple[Symbol, Definition]], equalities: Sequence[Compare], box: Box
+) -> Grid:
     """The finest grid on which all definitions are exact, and both sides of the equalities that they
     solve; empty where there is none."""
     defined = {s for s, _ in definitions}
-    drawn = {s for _, t in definitions for s in symbols(t)} - defined
+    drawn = {s for _, t in definitions for s in names_of(t)} - defined
     largest = max((magnitude(box[s]).high for s in drawn | defined), default=math.inf)
     if not drawn or not math.isfinite(largest):
         return {}
@@ -40,11 +43,11 @@ def grid_of(definitions: Sequence[tuple[Symbol, Term]], equalities: Sequence[Com
 
 
 def _is_exact(
-    definitions: Sequence[tuple[Symbol, Term]], solved: Sequence[Term], grid: Grid, box: Box
+    definitions: Sequence[tuple[Symbol, Definition]], solved: Sequence[Term], grid: Grid, box: Box
 ) -> bool:
     known = dict(grid)
     for symbol, term in definitions:
-        exponent = granule(term, known, box)
+        exponent = None if isinstance(term, RootOf) else granule(term, known, box)
         if exponent is None:
             return False
         known[symbol] = exponent

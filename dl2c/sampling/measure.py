@@ -21,8 +21,9 @@ from dl2c.ir.logic import folded, minus, plus, times
 from dl2c.ir.model import ONE, ZERO, Div, Number, Symbol, Term
 from dl2c.ir.normal import normal_form
 from dl2c.sampling.algebra import is_affine
+from dl2c.sampling.branches import Row
 from dl2c.sampling.equalities import Elimination
-from dl2c.sampling.quadrics import Row
+from dl2c.sampling.root_of import RootOf
 
 Affine: TypeAlias = dict[Symbol, Fraction]
 """Coefficients; the constant term plays no part."""
@@ -69,7 +70,7 @@ def measure_of(elimination: Elimination) -> Measure:
     bent = {row.symbol for row in elimination.rows}
     affine: dict[Symbol, Affine] = {}
     for symbol, term in elimination.definitions:
-        if symbol not in bent:
+        if symbol not in bent and not isinstance(term, RootOf):
             affine[symbol] = _affine(term, affine)
     determinant, inverse = _metric(list(affine.values()))
     order = [symbol for symbol, _ in elimination.definitions]

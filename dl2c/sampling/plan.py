@@ -9,7 +9,8 @@ over the reals; only solved equalities can be off, by `error_bound`.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Literal
 
 import numpy as np
@@ -17,15 +18,17 @@ import numpy as np
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import Box, hull_of
 from dl2c.interval.contract import contractor
-from dl2c.ir.logic import atoms, conjunction, symbols
-from dl2c.ir.model import ONE, Model
+from dl2c.ir.enabled import enabling
+from dl2c.ir.logic import atoms, conjunction, conjuncts, symbols
+from dl2c.ir.model import ONE, TRUE, Formula, Model
 from dl2c.sampling.algebra import size_of
 from dl2c.sampling.arrays import completed, holds, uniform
 from dl2c.sampling.charts import Chart, inward
 from dl2c.sampling.conditional import conditional
 from dl2c.sampling.density import density_bound
+from dl2c.sampling.draw import draw_many
 from dl2c.sampling.paving import Leaf, Root, pave
-from dl2c.sampling.problem import Problem, problem_of
+from dl2c.sampling.problem import Problem, is_algebraic, problem_of
 from dl2c.sampling.refusal import imprecise, too_long, unbounded_density, without_sample
 from dl2c.sampling.running import NoErrorBound
 from dl2c.sampling.tested import SampleChart, by_chance, is_short, named, tested
@@ -39,7 +42,10 @@ TRIALS = 2**18
 """Points in all boxes together from which the acceptance is estimated."""
 
 RARE = 0.1
-"""An acceptance below which names are drawn between limits."""
+"""An acceptance below which names are drawn between limits, and a part of states that is too small."""
+
+DRAWS = 256
+"""States of which is seen how many may have a run."""
 
 COORDINATES = 2**24
 """Numbers that all these points may have together: states of many names get fewer points."""
@@ -68,7 +74,7 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class SamplingPlan:
-    """How to draw an initial state: for each block in turn, until a draw is accepted,
+    """How to draw a state in which `precondition` holds: for each block in turn, until a draw is accepted,
 
     choose a box by weight; draw each free name of its chart as `low + u * (high - low)`, u uniform on
     [0, 1), not above `high`, and round it to the chart's grid; compute the definitions; where the plan is
@@ -81,6 +87,7 @@ class SamplingPlan:
     """
 
     names: tuple[str, ...]
+    precondition: Formula
     blocks: tuple[SampleBlock, ...]
     certificate: Literal["exact", "witness"]
     error_bound: float
@@ -121,9 +128,31 @@ def plan_sampling(
     """Tables for drawing initial states; in each block at most `boxes` boxes, or one for each chart.
 
     `decision` is what `decide(model)` said, where that is known already. The time limit bounds Z3
-    in seconds, and the paving by as much work as takes about that long.
+    in seconds, and the paving by as much work as takes about that long. Resets draw again where a state has
+    no run; where hardly any state has one, what runs need is made part of the precondition.
     """
     decision = decide(model, time_limit_s) if decision is None else decision
+    plan = _planned(model, boxes, time_limit_s, decision)
+    needed = conjunction(c for c in conjuncts(enabling(model)) if is_algebraic(c))
+    if isinstance(plan, NoSampler) or not _is_rare(needed, model, plan):
+        return plan
+    narrowed = replace(model, precondition=conjunction([model.precondition, needed]))
+    other = _planned(narrowed, boxes, time_limit_s, decide(narrowed, time_limit_s))
+    return plan if isinstance(other, NoSampler) else other
+
+
+def _is_rare(condition: Formula, model: Model, plan: SamplingPlan) -> bool:
+    """Whether few of the drawn states satisfy the condition."""
+    if condition == TRUE:
+        return False
+    columns = draw_many(plan, np.random.default_rng(SEED), DRAWS)
+    fixed = {c.name: c.value for c in model.constants if c.value is not None}
+    zeros = {v.name: Fraction(0) for v in model.variables if v.initial == "zero"}
+    columns |= {name: np.full(DRAWS, float(value)) for name, value in (fixed | zeros).items()}
+    return float(np.mean(holds(condition, columns, DRAWS))) < RARE
+
+
+def _planned(model: Model, boxes: int, time_limit_s: float, decision: Decision) -> SamplingPlan | NoSampler:
     try:
         problem = problem_of(model, decision)
         sizes = [_length(charts) for charts in problem.blocks]
@@ -139,6 +168,7 @@ def plan_sampling(
     error_bound = max((error for _, error in planned), default=0.0)
     return SamplingPlan(
         names=model.sampled,
+        precondition=model.precondition,
         blocks=tuple(block for block, _ in planned),
         certificate="witness" if error_bound > 0 else "exact",
         error_bound=error_bound,

@@ -115,10 +115,20 @@ def _outward(bound: Bound) -> Interval:
 
 
 def _check_functions(formula: Formula) -> None:
+    for call, atom in _transcendental(formula):
+        raise CompileError(transcendental(call, atom))
+
+
+def is_algebraic(formula: Formula) -> bool:
+    """Whether its functions may occur in a precondition."""
+    return next(_transcendental(formula), None) is None
+
+
+def _transcendental(formula: Formula) -> Iterator[tuple[Call, Compare]]:
     for atom in atoms(formula):
         for call in (c for side in (atom.left, atom.right) for c in _calls(side)):
             if call.function not in ALGEBRAIC:
-                raise CompileError(transcendental(call, atom))
+                yield call, atom
 
 
 def _calls(term: Term) -> Iterator[Call]:

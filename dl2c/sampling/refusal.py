@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from dl2c.diagnostics import Diagnostic, error
 from dl2c.ir.model import Call, Compare, Constant, Formula, Variable
+from dl2c.ir.zeros import MAX_DEGREE
 from dl2c.smt.precondition import span_of, text_of
 from dl2c.source import NOWHERE, Span
 
@@ -37,8 +38,11 @@ def transcendental(call: Call, atom: Compare) -> Diagnostic:
 
 
 def unsolved(atom: Compare) -> Diagnostic:
-    """An equality that is neither linear nor quadratic in a name that no other one determines."""
-    label = f"`{text_of(atom)}` determines no name: it must be linear or quadratic in one"
+    """An equality that is no polynomial of moderate degree in a name that no other one determines."""
+    label = (
+        f"`{text_of(atom)}` determines no name: it must be a polynomial of degree 1 or 2 in one, "
+        f"or up to {MAX_DEGREE} in one with limits"
+    )
     return _refused(atom.span, label)
 
 

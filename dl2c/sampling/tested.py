@@ -18,6 +18,7 @@ from dl2c.sampling.acceptance import acceptance
 from dl2c.sampling.arrays import Bools, Columns, Floats, values
 from dl2c.sampling.charts import Chart, within
 from dl2c.sampling.grid import Grid, grid_of, rounding
+from dl2c.sampling.root_of import Definition
 
 LONGEST_TEST = 20_000
 """Numbers, names and operations of a test that compilers still read in a moment."""
@@ -33,7 +34,7 @@ class SampleChart:
     free: tuple[str, ...]
     grid: Mapping[str, float]
     between: tuple[tuple[str, Term], ...]
-    definitions: tuple[tuple[str, Term], ...]
+    definitions: tuple[tuple[str, Definition], ...]
     acceptance: Formula
     squared_density: Term
     region: Formula

@@ -1,16 +1,18 @@
-"""Equalities that are linear or quadratic in some names, solved for each of these in turn.
+"""Equalities between polynomials, solved for each of their names in turn.
 
 An equality comes in; charts go out: in each one name is a term of the others, and it is the name to
 whose changes the equality is most sensitive. So its changes are at most as large as those of the
 other names that could have been solved for. The charts cover all solutions but singular points, and
-meet only in their boundaries.
+meet only in their boundaries. Names of degree 1 and 2 have terms; those of higher degrees are looked for
+where a draw leaves no other way, since that takes longer.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import isqrt
 
+from dl2c.interval.arithmetic import Box, evaluate
 from dl2c.ir.logic import folded, plus, symbols
 from dl2c.ir.model import (
     ONE,
@@ -37,6 +39,7 @@ from dl2c.sampling.algebra import (
     term_of,
     without_content,
 )
+from dl2c.sampling.root_of import Definition, has_roots, roots_of
 
 TWO, FOUR = Number(Fraction(2)), Number(Fraction(4))
 
@@ -55,17 +58,17 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """The equality, `form` = 0, is solved by `symbol = term` where the `conditions` hold."""
+    """The equality, `form` = 0, is solved by `symbol = value` where the `conditions` hold."""
 
     symbol: Symbol
-    term: Term
+    value: Definition
     conditions: tuple[Formula, ...]
     row: Row
     form: Normal
 
 
 def branches_of(
-    equality: Compare, names: Sequence[Symbol], is_nonzero: Callable[[Symbol], bool]
+    equality: Compare, names: Sequence[Symbol], box: Box, is_nonzero: Callable[[Symbol], bool]
 ) -> tuple[Branch, ...]:
     """Charts of the solutions over `names`; none where no name is solved for or terms are too long."""
     parts = fraction(Sub(equality.left, equality.right))
@@ -74,15 +77,34 @@ def branches_of(
         return ()
     below = normal_form(parts[1])
     form = without_content(form, set() if below is None else content(below))
-    solvable = [s for s in names if _degree(form, s) in (1, 2)]
+    divisor = () if parts[1] == ONE else (Compare("!=", parts[1], ZERO, span=equality.span),)
     try:
-        found = [b for s in solvable for b in _charts(form, s, solvable, is_nonzero)]
+        return tuple(
+            replace(b, conditions=(*divisor, *_placed(b.conditions, equality)))
+            for b in _solved(form, names, box, is_nonzero)
+        )
     except _TooLong:
         return ()
-    divisor = () if parts[1] == ONE else (Compare("!=", parts[1], ZERO, span=equality.span),)
-    return tuple(
-        Branch(b.symbol, b.term, (*divisor, *_placed(b.conditions, equality)), b.row, form) for b in found
-    )
+
+
+def _solved(
+    form: Normal, names: Sequence[Symbol], box: Box, is_nonzero: Callable[[Symbol], bool]
+) -> list[Branch]:
+    """By names of degree 1 and 2, unless slopes along others have no bound then. Raises `_TooLong`."""
+    short = [s for s in names if _degree(form, s) in (1, 2)]
+    every = [s for s in names if s in short or has_roots(_degree(form, s), s, box)]
+    found = [b for s in short for b in _charts(form, s, short, box, is_nonzero)]
+    if every == short or (short and all(_is_gentle(b, form, every, box) for b in found)):
+        return found
+    return [b for s in every for b in _charts(form, s, every, box, is_nonzero)]
+
+
+def _is_gentle(branch: Branch, form: Normal, names: Sequence[Symbol], box: Box) -> bool:
+    """Whether the changes with each of these names have a bound."""
+    known = {(s.kind, s.name): s for s in _symbols(form)}
+    slope = evaluate(term_of(derivative(form, branch.symbol), known), box)
+    bounded = {branch.symbol, *branch.row.gentle, *branch.row.limits}
+    return not slope.contains(0.0) or all(s in bounded for s in names)
 
 
 class _TooLong(Exception):
@@ -99,13 +121,18 @@ def _degree(form: Normal, symbol: Symbol) -> int:
 
 
 def _charts(
-    form: Normal, symbol: Symbol, solvable: Sequence[Symbol], is_nonzero: Callable[[Symbol], bool]
+    form: Normal,
+    symbol: Symbol,
+    solvable: Sequence[Symbol],
+    box: Box,
+    is_nonzero: Callable[[Symbol], bool],
 ) -> Iterator[Branch]:
     known = {(s.kind, s.name): s for s in _symbols(form)}
     by_power = powers(form, symbol)
     c0, c1, c2 = (term_of(by_power.get(k, {}), known) for k in range(3))
     slope = term_of(derivative(form, symbol), known)
-    steepness = _expanded(Pow(slope, 2) if c2 == ZERO else _discriminant(c0, c1, c2))
+    is_quadratic = max(by_power) == 2
+    steepness = _expanded(_discriminant(c0, c1, c2) if is_quadratic else Pow(slope, 2))
     others = {o: term_of(derivative(form, o), known) for o in known.values() if o != symbol}
     conditions: list[Formula] = []
     for other in (o for o in solvable if o != symbol):
@@ -121,8 +148,9 @@ def _charts(
         frozenset(o for o in solvable if o != symbol),
         {o: limit for o, limit in limits.items() if limit is not None},
     )
-    for term in _roots(c0, c1, c2):
-        yield Branch(symbol, term, tuple(conditions), row, form)
+    values = _roots(c0, c1, c2) if max(by_power) <= 2 else roots_of(form, symbol, box, known)
+    for value in values:
+        yield Branch(symbol, value, tuple(conditions), row, form)
 
 
 def _limit(form: Normal, steps: Sequence[Normal], known: Mapping[tuple[str, str], Symbol]) -> Term | None:

@@ -1,0 +1,70 @@
+"""What every run needs of the state in which it begins.
+
+A model goes in; a formula over the state after a reset is drawn comes out: the tests and domains of each way
+through the program, as far as nothing has changed yet what they are about. It holds wherever there is a run,
+and may hold elsewhere too.
+"""
+
+from collections.abc import Set
+from typing import assert_never
+
+from dl2c.ir.liveness import written
+from dl2c.ir.logic import conjunction, conjuncts, disjunction, symbols
+from dl2c.ir.model import (
+    Assign,
+    AssignAny,
+    Block,
+    Choice,
+    Evolve,
+    Flow,
+    Formula,
+    If,
+    Model,
+    Repeat,
+    Symbol,
+    Test,
+    While,
+)
+
+
+def enabling(model: Model) -> Formula:
+    """True in every state from which the prefix and a first step have a run."""
+    return _needed((*model.prefix, *model.lead, *model.body), model.flows, set())
+
+
+def _needed(block: Block, flows: tuple[Flow, ...], changed: Set[str]) -> Formula:
+    """Of a block, some variables having changed before it."""
+    found: list[Formula] = []
+    for statement in block:
+        match statement:
+            case Test(formula):
+                found.append(_kept(formula, changed))
+            case Evolve(k):
+                found.append(_kept(flows[k].domain, changed))
+            case Choice(_, alternatives):
+                found.append(disjunction(_needed(a.body, flows, changed) for a in alternatives))
+            case If(condition, otherwise, then, orelse):
+                ways = ((condition, then), (otherwise, orelse))
+                found.append(
+                    disjunction(
+                        conjunction([_kept(c, changed), _needed(body, flows, changed)]) for c, body in ways
+                    )
+                )
+            case Assign() | AssignAny() | While() | Repeat():
+                pass
+            case _:
+                assert_never(statement)
+        changed = changed | written((statement,), flows)
+    return conjunction(found)
+
+
+def _kept(formula: Formula, changed: Set[str]) -> Formula:
+    """The conjuncts that are about the state in which the run began."""
+    gone = {Symbol(name, "variable") for name in changed}
+    return conjunction(
+        c for c in conjuncts(formula) if not symbols(c) & gone and all(map(_is_of_state, symbols(c)))
+    )
+
+
+def _is_of_state(symbol: Symbol) -> bool:
+    return symbol.kind in ("variable", "constant")
