@@ -36,7 +36,7 @@ from dl2c.source import Source
 STEPS, SEEDS = 200, 5
 MOST_BLOCKED = 0.2
 LEAST_RUN = 0.85
-SECONDS = 120.0
+SECONDS = 300.0
 """For one model, compiling included."""
 RUNS = "runs"
 ACTIONS: Options = replace(OPTIONS, mask_depth="step")
@@ -106,7 +106,7 @@ def _row(file: str, number: int, entry: tree.Entry) -> Row:
     except CompileError as problem:
         return Row(file, number, entry.name, codes(problem))
     with tempfile.TemporaryDirectory() as folder:
-        batch = library_of(environment, Path(folder), ("-O0",)).batch(SEEDS, autoreset="same_step")
+        batch = library_of(environment, Path(folder), ("-O1",)).batch(SEEDS, autoreset="same_step")
         predicates = [p.name for p in environment.model.predicates]
         try:
             batch.reset(seeds=np.arange(SEEDS, dtype=np.uint64))

@@ -2,10 +2,13 @@
 
 A model goes in; a formula over the state after a reset is drawn comes out: the tests and domains of each way
 through the program, as far as nothing has changed yet what they are about. It holds wherever there is a run,
-and may hold elsewhere too.
+and may hold elsewhere too. Equalities that a flow conserves are relaxed there by the slack of the model, or
+exact, as models mean them.
 """
 
 from collections.abc import Set
+from dataclasses import replace
+from fractions import Fraction
 from typing import assert_never
 
 from dl2c.ir.liveness import written
@@ -25,11 +28,19 @@ from dl2c.ir.model import (
     Test,
     While,
 )
+from dl2c.ir.slack import relaxed
 
 
-def enabling(model: Model) -> Formula:
+def enabling(model: Model, *, exact: bool = False) -> Formula:
     """True in every state from which the prefix and a first step have a run."""
-    return _needed((*model.prefix, *model.lead, *model.body), model.flows, set())
+    domains = [_exact_domain(f, model.tolerance) if exact else f.domain for f in model.flows]
+    flows = tuple(replace(f, domain=d) for f, d in zip(model.flows, domains, strict=True))
+    return _needed((*model.prefix, *model.lead, *model.body), flows, set())
+
+
+def _exact_domain(flow: Flow, tolerance: Fraction) -> Formula:
+    slack = {relaxed(equality, tolerance): equality for equality in flow.invariants}
+    return conjunction(slack.get(c, c) for c in conjuncts(flow.domain))
 
 
 def _needed(block: Block, flows: tuple[Flow, ...], changed: Set[str]) -> Formula:

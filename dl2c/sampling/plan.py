@@ -133,18 +133,24 @@ def plan_sampling(
     """
     decision = decide(model, time_limit_s) if decision is None else decision
     plan = _planned(model, boxes, time_limit_s, decision)
-    needed = conjunction(c for c in conjuncts(enabling(model)) if is_algebraic(c))
-    if isinstance(plan, NoSampler) or not _is_rare(needed, model, plan):
+    if isinstance(plan, NoSampler) or not _is_rare(_algebraic(enabling(model)), model, plan):
         return plan
+    needed = _algebraic(enabling(model, exact=True))
     narrowed = replace(model, precondition=conjunction([model.precondition, needed]))
     other = _planned(narrowed, boxes, time_limit_s, decide(narrowed, time_limit_s))
     return plan if isinstance(other, NoSampler) else other
 
 
+def _algebraic(formula: Formula) -> Formula:
+    return conjunction(c for c in conjuncts(formula) if is_algebraic(c))
+
+
 def _is_rare(condition: Formula, model: Model, plan: SamplingPlan) -> bool:
-    """Whether few of the drawn states satisfy the condition."""
+    """Whether few of the drawn states satisfy the condition, or states are too rare to tell."""
     if condition == TRUE:
         return False
+    if plan.estimated_acceptance * TRIALS < DRAWS:
+        return True
     columns = draw_many(plan, np.random.default_rng(SEED), DRAWS)
     fixed = {c.name: c.value for c in model.constants if c.value is not None}
     zeros = {v.name: Fraction(0) for v in model.variables if v.initial == "zero"}
