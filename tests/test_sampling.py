@@ -312,6 +312,8 @@ def test_bounds_of_defined_names_are_checked():
         ("(x - 1)**2 + 2*(y + 3)**2 == 0 and z > 1/2", (1, -3)),
         ("0 == 0 - x*x - 3*(y - x)**4", (0, 0)),
         ("x**2/3 == 0 - (y - 2)**2", (0, 2)),
+        ("x**2 + y**2 + 5 == 2*x + 4*y", (1, 2)),
+        ("2*x*y == 2*x**2 + y**2 - 4*x + 4", (2, 2)),
     ],
 )
 def test_where_a_sum_of_squares_is_zero_is_a_point(text, point):

@@ -21,6 +21,8 @@ from dl2c.ir.logic import (
     negation,
     operands,
     oriented,
+    plus,
+    symbols,
     with_term,
 )
 from dl2c.ir.model import (
@@ -41,7 +43,8 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
-from dl2c.ir.normal import Monomial, normal_form
+from dl2c.ir.normal import Monomial, normal_form, powers
+from dl2c.sampling.algebra import term_of
 
 Conjuncts: TypeAlias = tuple[Formula, ...]
 Key: TypeAlias = tuple[str, frozenset[tuple[Monomial, Fraction]]]
@@ -129,8 +132,8 @@ def _has_equality(formula: Formula) -> bool:
 def _equality(atom: Compare, box: Box) -> list[Conjuncts]:
     """The cases of an equality."""
     difference = Sub(atom.left, atom.right)
-    squares = _squares(difference, 1) or _squares(difference, -1)
-    if squares is not None and len(squares) > 1:
+    squares = _squares(difference, 1) or _squares(difference, -1) or _completed(difference)
+    if squares:
         return _split(conjunction(Compare("=", s, ZERO, span=atom.span) for s in squares), box)
     for side, other in ((atom.left, atom.right), (atom.right, atom.left)):
         match side, other:
@@ -171,6 +174,29 @@ def _squares(term: Term, sign: int) -> list[Term] | None:
             return None if first is None or second is None else [*first, *second]
         case _:
             return None
+
+
+def _completed(difference: Term) -> list[Term] | None:
+    """The same for a polynomial of degree 2, by completing the squares (Lagrange)."""
+    rest = normal_form(difference)
+    if rest is None or any(sum(e for _, _, e in m) > 2 for m in rest):
+        return None
+    known = {(s.kind, s.name): s for s in symbols(difference)}
+    found: list[Term] = []
+    signs: set[bool] = set()
+    for symbol in sorted(known.values(), key=lambda s: s.name):
+        by_power = powers(rest, symbol)
+        if 2 not in by_power:
+            continue
+        ((_, leading),) = by_power[2].items()
+        half = {m: c / (2 * leading) for m, c in by_power.get(1, {}).items()}
+        beside, below = term_of(half, known), term_of(by_power.get(0, {}), known)
+        found.append(plus(symbol, beside))
+        signs.add(leading > 0)
+        rest = normal_form(Sub(below, Mul(Number(leading), Pow(beside, 2))))
+        if rest is None:
+            return None
+    return found if not rest and len(signs) == 1 else None
 
 
 def _defined(term: Term, atom: Compare) -> Conjuncts:
