@@ -2,7 +2,8 @@
 
 Of the problems of the shared corpus that have a program and no holes, each once, however often it is
 published: which begin and take 200 random masked steps from each of 5 seeds, with `mask_depth=step`
-and -10:10 where the file bounds nothing; how many of the steps block, and how episodes end.
+and -10:10 where the file bounds nothing; how many of the steps block, and how episodes end. Where the
+file has a proof, the postcondition and invariants are evaluated exactly after the first of these steps.
 """
 
 import multiprocessing
@@ -14,12 +15,14 @@ from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from random import Random
 
 import numpy as np
 from corpus_table import CORPUS, OPTIONS, REPOSITORY, codes, files
 from flow_library import REASONS, library_of
+from proved_states import Promise, promise_of, told
 
 from dl2c.diagnostics import CompileError
 from dl2c.native.binding import Batch
@@ -36,6 +39,13 @@ from dl2c.source import Source
 STEPS, SEEDS = 200, 5
 MOST_BLOCKED = 0.2
 LEAST_RUN = 0.85
+PROMISED = 50
+"""Steps after which what is proved is evaluated."""
+
+PROOF = "Tactic"
+BEYOND = ("numerical", "solver")
+"""Episodes that end so end in no state of the model."""
+
 SECONDS = 300.0
 """For one model, compiling included."""
 RUNS = "runs"
@@ -44,7 +54,8 @@ ACTIONS: Options = replace(OPTIONS, mask_depth="step")
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What became of a problem: `runs` or why not; the part of its steps that blocked, how episodes ended."""
+    """What became of a problem: `runs` or why not; the part of its steps that blocked, how episodes ended,
+    and by how much states missed what is proved of them."""
 
     file: str
     number: int
@@ -52,9 +63,11 @@ class Row:
     outcome: str
     blocked: float = 0.0
     ends: str = ""
+    promise: str = ""
 
     def __str__(self) -> str:
-        return f"{self.file}\t{self.number}\t{self.name}\t{self.outcome}\t{self.blocked:.3f}\t{self.ends}"
+        told = (self.outcome, f"{self.blocked:.3f}", self.ends, self.promise)
+        return "\t".join((self.file, str(self.number), self.name, *told))
 
 
 def problems() -> Iterator[tuple[str, int, tree.Entry]]:
@@ -83,6 +96,12 @@ def _is_program(entry: tree.Entry) -> bool:
     return modal and not any(is_hole(n) for n in found)
 
 
+def _is_proved(entry: tree.Entry) -> bool:
+    """Whether the file has a proof, and no other player who might not let the invariant hold."""
+    bodies = [entry.problem, *(d.body for d in entry.definitions if d.body is not None)]
+    return PROOF in entry.span.text and not any(isinstance(n, tree.Dual) for b in bodies for n in nodes(b))
+
+
 def row_of(file: str, number: int, entry: tree.Entry) -> Row:
     """What becomes of a problem, in a process of its own: none may take the others with it."""
     here, there = multiprocessing.Pipe(duplex=False)
@@ -102,25 +121,35 @@ def row_of(file: str, number: int, entry: tree.Entry) -> Row:
 
 def _row(file: str, number: int, entry: tree.Entry) -> Row:
     try:
-        environment = checked_entry(entry, ACTIONS).environment
+        found = checked_entry(entry, ACTIONS)
     except CompileError as problem:
         return Row(file, number, entry.name, codes(problem))
     with tempfile.TemporaryDirectory() as folder:
-        batch = library_of(environment, Path(folder), ("-O1",)).batch(SEEDS, autoreset="same_step")
-        predicates = [p.name for p in environment.model.predicates]
+        batch = library_of(found.environment, Path(folder)).batch(SEEDS)
+        predicates = [p.name for p in found.environment.model.predicates]
+        promise = promise_of(found, _is_proved(entry))
         try:
             batch.reset(seeds=np.arange(SEEDS, dtype=np.uint64))
-            blocked, ends = _played(batch, Random(number), predicates)
+            played = _played(batch, Random(number), predicates, promise)
         except ResetFailed:
             return Row(file, number, entry.name, "no-reset")
-    told = " ".join(f"{reason}:{count}" for reason, count in ends.most_common())
-    return Row(file, number, entry.name, RUNS, blocked, told)
+    ends = " ".join(f"{reason}:{count}" for reason, count in played.ends.most_common())
+    return Row(file, number, entry.name, RUNS, played.blocked, ends, told(played.misses))
 
 
-def _played(batch: Batch, rng: Random, predicates: list[str]) -> tuple[float, Counter[str]]:
-    """The part of random masked steps that block, and how often episodes end for which reason."""
-    blocked, ends = 0, Counter[str]()
-    for _ in range(STEPS):
+@dataclass(slots=True)
+class Played:
+    """The part of random masked steps that block, how often episodes end for which reason, and by how much
+    the first states miss what is proved of them."""
+
+    blocked: float
+    ends: Counter[str]
+    misses: list[Fraction]
+
+
+def _played(batch: Batch, rng: Random, predicates: list[str], promise: Promise | None) -> Played:
+    blocked, ends, misses = 0, Counter[str](), list[Fraction]()
+    for step in range(STEPS):
         for i in range(SEEDS):
             start = 0
             for column, choice in enumerate(batch.library.manifest.choices):
@@ -132,9 +161,15 @@ def _played(batch: Batch, rng: Random, predicates: list[str]) -> tuple[float, Co
         batch.step()
         over = batch.terminated | batch.truncated
         blocked += int(batch.blocked.sum())
-        for reason in batch.reason[over.astype(bool)].tolist():
-            ends[predicates[reason - 16] if reason >= 16 else REASONS[reason]] += 1
-    return blocked / (STEPS * SEEDS), ends
+        for i, reason in enumerate(batch.reason.tolist()):
+            name = predicates[reason - 16] if reason >= 16 else REASONS[reason]
+            if over[i]:
+                ends[name] += 1
+            if promise is not None and step < PROMISED and name not in BEYOND and not batch.blocked[i]:
+                misses.append(promise.missed(*(part.tolist() for part in batch.get_state(i))))
+        if over.any():
+            batch.reset(mask=over.astype(bool))
+    return Played(blocked / (STEPS * SEEDS), ends, misses)
 
 
 def report(rows: list[Row]) -> bool:
@@ -143,8 +178,11 @@ def report(rows: list[Row]) -> bool:
     for outcome, count in Counter(r.outcome for r in rows).most_common():
         print(f"{count:5}  {outcome}")
     for row in running:
-        if any(f"{reason}:" in row.ends for reason in ("numerical", "solver")):
+        if any(f"{reason}:" in row.ends for reason in BEYOND):
             print(f"ends: {row}")
+        if row.promise not in ("", "exact"):
+            print(f"misses: {row}")
+    print(Counter(row.promise for row in running))
     often = [r for r in running if r.blocked > MOST_BLOCKED]
     print(f"{len(running)} of {len(rows)} problems run, {len(running) / len(rows):.1%}")
     print(f"{len(often)} of them block in more than {MOST_BLOCKED:.0%} of their steps")
