@@ -127,7 +127,7 @@ def _row(file: str, number: int, entry: tree.Entry) -> Row:
     with tempfile.TemporaryDirectory() as folder:
         batch = library_of(found.environment, Path(folder)).batch(SEEDS)
         predicates = [p.name for p in found.environment.model.predicates]
-        promise = promise_of(found, _is_proved(entry))
+        promise = promise_of(found) if _is_proved(entry) else None
         try:
             batch.reset(seeds=np.arange(SEEDS, dtype=np.uint64))
             played = _played(batch, Random(number), predicates, promise)

@@ -47,10 +47,11 @@ class Promise:
         return next((miss for miss, f in self._looser if verdict(f, state) != "no"), FURTHER)
 
 
-def promise_of(found: Checked, proved: bool) -> Promise | None:
-    """None where nothing is proved of a box, or nothing that has exact arithmetic."""
+def promise_of(found: Checked) -> Promise | None:
+    """None where nothing is proved of a box and all constants, or nothing that has exact arithmetic."""
     model = found.environment.model
-    if not proved or model.postcondition is None or found.problem.shape.postcondition is None:
+    shape, some = found.problem.shape, found.problem.existential
+    if some or model.postcondition is None or shape.postcondition is None:
         return None
     formula = conjunction([model.postcondition, invariant(found.problem) or TRUE])
     sides = [side for atom in atoms(formula) for side in (atom.left, atom.right)]
