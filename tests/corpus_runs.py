@@ -42,7 +42,7 @@ LEAST_RUN = 0.85
 PROMISED = 50
 """Steps after which what is proved is evaluated."""
 
-PROOF = "Tactic"
+PROOF, UNFINISHED = "Tactic", "partial"
 BEYOND = ("numerical", "solver")
 """Episodes that end so end in no state of the model."""
 
@@ -99,7 +99,9 @@ def _is_program(entry: tree.Entry) -> bool:
 def _is_proved(entry: tree.Entry) -> bool:
     """Whether the file has a proof, and no other player who might not let the invariant hold."""
     bodies = [entry.problem, *(d.body for d in entry.definitions if d.body is not None)]
-    return PROOF in entry.span.text and not any(isinstance(n, tree.Dual) for b in bodies for n in nodes(b))
+    if PROOF not in entry.span.text or UNFINISHED in entry.span.text:
+        return False
+    return not any(isinstance(n, tree.Dual) for b in bodies for n in nodes(b))
 
 
 def row_of(file: str, number: int, entry: tree.Entry) -> Row:

@@ -10,7 +10,7 @@ from ir_builder import term
 from dl2c.ir.evaluate import evaluate
 from dl2c.ir.lower_flow import lower_flow
 from dl2c.ir.model import Add, And, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
-from dl2c.ir.normal import Normal, is_invariant, normal_form
+from dl2c.ir.normal import Normal, is_darboux, is_invariant, normal_form
 from dl2c.options import Options
 from dl2c.parse.parser import parse_program
 from dl2c.parse.tree import ODESystem
@@ -65,12 +65,32 @@ def test_other_terms_have_no_normal_form(text: str) -> None:
         ("x - y", {"x": "sin(x)", "y": "sin(x)"}, False),  # not found out
         ("sin(x)", {"x": "0"}, False),
         ("x - 1", {"x": "y - y"}, True),
+        ("x*x + y*y - 1", {"x": "-y*w", "y": "x*w", "w": "z/y"}, True),  # w' has no part in it
     ],
 )
 def test_an_invariant_has_no_derivative_along_the_flow(
     difference: str, rates: dict[str, str], kept: bool
 ) -> None:
     assert is_invariant(term(difference), {x: term(rate) for x, rate in rates.items()}) is kept
+
+
+@pytest.mark.parametrize(
+    ("difference", "rates", "stays"),
+    [
+        ("x*x + y*y - 1", {"x": "y", "y": "-x"}, True),
+        ("x - y", {"x": "x", "y": "y"}, True),
+        ("x - y", {"x": "x", "y": "2*y"}, False),
+        ("x*x + y*y - 1", {"x": "-x + y + x*(1 - x*x - y*y)", "y": "-x - y + y*(1 - x*x - y*y)"}, False),
+        ("x*x + y*y - 1", {"x": "y + x*(1 - x*x - y*y)", "y": "-x + y*(1 - x*x - y*y)"}, True),
+        ("x*y - z", {"x": "x*z", "y": "y", "z": "z*z + x*y"}, True),
+        ("x*y - z", {"x": "x*z", "y": "y", "z": "z*z + y"}, False),
+        ("x", {"x": "x*sin(y)"}, False),  # not found out
+        ("x", {"x": "x*y + 1"}, False),
+        ("3 - 3", {"x": "1"}, True),
+    ],
+)
+def test_a_darboux_equality_stays_true(difference: str, rates: dict[str, str], stays: bool) -> None:
+    assert is_darboux(term(difference), {x: term(rate) for x, rate in rates.items()}) is stays
 
 
 def test_a_kept_equality_is_no_condition_along_the_flow() -> None:

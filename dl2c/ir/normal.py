@@ -51,12 +51,44 @@ def normal_form(term: Term) -> Normal | None:
 def is_invariant(term: Term, rates: Mapping[str, Term]) -> bool:
     """Whether the Lie derivative of the term along an ODE is identically zero."""
     form = normal_form(term)
-    if form is None:
-        return False
+    return form is not None and _lie_derivative(form, rates) == {}
+
+
+def is_darboux(term: Term, rates: Mapping[str, Term]) -> bool:
+    """Whether the Lie derivative of the term along an ODE is a polynomial times the term: where it is zero
+    it stays zero (dL's rule dbx)."""
+    form = normal_form(term)
+    rate = None if form is None else _lie_derivative(form, rates)
+    return form is not None and rate is not None and _is_multiple(rate, form)
+
+
+def _lie_derivative(form: Normal, rates: Mapping[str, Term]) -> Normal | None:
     total: Normal | None = {}
     for name, rate in rates.items():
-        total = added(total, multiplied(derivative(form, Symbol(name, "variable")), normal_form(rate)))
-    return total == {}
+        if slope := derivative(form, Symbol(name, "variable")):
+            total = added(total, multiplied(slope, normal_form(rate)))
+    return total
+
+
+def _is_multiple(form: Normal, divisor: Normal) -> bool:
+    """By division with the leading monomial in graded lexicographic order."""
+    names = sorted({(k, n) for m in (*form, *divisor) for k, n, _ in m})
+
+    def place(monomial: Monomial) -> tuple[int, ...]:
+        exponents = {(k, n): e for k, n, e in monomial}
+        return sum(exponents.values()), *(exponents.get(name, 0) for name in names)
+
+    leading = max(divisor, key=place, default=())
+    rest: Normal | None = form
+    while rest:
+        highest = max(rest, key=place)
+        left = [a - b for a, b in zip(place(highest)[1:], place(leading)[1:], strict=True)]
+        if not divisor or min(left, default=0) < 0:
+            return False
+        shift = tuple((k, n, e) for (k, n), e in zip(names, left, strict=True) if e)
+        factor = {shift: -rest[highest] / divisor[leading]}
+        rest = added(rest, multiplied(factor, divisor))
+    return rest is not None
 
 
 def powers(form: Normal, x: Symbol) -> dict[int, Normal]:

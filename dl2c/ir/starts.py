@@ -3,7 +3,8 @@
 Slacks of predicates are by definition what they are there (`slack.py`). A flow conserves some terms: their
 Lie derivative is identically zero. Where a flow is followed numerically such terms are replaced
 by their values at its start, so that what the solver is off by fails no watch and gives no
-events; and equalities of predicates that hold there are what its end is projected onto.
+events; and equalities of P, Q and predicates that hold there and stay true are what its end is projected
+onto.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, 
 from dl2c.ir.flow import moving
 from dl2c.ir.logic import atoms, operands, substituted, symbols, with_term
 from dl2c.ir.model import ZERO, And, Compare, Flow, Formula, Model, Or, Sub, Symbol, Term, Truth
-from dl2c.ir.normal import is_invariant
+from dl2c.ir.normal import is_darboux, is_invariant
 from dl2c.ir.slack import slack_of, widened
 from dl2c.ir.watch import Watch
 
@@ -121,10 +122,16 @@ def _conserved_parts(term: Term, flow: Flow) -> list[Term]:
     return [part for t in operands(term) for part in _conserved_parts(t, flow)]
 
 
+def _stays(term: Term, flow: Flow) -> bool:
+    """Whether a term over variables that move is zero along the flow where it was at its start."""
+    rates = dict(flow.equations)
+    return bool(moving(term, rates)) and is_darboux(term, rates)
+
+
 def projections(flow: Flow, equalities: Sequence[Compare], tolerance: Fraction) -> tuple[Projection, ...]:
     """What the end of a flow is moved onto: equalities of its domain, then others that it conserves."""
     own = [Projection(invariant) for invariant in flow.invariants]
-    others = [e for e in dict.fromkeys(equalities) if conserved(Sub(e.left, e.right), flow)]
+    others = [e for e in dict.fromkeys(equalities) if _stays(Sub(e.left, e.right), flow)]
     return (
         *own,
         *(
@@ -135,7 +142,7 @@ def projections(flow: Flow, equalities: Sequence[Compare], tolerance: Fraction) 
 
 
 def equalities_of(model: Model) -> tuple[Compare, ...]:
-    """Equalities that predicates or the postcondition ask for."""
-    formulas = [p.formula for p in model.predicates]
+    """Equalities that the precondition grants, or predicates or the postcondition ask for."""
+    formulas = [model.precondition, *(p.formula for p in model.predicates)]
     formulas += [] if model.postcondition is None else [model.postcondition]
     return tuple(a for f in formulas for a in atoms(f) if a.op == "=")
