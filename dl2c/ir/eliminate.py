@@ -42,6 +42,8 @@ from dl2c.source import NOWHERE, Span
 MAX_MONOMIALS = 200
 """Of the polynomial of one atom."""
 
+TOO_MANY_MONOMIALS = f"polynomials of more than {MAX_MONOMIALS} monomials"
+
 
 class DegreeTooHigh(Exception):
     """The bound symbol occurs with this power."""
@@ -68,8 +70,8 @@ def eliminated(quantifier: Quantifier, body: Formula) -> Formula:
         raise CompileError(found)
     try:
         return _pushed(quantifier, body)
-    except (TooLarge, TooManyCases):
-        raise CompileError(_too_large(quantifier)) from None
+    except (TooLarge, TooManyCases) as bound:
+        raise CompileError(_too_large(quantifier, bound)) from None
 
 
 def _pushed(quantifier: Quantifier, body: Formula) -> Formula:
@@ -191,7 +193,7 @@ class _Preparation:
                 difference = left if right == ZERO else Sub(left, right)
                 form = normal_form(difference)
                 if form is None or len(form) > MAX_MONOMIALS:
-                    raise TooLarge
+                    raise TooLarge(TOO_MANY_MONOMIALS)
                 if self._degree(form) <= 2:
                     return sign_in(form, SIGNS[op], span)
                 factors = [f for factor in _factors(difference) for f in self._without_powers(factor)]
@@ -229,7 +231,7 @@ def _factors(term: Term) -> Iterator[Normal]:
         case _:
             form = normal_form(term)
             if form is None:
-                raise TooLarge
+                raise TooLarge(TOO_MANY_MONOMIALS)
             yield form
 
 
@@ -262,8 +264,8 @@ def _refused(atom: Compare, quantifier: Quantifier) -> Diagnostic | None:
         _Preparation(x, quantifier.span).formula(atom)
     except DegreeTooHigh as high:
         return _degree(quantifier, atom.span, high.degree)
-    except (TooLarge, TooManyCases):
-        return _too_large(quantifier)
+    except (TooLarge, TooManyCases) as bound:
+        return _too_large(quantifier, bound)
     return None
 
 
@@ -282,8 +284,9 @@ def _degree(quantifier: Quantifier, span: Span, degree: int) -> Diagnostic:
     return _not_eliminated(quantifier, span, f"`{name}` has degree {degree}{after}; at most 2 can go")
 
 
-def _too_large(quantifier: Quantifier) -> Diagnostic:
-    return _not_eliminated(quantifier, quantifier.span, "the condition without it would be too large")
+def _too_large(quantifier: Quantifier, bound: TooLarge | TooManyCases) -> Diagnostic:
+    label = f"the condition without it would be too large: {bound}"
+    return _not_eliminated(quantifier, quantifier.span, label)
 
 
 def _not_eliminated(quantifier: Quantifier, span: Span, label: str) -> Diagnostic:

@@ -40,13 +40,15 @@ from dl2c.ir.model import (
 MAX_ATOMS = 256
 """A condition that would need more cases is refused."""
 
+MAX_KINKS = 12
+
 
 Moves: TypeAlias = Callable[[Term], bool]
 """Whether a term changes along the flow."""
 
 
 class TooManyCases(Exception):
-    """The condition has too many cases."""
+    """The condition has too many cases, as the message says."""
 
 
 def margin_of(atom: Compare) -> Term:
@@ -62,7 +64,7 @@ def smooth(formula: Formula, moves: Moves, as_written: bool = False) -> Formula:
     """
     made = _smooth(formula, moves, as_written)
     if sum(1 for _ in atoms(made)) > MAX_ATOMS:
-        raise TooManyCases
+        raise TooManyCases(f"more than {MAX_ATOMS} comparisons")
     return made
 
 
@@ -82,8 +84,8 @@ def _smooth(formula: Formula, moves: Moves, as_written: bool) -> Formula:
 
 def _atom(atom: Compare, moves: Moves, as_written: bool, depth: int) -> Formula:
     """One atom, its first kink resolved into cases, then the cases."""
-    if depth > 12:
-        raise TooManyCases
+    if depth > MAX_KINKS:
+        raise TooManyCases(f"more than {MAX_KINKS} of abs, min and max in one comparison")
     found = _kink(atom.left, moves, 1)
     if found is None:
         margin = atom.left if as_written else cleared(atom.left, moves, atom.op in ("=", "!="))

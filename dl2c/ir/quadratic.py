@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isqrt
 
-from dl2c.ir.normal import Normal, added, multiplied, scaled
+from dl2c.ir.normal import MAX_TERMS, Normal, added, multiplied, scaled
 from dl2c.ir.signs import TooLarge
 
 
@@ -62,7 +62,7 @@ def minus(a: Normal, b: Normal) -> Normal:
 def present(form: Normal | None) -> Normal:
     """The polynomial, if it is one."""
     if form is None:
-        raise TooLarge
+        raise TooLarge(f"polynomials of more than {MAX_TERMS} monomials")
     return form
 
 

@@ -51,7 +51,7 @@ MAX_ABSORBED = 60
 
 
 class TooLarge(Exception):
-    """A condition that is too large to be of use."""
+    """A condition that is too large to be of use; the message is what it would have too many of."""
 
 
 # Conditions -------------------------------------------------------------------
@@ -107,7 +107,7 @@ def _atom(form: Normal, signs: Signs, span: Span) -> Compare:
     if all(abs(c * scale) <= MAX_EXACT for c in form.values()):
         form = {m: c * scale for m, c in form.items()}
     if any(abs(c) > sys.float_info.max for c in form.values()):
-        raise TooLarge
+        raise TooLarge("coefficients beyond the largest double")
     left = _sum([(m, form[m]) for m in order if form[m] > 0])
     right = _sum([(m, -form[m]) for m in order if form[m] < 0])
     return Compare(COMPARISONS[signs], left, right, span=span)

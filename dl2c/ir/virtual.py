@@ -21,6 +21,8 @@ from dl2c.source import Span
 MAX_SIZE = 2000
 """Numbers and symbols in a result; twice as many may be built on the way."""
 
+TOO_LONG = f"more than {MAX_SIZE} numbers and names"
+
 ZERO_SIGN = SIGNS["="]
 NONZERO = SIGNS["!="]
 
@@ -112,7 +114,7 @@ def _eliminated(x: Symbol, formula: Formula, defined: Defined) -> Formula:
 
 def _limited(formula: Formula) -> Formula:
     if size(formula) > MAX_SIZE:
-        raise TooLarge
+        raise TooLarge(TOO_LONG)
     return formula
 
 
@@ -149,14 +151,14 @@ def _cost(points: Sequence[Point]) -> int:
 
 def _at_points(formula: Formula, conditions: dict[Compare, Condition], points: Sequence[Point]) -> Formula:
     if len(points) * size(formula) > 2 * MAX_SIZE:
-        raise TooLarge
+        raise TooLarge(TOO_LONG)
     found: list[Formula] = []
     built = 0
     for point in points:
         there = conjunction([point.guard, _substituted(formula, conditions, point)])
         built += size(there)
         if built > 2 * MAX_SIZE:
-            raise TooLarge
+            raise TooLarge(TOO_LONG)
         found.append(simplified(there))
     return disjunction(found)
 
