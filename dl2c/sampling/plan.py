@@ -30,6 +30,7 @@ from dl2c.sampling.draw import draw_many
 from dl2c.sampling.paving import Leaf, Root, pave
 from dl2c.sampling.problem import Problem, is_algebraic, problem_of
 from dl2c.sampling.refusal import imprecise, too_long, unbounded_density, without_sample
+from dl2c.sampling.root_of import RootOf
 from dl2c.sampling.running import NoErrorBound
 from dl2c.sampling.tested import SampleChart, by_chance, is_short, named, tested
 from dl2c.smt.precondition import Decision, Unknown, decide, diagnose
@@ -205,13 +206,17 @@ def _block(
     problem: Problem, charts: Sequence[Chart], boxes: int, time_limit_s: float
 ) -> tuple[SampleBlock, float]:
     """The tables of a block, and a bound of the error of its defined names."""
+    for k, chart in enumerate(charts):
+        if _effort(chart) > 1:
+            _tested(problem, chart, (), k)  # raises before boxes are made, which takes longer
     leaves = pave([_root(chart) for chart in charts], boxes=boxes, time_limit_s=time_limit_s)
     if not leaves:
         raise CompileError(without_sample(problem.formula))
     if not all(math.isfinite(leaf.density) for leaf in leaves):
         raise CompileError(unbounded_density(problem.formula))
     tested = [_tested(problem, chart, leaves, k) for k, chart in enumerate(charts)]
-    points = min(TRIALS, COORDINATES // max(1, len(charts[0].box))) // len(leaves)
+    most = min(TRIALS // max(map(_effort, charts)), COORDINATES // max(1, len(charts[0].box)))
+    points = max(1, most // len(leaves))
     accepted = [
         leaf.mass * _accepted(charts[leaf.chart], tested[leaf.chart][0], leaf.box, leaf.density, points)
         for leaf in leaves
@@ -237,8 +242,14 @@ def _root(chart: Chart) -> Root:
         frozenset(symbols(chart.measure.squared)),
         bound.steep,
         bound.density,
-        lambda box, density: _accepted(chart, plain, box, density, PROBES),
+        lambda box, density: _accepted(chart, plain, box, density, max(16, PROBES // _effort(chart))),
     )
+
+
+def _effort(chart: Chart) -> int:
+    """How many times longer a draw takes than one without roots to be looked for: the square of a degree."""
+    degrees = (len(d.coefficients) - 1 for _, d in chart.definitions if isinstance(d, RootOf))
+    return max((degree**2 for degree in degrees), default=1)
 
 
 def _accepted(chart: Chart, sample: SampleChart, box: Box, density: float, points: int) -> float:
