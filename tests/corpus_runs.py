@@ -33,7 +33,7 @@ from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_formula
 from dl2c.pipeline import checked_entry
 from dl2c.resolve.problem import expansion
-from dl2c.resolve.symbols import is_hole, nodes
+from dl2c.resolve.symbols import Node, is_hole, nodes
 from dl2c.source import Source
 
 STEPS, SEEDS = 200, 5
@@ -88,20 +88,24 @@ def problems() -> Iterator[tuple[str, int, tree.Entry]]:
                 yield str(path.relative_to(CORPUS)), number, entry
 
 
+def _nodes(entry: tree.Entry) -> list[Node]:
+    """Of the problem and its definitions."""
+    bodies = [entry.problem, *(d.body for d in entry.definitions if d.body is not None)]
+    return [node for body in bodies for node in nodes(body)]
+
+
 def _is_program(entry: tree.Entry) -> bool:
     """Whether there is something to run, and nothing to be filled in."""
-    bodies = [entry.problem, *(d.body for d in entry.definitions if d.body is not None)]
-    found = [node for body in bodies for node in nodes(body)]
+    found = _nodes(entry)
     modal = any(isinstance(n, (tree.Box, tree.Diamond)) for n in found)
     return modal and not any(is_hole(n) for n in found)
 
 
 def _is_proved(entry: tree.Entry) -> bool:
     """Whether the file has a proof, and no other player who might not let the invariant hold."""
-    bodies = [entry.problem, *(d.body for d in entry.definitions if d.body is not None)]
     if PROOF not in entry.span.text or UNFINISHED in entry.span.text:
         return False
-    return not any(isinstance(n, tree.Dual) for b in bodies for n in nodes(b))
+    return not any(isinstance(n, tree.Dual) for n in _nodes(entry))
 
 
 def row_of(file: str, number: int, entry: tree.Entry) -> Row:

@@ -78,17 +78,18 @@ def _is_multiple(form: Normal, divisor: Normal) -> bool:
         exponents = {(k, n): e for k, n, e in monomial}
         return sum(exponents.values()), *(exponents.get(name, 0) for name in names)
 
-    leading = max(divisor, key=place, default=())
+    if not divisor:
+        return not form
+    first = max(divisor, key=place)
+    leading = {first: divisor[first]}
     rest: Normal | None = form
     for _ in range(MAX_TERMS):
         if not rest:
             return rest is not None
         highest = max(rest, key=place)
-        left = [a - b for a, b in zip(place(highest)[1:], place(leading)[1:], strict=True)]
-        if not divisor or min(left, default=0) < 0:
+        factor = quotient(highest, -rest[highest], leading)
+        if factor is None:
             return False
-        shift = tuple((k, n, e) for (k, n), e in zip(names, left, strict=True) if e)
-        factor = {shift: -rest[highest] / divisor[leading]}
         rest = added(rest, multiplied(factor, divisor))
     return False
 
@@ -152,3 +153,14 @@ def multiplied(a: Normal | None, b: Normal | None) -> Normal | None:
             monomial = tuple(sorted((k, n, e) for (k, n), e in exponents.items()))
             out[monomial] = out.get(monomial, Fraction(0)) + x * y
     return {m: c for m, c in out.items() if c}
+
+
+def quotient(monomial: Monomial, value: Fraction, divisor: Normal) -> Normal | None:
+    """The quotient of two monomials, where it is one."""
+    ((below, factor),) = divisor.items()
+    exponents = {(k, n): e for k, n, e in monomial}
+    for kind, name, exponent in below:
+        exponents[kind, name] = exponents.get((kind, name), 0) - exponent
+    if any(e < 0 for e in exponents.values()):
+        return None
+    return {tuple(sorted((k, n, e) for (k, n), e in exponents.items() if e)): value / factor}

@@ -30,7 +30,7 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
-from dl2c.ir.normal import Monomial, Normal, derivative, divided, normal_form, powers
+from dl2c.ir.normal import Normal, derivative, divided, normal_form, powers, quotient
 from dl2c.sampling.algebra import (
     content,
     fraction,
@@ -158,23 +158,12 @@ def _limit(form: Normal, steps: Sequence[Normal], known: Mapping[tuple[str, str]
     by one of them that is a monomial too; None where that does not go."""
     bound: Term = ZERO
     for monomial, value in form.items():
-        quotients = [q for s in steps if len(s) == 1 and (q := _divided(monomial, value, s)) is not None]
+        quotients = [q for s in steps if len(s) == 1 and (q := quotient(monomial, value, s)) is not None]
         if not quotients:
             return None
         shortest = min(quotients, key=lambda q: len(next(iter(q))))
         bound = plus(bound, Call("abs", (term_of(shortest, known),)))
     return bound
-
-
-def _divided(monomial: Monomial, value: Fraction, divisor: Normal) -> Normal | None:
-    """The quotient of two monomials, where it is one."""
-    ((below, factor),) = divisor.items()
-    powers = {(k, n): e for k, n, e in monomial}
-    for kind, name, exponent in below:
-        powers[kind, name] = powers.get((kind, name), 0) - exponent
-    if any(e < 0 for e in powers.values()):
-        return None
-    return {tuple(sorted((k, n, e) for (k, n), e in powers.items() if e)): value / factor}
 
 
 def _at_least(large: Term, small: Term, is_nonzero: Callable[[Symbol], bool]) -> Compare:
