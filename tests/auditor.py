@@ -27,6 +27,7 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
+from dl2c.sampling.root_of import RootOf
 
 BITS = 200
 SOLVED = Fraction(1, 2**120)
@@ -146,13 +147,36 @@ def audited_witness(
     """Whether a real solution does, with the same drawn names and the others off by at most `error`."""
     ranges = {s: (v, v) for s, v in state.items()}
     for symbol, term in definitions:
-        exact = enclosed(term, ranges)
+        is_root = isinstance(term, RootOf)
+        exact = _rooted(term, state[symbol], error, ranges) if is_root else enclosed(term, ranges)
         if exact is None:
             return "unknown"
         if max(exact[1] - state[symbol], state[symbol] - exact[0]) > Fraction(error):
             return "no"
         ranges[symbol] = exact
     return _inside(f, bounds, ranges)
+
+
+def _rooted(root: RootOf, value: Fraction, error: float, state: dict[Symbol, Range]) -> Range | None:
+    """A root of the polynomial within the error of the value, bisected; None where no sign changes there."""
+    row = [enclosed(c, state) for c in root.coefficients]
+
+    def sign(at: Fraction) -> int | None:
+        ends = [sorted((c[0] * at**k, c[1] * at**k)) for k, c in enumerate(row) if c is not None]
+        low, high = sum(e[0] for e in ends), sum(e[1] for e in ends)
+        return 1 if low > 0 else -1 if high < 0 else 0 if low == high else None
+
+    low, high = value - Fraction(error), value + Fraction(error)
+    first, last = sign(low), sign(high)
+    if None in row or None in (first, last) or first * last > 0:
+        return None
+    for _ in range(BITS):
+        middle = (low + high) / 2
+        here = sign(middle)
+        if not here:
+            return None if here is None else (middle, middle)
+        low, high = (middle, high) if here == first else (low, middle)
+    return low, high
 
 
 def definitions_of(plan):
