@@ -176,9 +176,21 @@ static bool dl2c_back(const dl2c_stretch *stretch, real place, real *y, real *du
 }
 
 /*
+ * Rounding told no margin from zero all along, and no place near the end is inside the domain: steps
+ * towards the start of the flow, which is inside.
+ */
+static void dl2c_back_to_start(const dl2c_stretch *stretch, real place, real *y, real *duration)
+{
+  for (real part = 0.5; part > DL2C_RETREAT_FINE; part *= 0.5)
+    if (dl2c_arrives(stretch, place * part, y, duration)) return;
+  memcpy(y, stretch->x, sizeof(real) * NX);
+  *duration = 0.0;
+}
+
+/*
  * The state at a place of a track, as the end of a flow: invariants and bounds that were met hold
- * exactly. Where that is outside the domain by rounding, a slightly earlier one. OUTSIDE if that would
- * be before the track.
+ * exactly. Where that is outside the domain by rounding, an earlier one. OUTSIDE if that would be
+ * before the track.
  */
 static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real place, bool settled, real time,
                                const int8_t *sign, real *y, real *duration)
@@ -192,11 +204,10 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real place, bool set
   *duration = time;
   if (model_inside(flow, y, p)) return DL2C_SETTLED;
   if (dl2c_back(stretch, place, y, duration)) return DL2C_SETTLED;
-  if (!(place < DL2C_RETREAT_FINE)) return DL2C_UNDEFINED;
   *duration = time;
+  if (stretch->clear > 0.0 && !(place < DL2C_RETREAT_FINE)) return DL2C_UNDEFINED;
   if (stretch->track->from > 0.0) return DL2C_OUTSIDE;
-  memcpy(y, stretch->x, sizeof(real) * NX);
-  *duration = 0.0;
+  dl2c_back_to_start(stretch, place, y, duration);
   return DL2C_SETTLED;
 }
 

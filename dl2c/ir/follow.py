@@ -182,19 +182,32 @@ def _arrived(
     earlier = _back(run, stretch, place)
     if earlier is not None:
         return earlier
-    if not place < RETREAT_FINE:
+    if stretch.clear > 0 and not place < RETREAT_FINE:
         raise Undefined("no state inside the domain")
+    return _back_to_start(run, stretch.track, place)
+
+
+def _back_to_start(run: Course, track: Track, place: float) -> Motion:
+    """Steps towards the start, which is inside, where rounding told no margin from zero all along."""
+    part = 0.5
+    while part > RETREAT_FINE:
+        if (found := _arriving(run, track, place * part)) is not None:
+            return found
+        part *= 0.5
     return Motion({}, 0.0)
+
+
+def _arriving(run: Course, track: Track, place: float) -> Motion | None:
+    """Motion that ends at a place of the track, if that is inside the domain."""
+    values = cast("dict[str, Value]", track.at(place))
+    return Motion(values, 0.0 + track.length * place) if inside(run, values) else None
 
 
 def _back(run: Course, stretch: Stretch, place: float) -> Motion | None:
     """Steps back from a place of a track until the state is inside the domain."""
-    track = stretch.track
 
     def arrives(part: float) -> Motion | None:
-        at = place - place * part
-        values = cast("dict[str, Value]", track.at(at))
-        return Motion(values, 0.0 + track.length * at) if inside(run, values) else None
+        return _arriving(run, stretch.track, place - place * part)
 
     outside, within = 0.0, 2.0**-52
     farthest = max(FARTHEST_BACK, place - stretch.clear)
