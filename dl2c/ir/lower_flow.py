@@ -1,9 +1,9 @@
 """Differential equations of the syntax tree as IR flows: rates, domain, horizon (semantics 4)."""
 
 from dl2c.ir import model as ir
+from dl2c.ir.conserved import is_invariant
 from dl2c.ir.logic import conjunction, conjuncts, symbols
 from dl2c.ir.lower_terms import Scope, lower_formula, lower_term
-from dl2c.ir.normal import is_invariant
 from dl2c.ir.slack import relaxed
 from dl2c.options import DEFAULT_DT, Options
 from dl2c.parse import tree

@@ -4,7 +4,6 @@ Comes in: a term of + - * / by numbers and powers. Goes out: its coefficients by
 exact; None for other terms and for polynomials of more than `MAX_TERMS` monomials.
 """
 
-from collections.abc import Mapping
 from fractions import Fraction
 from typing import TypeAlias
 
@@ -46,52 +45,6 @@ def normal_form(term: Term) -> Normal | None:
             return result
         case _:
             return None
-
-
-def is_invariant(term: Term, rates: Mapping[str, Term]) -> bool:
-    """Whether the Lie derivative of the term along an ODE is identically zero."""
-    form = normal_form(term)
-    return form is not None and _lie_derivative(form, rates) == {}
-
-
-def is_darboux(term: Term, rates: Mapping[str, Term]) -> bool:
-    """Whether the Lie derivative of the term along an ODE is a polynomial times the term: where it is zero
-    it stays zero (dL's rule dbx)."""
-    form = normal_form(term)
-    rate = None if form is None else _lie_derivative(form, rates)
-    return form is not None and rate is not None and _is_multiple(rate, form)
-
-
-def _lie_derivative(form: Normal, rates: Mapping[str, Term]) -> Normal | None:
-    total: Normal | None = {}
-    for name, rate in rates.items():
-        if slope := derivative(form, Symbol(name, "variable")):
-            total = added(total, multiplied(slope, normal_form(rate)))
-    return total
-
-
-def _is_multiple(form: Normal, divisor: Normal) -> bool:
-    """By division with the leading monomial in graded lexicographic order; False too where that is long."""
-    names = sorted({(k, n) for m in (*form, *divisor) for k, n, _ in m})
-
-    def place(monomial: Monomial) -> tuple[int, ...]:
-        exponents = {(k, n): e for k, n, e in monomial}
-        return sum(exponents.values()), *(exponents.get(name, 0) for name in names)
-
-    if not divisor:
-        return not form
-    first = max(divisor, key=place)
-    leading = {first: divisor[first]}
-    rest: Normal | None = form
-    for _ in range(MAX_TERMS):
-        if not rest:
-            return rest is not None
-        highest = max(rest, key=place)
-        factor = quotient(highest, -rest[highest], leading)
-        if factor is None:
-            return False
-        rest = added(rest, multiplied(factor, divisor))
-    return False
 
 
 def powers(form: Normal, x: Symbol) -> dict[int, Normal]:

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
+from dl2c.ir.conserved import is_darboux, is_invariant
 from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal
 from dl2c.ir.flow import moving
 from dl2c.ir.logic import atoms, operands, substituted, symbols, with_term
 from dl2c.ir.model import ZERO, And, Compare, Flow, Formula, Model, Or, Sub, Symbol, Term, Truth
-from dl2c.ir.normal import is_darboux, is_invariant
 from dl2c.ir.slack import slack_of, widened
 from dl2c.ir.watch import Watch
 
@@ -125,7 +125,7 @@ def _conserved_parts(term: Term, flow: Flow) -> list[Term]:
 def _stays(term: Term, flow: Flow) -> bool:
     """Whether a term over variables that move is zero along the flow where it was at its start."""
     rates = dict(flow.equations)
-    return bool(moving(term, rates)) and is_darboux(term, rates)
+    return bool(moving(term, rates)) and (is_invariant(term, rates) or is_darboux(term, rates))
 
 
 def projections(flow: Flow, equalities: Sequence[Compare], tolerance: Fraction) -> tuple[Projection, ...]:
