@@ -1,9 +1,10 @@
 """The command `dl2c`.
 
 Results go to stdout, messages and progress bars to stderr. Exit codes: see `commands.failures`;
-2 for a wrong command line.
+2 for a wrong command line. Started by `__main__.py`.
 """
 
+import os
 import shutil
 import sys
 from collections.abc import Mapping
@@ -15,7 +16,7 @@ import typer
 from dl2c.commands.arguments import Model, Seed
 from dl2c.commands.cache import app as cache_app
 from dl2c.commands.completion import words
-from dl2c.commands.failures import as_json, report, show, to_json
+from dl2c.commands.failures import INTERRUPTED, as_json, report, show, to_json
 from dl2c.commands.falsify import falsify
 from dl2c.commands.flags import Json, model_options
 from dl2c.commands.monitor import monitor
@@ -27,6 +28,7 @@ from dl2c.commands.study import study
 from dl2c.commands.train import train
 from dl2c.commands.verbosity import begin, quiet, talkative
 from dl2c.commands.waiting import working
+from dl2c.outputs import output_folder, write_output
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
@@ -54,12 +56,36 @@ Stage = Annotated[
 
 
 def main() -> None:
-    """Run the command line; the only place where exceptions become messages and exit codes."""
+    """Run the command line; the only place where exceptions become messages and exit codes.
+
+    Raises `SystemExit`, and `KeyboardInterrupt` for Ctrl-C.
+    """
     begin()
     try:
-        app(prog_name="dl2c")
+        code = _run()
+        sys.stdout.flush()
     except Exception as failure:
-        raise SystemExit(report(failure)) from None
+        code = report(failure)
+        _leave_stdout()
+    raise SystemExit(code)
+
+
+def _run() -> int | str | None:
+    try:
+        app(prog_name="dl2c")
+    except SystemExit as done:
+        if done.code == INTERRUPTED:
+            raise KeyboardInterrupt from None
+        return done.code
+    return 0
+
+
+def _leave_stdout() -> None:
+    """What could not be written is not tried again when Python ends."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _version(wanted: bool) -> None:
@@ -103,7 +129,10 @@ def build(
     compiled = _compile(model, options)
     show(compiled.warnings)
     target = output / file_stem(compiled.library.manifest.name)
-    shutil.copytree(compiled.directory, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*INTERNAL))
+    with output_folder(target) as folder:
+        shutil.copytree(
+            compiled.directory, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*INTERNAL)
+        )
     files = sorted(path.name for path in compiled.directory.iterdir() if path.name not in INTERNAL)
     print(to_json({"directory": str(target), "files": files}) if json else target)
 
@@ -162,13 +191,13 @@ def annotate(
     options: Mapping[str, Any],
 ) -> None:
     """Write a copy of a model with suggested annotations; without these comments it is the same file."""
-    from dl2c.commands.check import annotated, write
+    from dl2c.commands.check import annotated
 
     content = annotated(model, options)
     if output is None:
         sys.stdout.buffer.write(content)
     else:
-        write(output, content)
+        write_output(output, content)
         print(output)
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
+from dl2c.inputs import MALFORMED, reason
 from dl2c.options import Options, UnknownOption, with_options
 from dl2c.source import Source, Span
 
@@ -77,8 +78,8 @@ def _table(source: Source) -> Mapping[str, Any]:
     """`[tool.dl2c]`, empty if there is none."""
     try:
         value: Any = tomllib.loads(source.text, parse_float=Decimal)
-    except tomllib.TOMLDecodeError as wrong:
-        raise CompileError(_no_toml(source, str(wrong))) from None
+    except MALFORMED as wrong:
+        raise CompileError(_no_toml(source, reason(wrong))) from None
     for name in TABLE:
         value = cast("dict[str, Any]", value).get(name, {})
         if not isinstance(value, dict):

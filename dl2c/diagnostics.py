@@ -6,9 +6,9 @@ A `Diagnostic` holds facts; `render` alone turns it into text. Errors travel as 
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
-from dl2c.source import NOWHERE, Span
+from dl2c.source import NOWHERE, Source, Span
 
 _T = TypeVar("_T")
 
@@ -111,3 +111,23 @@ def _excerpt(span: Span, label: str) -> list[str]:
 def _printable(text: str) -> str:
     """Tabs and control characters as one blank each, so that carets stay aligned."""
     return "".join(c if c.isprintable() else " " for c in text)
+
+
+def as_stored(diagnostic: Diagnostic) -> dict[str, Any]:
+    """A warning as data that a build keeps."""
+    span = diagnostic.span
+    return {
+        "code": diagnostic.code,
+        "title": diagnostic.title,
+        "range": [span.start, span.end],
+        "label": diagnostic.label,
+        "help": diagnostic.help,
+        "notes": list(diagnostic.notes),
+    }
+
+
+def restored(stored: dict[str, Any], source: Source) -> Diagnostic:
+    """A warning that a build kept. Raises `KeyError`, `TypeError` for other data."""
+    span = Span(source, *stored["range"])
+    notes = tuple(stored["notes"])
+    return warning(stored["code"], stored["title"], span, stored["label"], stored["help"], notes)

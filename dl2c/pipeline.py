@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dl2c.configuration import configured
-from dl2c.diagnostics import CompileError, Diagnostic, error, in_source_order, warning
+from dl2c.diagnostics import CompileError, Diagnostic, as_stored, error, in_source_order, restored, warning
+from dl2c.inputs import checked_input, read_json
 from dl2c.ir.lints import program_warnings
 from dl2c.ir.lower import lower
 from dl2c.ir.model import LARGEST_STATE, TRUE
@@ -69,17 +70,24 @@ def compile_model(source: Source, options: Options, *, progress: Progress = sile
     Raises `CompileError` for a mistake in the model, `NativeError` where C cannot be compiled.
     """
     from dl2c.native.binding import load_library
+    from dl2c.native.errors import NativeError
+    from dl2c.native.manifest import MAX_BYTES
 
     with stages(progress) as say:
         say("reading the model")
         problem, options, warnings = _front(source, options)
         say("looking for an earlier build")
         key = build_key({source.name: source.text}, options)
-        directory = cached(key, lambda folder: _build(problem, options, key, folder, say))
-    LOG.info("files: %s", directory)
-    found = json.loads((directory / "warnings.json").read_text(encoding="utf-8"))
-    later = tuple(_restored(w, source) for w in found)
-    return Compiled(load_library(directory), directory, in_source_order((*warnings, *later)))
+
+        def load(directory: Path) -> Compiled:
+            with checked_input(NativeError, "this is no build"):
+                found = read_json(directory / "warnings.json", MAX_BYTES)
+                later = tuple(restored(w, source) for w in found)
+            return Compiled(load_library(directory), directory, in_source_order((*warnings, *later)))
+
+        compiled = cached(key, lambda folder: _build(problem, options, key, folder, say), load)
+    LOG.info("files: %s", compiled.directory)
+    return compiled
 
 
 def resolved(source: Source, options: Options) -> tuple[Problem, Options]:
@@ -376,22 +384,5 @@ def _build(problem: Problem, options: Options, key: str, folder: Path, say: Prog
     manifest = manifest_of(environment, key, host() | solver)
     (folder / "manifest.json").write_text(manifest.to_json(), encoding="utf-8")
     (folder / "model.ir").write_text(print_model(environment.model), encoding="utf-8")
-    saved = [_saved(w) for w in warnings]
-    (folder / "warnings.json").write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
-
-
-def _saved(diagnostic: Diagnostic) -> dict[str, Any]:
-    span = diagnostic.span
-    return {
-        "code": diagnostic.code,
-        "title": diagnostic.title,
-        "range": [span.start, span.end],
-        "label": diagnostic.label,
-        "help": diagnostic.help,
-        "notes": list(diagnostic.notes),
-    }
-
-
-def _restored(saved: dict[str, Any], source: Source) -> Diagnostic:
-    span = Span(source, *saved["range"])
-    return warning(saved["code"], saved["title"], span, saved["label"], saved["help"], tuple(saved["notes"]))
+    stored = [as_stored(w) for w in warnings]
+    (folder / "warnings.json").write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+from dl2c.inputs import open_input
+
 MAX_TEXT = 2_000_000
 """Characters that a model may have; reading stops soon after them."""
 
@@ -26,7 +28,7 @@ class Source:
 
         Bytes that are not UTF-8 become lone surrogates, which the parser refuses with their place.
         """
-        with Path(path).open("rb") as file:
+        with open_input(path) as file:
             content = file.read(4 * MAX_TEXT + 4)
         text = content.decode("utf-8-sig", "surrogateescape")
         return Source(str(path), text.replace("\r\n", "\n").replace("\r", "\n"))

@@ -33,7 +33,7 @@ def build(directory):
         os.kill(os.getpid(), signal.SIGKILL)
     (directory / "library").write_text("whole")
 
-print((cached("0123456789abcdef" * 2, build) / "library").read_text())
+print((cached("0123456789abcdef" * 2, build, lambda entry: entry) / "library").read_text())
 """
 
 
@@ -47,12 +47,16 @@ def builder(log: Path, seconds: float, end: str = "live") -> subprocess.Popen[st
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parent.parent)
 
 
+def as_it_is(entry: Path) -> Path:
+    return entry
+
+
 def writes(text: str) -> Callable[[Path], None]:
     return lambda directory: (directory / "library").write_text(text) and None
 
 
 def entry(number: int, size: int, age: float) -> Path:
-    made = cached(f"{number:032x}", writes("x" * size))
+    made = cached(f"{number:032x}", writes("x" * size), as_it_is)
     then = time.time() - age
     os.utime(made / cache.SEAL, (then, then))
     return made
@@ -71,7 +75,7 @@ def test_killed_build_leaves_no_entry(tmp_path: Path) -> None:
     victim.communicate()
     assert victim.returncode == -signal.SIGKILL
     assert cache_entries() == ()
-    assert (cached(KEY, writes("whole")) / "library").read_text() == "whole"
+    assert (cached(KEY, writes("whole"), as_it_is) / "library").read_text() == "whole"
     assert not list(cache_dir().glob("*.tmp")), "what the killed build left is gone"
 
 
@@ -81,13 +85,13 @@ def test_failing_build_passes_its_error_on() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        cached(KEY, build)
+        cached(KEY, build, as_it_is)
     assert cache_entries() == () and not list(cache_dir().glob("*.tmp"))
 
 
 @pytest.mark.parametrize("damage", ["truncated", "removed", "added", "unsealed"])
 def test_corrupted_entry_is_built_again(damage: str) -> None:
-    made = cached(KEY, writes("whole"))
+    made = cached(KEY, writes("whole"), as_it_is)
     match damage:
         case "truncated":
             (made / "library").write_text("who")
@@ -97,14 +101,14 @@ def test_corrupted_entry_is_built_again(damage: str) -> None:
             (made / "stray").write_text("")
         case _:
             (made / cache.SEAL).write_text("{")
-    again = cached(KEY, writes("anew"))
+    again = cached(KEY, writes("anew"), as_it_is)
     assert [path.name for path in sorted(again.iterdir())] == ["library", cache.SEAL]
     assert (again / "library").read_text() == "anew"
 
 
 def test_hit_does_not_build() -> None:
-    first = cached(KEY, writes("first"))
-    assert cached(KEY, writes("second")) == first
+    first = cached(KEY, writes("first"), as_it_is)
+    assert cached(KEY, writes("second"), as_it_is) == first
     assert (first / "library").read_text() == "first"
 
 
@@ -115,7 +119,7 @@ def test_cache_belongs_to_one_user(monkeypatch: pytest.MonkeyPatch) -> None:
     other = os.getuid() + 1
     monkeypatch.setattr(os, "getuid", lambda: other)
     with pytest.raises(NativeError, match=r"another user.*DL2C_CACHE_DIR"):
-        cached(KEY, writes(""))
+        cached(KEY, writes(""), as_it_is)
 
 
 def test_unusable_cache_is_a_clear_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -130,7 +134,7 @@ def test_pruning_removes_the_least_recently_used() -> None:
     assert [e.directory for e in cache_entries()] == [recent, old, older]
     assert prune(cap=100_000) == ()
     assert [e.directory for e in prune(cap=9000)] == [older]
-    cached(old.name, writes("used again"))
+    cached(old.name, writes("used again"), as_it_is)
     assert [e.directory for e in prune(cap=5000)] == [recent]
     assert [e.directory for e in cache_entries()] == [old]
 

@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 LAYERS = (
-    *("version", "source", "diagnostics", "options", "configuration", "progress"),
+    *("version", "inputs", "outputs", "source", "diagnostics", "options", "configuration", "progress"),
     *("parse", "resolve", "ir", "interval", "paths", "smt", "sampling", "symbolic"),
     *("monitor", "policy", "emit"),
     *("native", "pipeline", "picture", "env", "training", "ray"),

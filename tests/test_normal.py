@@ -120,6 +120,14 @@ def test_a_darboux_equality_stays_true(difference: str, rates: dict[str, str], s
     assert is_darboux(term(difference), {x: term(rate) for x, rate in rates.items()}) is stays
 
 
+def test_equalities_stay_true_together() -> None:
+    """On a circle because the velocity is orthogonal to the radius, as long as that is known."""
+    rates = {x: term(r) for x, r in {"x": "v*c", "y": "v*s", "c": "-s*v/r", "s": "c*v/r"}.items()}
+    circle, known = term("x*x + y*y - r*r"), [term("c + y/r"), term("s - x/r")]
+    assert is_darboux(circle, rates, known)
+    assert not is_darboux(circle, rates, known[:1]) and not is_darboux(circle, rates)
+
+
 def test_a_kept_equality_is_no_condition_along_the_flow() -> None:
     """But one that the flow does not keep is."""
     names = {name: Symbol(name, "variable") for name in "xyt"}

@@ -51,8 +51,8 @@ def test_read_inverts_write(tmp_path: Path) -> None:
 Change = Callable[[dict[str, Any]], Any]
 
 WRONG: dict[str, tuple[Change, str]] = {
-    "no version": (lambda d: d.pop("version"), "not a policy of version"),
-    "another version": (lambda d: d.update(version=9), "not a policy of version"),
+    "no version": (lambda d: d.pop("version"), "not of version 1"),
+    "another version": (lambda d: d.update(version=9), "not of version 1"),
     "no layers": (lambda d: d.pop("layers"), "lacks 'layers'"),
     "layers of another kind": (lambda d: d.update(layers={}), "not a list"),
     "a layer of another kind": (lambda d: d.update(layers=["weight_0"]), "not an object"),

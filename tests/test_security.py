@@ -165,10 +165,10 @@ def test_every_field_of_a_manifest_is_checked(field: str, tmp_path: Path) -> Non
     ("text", "said"),
     [
         ("", "Expecting value"),
-        ("[" * 100_000, "recursion"),
+        ("[" * 100_000, "nested too deeply"),
         ("[]", "not an object"),
         ("{}", "another version"),
-        (b"\xff\xfe", "utf-8"),
+        (b"\xff\xfe", "no UTF-8 text"),
         ('{"manifest_version": 1, "manifest_version": ' + "9" * 5000 + "}", "digits"),
         ('{"manifest_version": NaN}', "NaN"),
     ],

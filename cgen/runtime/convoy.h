@@ -175,8 +175,8 @@ DL2C_INLINE void dl2c_fleet_arrive(dl2c_fleet *f, int64_t count)
     for (int k = 0; k < NX; k++) y[k] = f->y[k][i];
     DL2C_UNROLL
     for (int k = 0; k < NP + NFROZEN; k++) p[k] = f->p[k][i];
-    dl2c_project(DL2C_LANE_FLOW, p, y);
-    model_settle(DL2C_LANE_FLOW, x, p, f->stop[i], sign, y);
+    dl2c_project(DL2C_LANE_FLOW, p, NULL, y);
+    dl2c_settle(DL2C_LANE_FLOW, x, p, f->stop[i], sign, y);
     f->there[i] &= (int64_t)(dl2c_all_finite(y, NX) & model_inside(DL2C_LANE_FLOW, y, p));
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) f->y[k][i] = y[k];

@@ -7,9 +7,7 @@
 #define DL2C_NUMERIC_H
 
 #include "growth.h"
-#if DL2C_TRACKED_FLOWS
 #include "project.h"
-#endif
 #include "search.h"
 #if DL2C_LINEAR_FLOWS
 #include "linear.h"
@@ -140,16 +138,11 @@ static void dl2c_rest(const real *x, dl2c_track *track)
 /* One that went further than this is halved until it is known as well as this. */
 #define DL2C_RETREAT_FINE 0x1p-40
 
-#if !DL2C_TRACKED_FLOWS
-/* A solution in closed form keeps what it conserves. */
-static inline void dl2c_project(int flow, const real *p, real *y) { (void)flow, (void)p, (void)y; }
-#endif
-
 /* Whether the state at a place of a track, its invariants met, is inside the domain. */
 static bool dl2c_arrives(const dl2c_stretch *stretch, real place, real *y, real *duration)
 {
   dl2c_track_at(stretch->track, place, y);
-  dl2c_project(stretch->flow, stretch->p, y);
+  dl2c_project(stretch->flow, stretch->p, NULL, y);
   *duration = dl2c_time_at(stretch->track, place);
   return model_inside(stretch->flow, y, stretch->p);
 }
@@ -198,8 +191,8 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real place, bool set
   const int flow = stretch->flow;
   const real *p = stretch->p;
   dl2c_track_at(stretch->track, place, y);
-  dl2c_project(flow, p, y);
-  if (settled) model_settle(flow, stretch->x, p, time, sign, y);
+  dl2c_project(flow, p, NULL, y);
+  if (settled) dl2c_settle(flow, stretch->x, p, time, sign, y);
   if (!dl2c_all_finite(y, NX)) return DL2C_UNDEFINED;
   *duration = time;
   if (model_inside(flow, y, p)) return DL2C_SETTLED;

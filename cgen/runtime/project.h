@@ -30,9 +30,13 @@ static inline real dl2c_orthogonal(const real *gradient, const real (*axes)[NX],
   return square > whole * DL2C_DEPENDENT * DL2C_DEPENDENT ? square : 0.0;
 }
 
-/* One step of Newton's method from y towards all equalities together, the shortest one. */
-static inline void dl2c_project(int flow, const real *p, real *y)
+/*
+ * One step of Newton's method from y towards all equalities together, the shortest one that leaves
+ * some variables as they are. Solutions in closed form keep them anyway.   fixed: (NX) which, or NULL for none
+ */
+static inline void dl2c_project(int flow, const real *p, const bool *fixed, real *y)
 {
+#if DL2C_TRACKED_FLOWS
   if (NPROJECTION == 0) return;
   real off[NPROJECTION + 1] = {0.0};
   real by[NPROJECTION + 1][NX] = {{0.0}};
@@ -41,6 +45,7 @@ static inline void dl2c_project(int flow, const real *p, real *y)
   real moved[NX] = {0.0};
   model_invariants(flow, y, p, off, by);
   for (int j = 0; j < NPROJECTION; j++) {
+    for (int k = 0; fixed != NULL && k < NX; k++) by[j][k] = fixed[k] ? 0.0 : by[j][k];
     squares[j] = dl2c_orthogonal(by[j], (const real(*)[NX])axes, squares, j, axes[j]);
     if (!(squares[j] > 0.0)) continue;
     real left = off[j];
@@ -49,6 +54,27 @@ static inline void dl2c_project(int flow, const real *p, real *y)
     for (int k = 0; k < NX; k++) moved[k] += step * axes[j][k];
   }
   for (int k = 0; k < NX; k++) y[k] -= moved[k];
+#else
+  (void)flow, (void)p, (void)fixed, (void)y;
+#endif
+}
+
+/*
+ * Bounds that were met hold exactly where a flow from x ends after some time: variables that this
+ * moves keep their values while the others are moved onto the equalities once more.
+ */
+static inline void dl2c_settle(int flow, const real *x, const real *p, real time, const int8_t *sign,
+                               real *y)
+{
+  real before[NX];
+  bool fixed[NX];
+  bool moved = false;
+  memcpy(before, y, sizeof before);
+  model_settle(flow, x, p, time, sign, y);
+  for (int k = 0; k < NX; k++) moved |= fixed[k] = y[k] != before[k];
+  if (NPROJECTION == 0 || !moved) return;
+  dl2c_project(flow, p, fixed, y);
+  model_settle(flow, x, p, time, sign, y);
 }
 
 #endif

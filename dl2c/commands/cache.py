@@ -1,6 +1,5 @@
 """`dl2c cache`: the built models that dl2c keeps."""
 
-import json as text
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 from typing import Annotated, Any
@@ -9,7 +8,9 @@ import typer
 
 from dl2c.commands.failures import to_json
 from dl2c.commands.flags import Json
+from dl2c.inputs import MALFORMED, read_json
 from dl2c.native.cache import DEFAULT_CAP, CacheEntry, cache_dir, cache_entries, clear, prune
+from dl2c.native.manifest import MAX_BYTES
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Built models that are kept.")
 
@@ -53,8 +54,8 @@ def _names() -> Mapping[str, str]:
 
 def _name(entry: CacheEntry) -> str:
     try:
-        return str(text.loads((entry.directory / "manifest.json").read_text(encoding="utf-8"))["name"])
-    except (OSError, ValueError, KeyError):
+        return str(read_json(entry.directory / "manifest.json", MAX_BYTES)["name"])
+    except (OSError, *MALFORMED):
         return ""
 
 

@@ -50,13 +50,6 @@ def annotated(model: str, options: Mapping[str, Any]) -> bytes:
     return edited(content, suggestions(source, resolve_options(options)))
 
 
-def write(path: Path, content: bytes) -> None:
-    """Write a file as a whole or not at all."""
-    from dl2c.lint.edits import replace_file
-
-    replace_file(path, content)
-
-
 def table_of_codes() -> str:
     """The table of the README."""
     rows = [f"| `{lint.code}` | {lint.meaning} | {'yes' if lint.fixable else ''} |" for lint in LINTS]

@@ -1,10 +1,11 @@
 """How failures reach the user: mistakes in a model as diagnostics, the rest in one line.
 
-Exit code 1: the model, an option, a file or the machine. Exit code 70: a bug of dl2c.
+Exit code 1: the model, an option, a file or the machine. Exit code 70: a bug of dl2c; 130: Ctrl-C.
 """
 
 import json
 import math
+import os
 import sys
 import traceback
 from collections.abc import Iterable, Mapping
@@ -22,8 +23,8 @@ from dl2c.training.policies import PolicyError
 from dl2c.training.run import TrainingError
 from dl2c.version import __version__
 
-USER, BUG = 1, 70
-"""Exit codes; 70 is EX_SOFTWARE of sysexits.h."""
+USER, BUG, INTERRUPTED = 1, 70, 130
+"""Exit codes; 70 is EX_SOFTWARE of sysexits.h, 130 what a shell says of Ctrl-C."""
 
 COLOURS = {"error": "bold red", "warning": "bold yellow", "note": "cyan", "help": "green"}
 
@@ -47,11 +48,14 @@ def report(failure: BaseException) -> int:
         case NativeError() | UnknownOption() | PolicyError() | TrainingError() | CommandError():
             _line(str(failure))
             return USER
-        case UnicodeDecodeError():
-            _line(f"the model is not UTF-8 text: {failure.reason} at byte {failure.start}")
+        case BrokenPipeError():
             return USER
-        case OSError(filename=str() | bytes() as name):
-            _line(f"{failure.strerror}: {name}")
+        case OSError():
+            name = f": {os.fsdecode(failure.filename)}" if failure.filename is not None else ""
+            _line(f"{failure.strerror or failure}{name}")
+            return USER
+        case MemoryError():
+            _line("out of memory")
             return USER
         case ModuleNotFoundError(name=name) if name in EXTRA:
             _line(f"this needs {name}; install it with `pip install dl2c[{EXTRA[name]}]`")

@@ -147,11 +147,12 @@ def _tolerance(eps: tuple[str, ...], names: set[str], single: bool) -> "Toleranc
 
 def _written(unit: "Unit", output: Path, policy: "NetworkPolicy | None") -> dict[str, Any]:
     from dl2c.emit.monitor_text import monitor_files
+    from dl2c.outputs import output_folder
 
     files = monitor_files(unit, policy)
-    output.mkdir(parents=True, exist_ok=True)
-    for name, text in files.items():
-        (output / name).write_text(text, encoding="utf-8")
+    with output_folder(output) as folder:
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="utf-8")
     return {"directory": str(output), "files": sorted(files)}
 
 

@@ -10,6 +10,7 @@ from rich.progress import Progress
 from dl2c.commands.failures import to_json
 from dl2c.commands.flags import Json
 from dl2c.commands.verbosity import quiet
+from dl2c.outputs import write_output
 
 
 def paper(
@@ -34,10 +35,9 @@ def paper(
         results = experiments(budget, output, lambda done, of: bar.update(task, completed=done, total=of))
     checks = criteria(results, budget.proper)
     content = data(results, checks)
-    output.mkdir(parents=True, exist_ok=True)
     text = markdown(results, checks)
-    (output / "table.md").write_text(text, encoding="utf-8")
-    (output / "table.json").write_text(to_json(content) + "\n", encoding="utf-8")
+    write_output(output / "table.md", text)
+    write_output(output / "table.json", to_json(content) + "\n")
     drawn = figures(results, output)
     print(to_json(content) if json else text)
     if not json:

@@ -9,6 +9,7 @@ from dl2c.commands.completion import models
 from dl2c.commands.failures import CommandError
 from dl2c.commands.verbosity import talkative
 from dl2c.commands.waiting import working
+from dl2c.outputs import write_output
 
 
 @talkative
@@ -34,6 +35,5 @@ def report(
     path = output or run / "report.html"
     with working(f"looking at {run}"):
         text = write(trained, episodes)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    write_output(path, text)
     print(path)

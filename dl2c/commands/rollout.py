@@ -14,6 +14,7 @@ from dl2c.commands.arguments import Episodes, Masked, Model, PolicyName, Seed
 from dl2c.commands.failures import CommandError, to_json
 from dl2c.commands.flags import Json
 from dl2c.commands.waiting import working
+from dl2c.outputs import output_file
 
 Block: TypeAlias = Mapping[str, list[Any]]
 """Some rows, as columns."""
@@ -125,7 +126,9 @@ def _stored(tables: Iterable[Any], path: Path | None, briefly: bool) -> Iterator
         file: Any = None
         for table in tables:
             if path is not None:
-                file = file or files.enter_context(arrow("pyarrow.parquet").ParquetWriter(path, table.schema))
+                if file is None:
+                    fresh = files.enter_context(output_file(path))
+                    file = files.enter_context(arrow("pyarrow.parquet").ParquetWriter(fresh, table.schema))
                 file.write_table(table)
             names = TOLD if briefly else table.column_names
             yield dict(zip(names, lists(table, names), strict=True))
@@ -137,7 +140,8 @@ def _written(blocks: Iterable[Block], path: Path) -> Iterator[Block]:
         writer: Any = None
         for block in blocks:
             if writer is None:
-                writer = csv.writer(files.enter_context(path.open("w", newline="", encoding="utf-8")))
+                fresh = files.enter_context(output_file(path))
+                writer = csv.writer(files.enter_context(fresh.open("w", newline="", encoding="utf-8")))
                 writer.writerow(block)
             writer.writerows(zip(*block.values(), strict=True))
             yield block

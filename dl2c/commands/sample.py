@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dl2c.commands.failures import CommandError, to_json
 from dl2c.env.opening import build, source_of
 from dl2c.native.manifest import Manifest
+from dl2c.outputs import output_file
 
 if TYPE_CHECKING:
     from dl2c.ir.model import Formula
@@ -109,7 +110,7 @@ def show(data: Mapping[str, Any]) -> None:
 
 def write_csv(sample: Sample, path: Path) -> None:
     """One state a line, exact."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with output_file(path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(sample.names)
         writer.writerows(sample.rows.tolist())
@@ -133,7 +134,8 @@ def corner_plot(sample: Sample, path: Path) -> None:
         for k, across in enumerate(varying):
             _cell(axes[i][k], sample, i, k, (below, across), n)
     figure.tight_layout(pad=0.3)
-    figure.savefig(path, dpi=110)
+    with output_file(path) as fresh:
+        figure.savefig(fresh, dpi=110)
     plt.close(figure)
 
 

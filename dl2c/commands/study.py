@@ -10,6 +10,7 @@ from dl2c.commands.failures import CommandError, to_json
 from dl2c.commands.flags import Json
 from dl2c.commands.verbosity import talkative
 from dl2c.commands.waiting import working
+from dl2c.outputs import write_output
 
 
 @talkative
@@ -46,7 +47,7 @@ def study(
         with working(f"studying {one.example}"):
             result = measure(one.quick(), folder, episodes=8, steps=800) if quick else measure(one, folder)
         found.append(data(result))
-        (folder / "results.json").write_text(to_json(found[-1]) + "\n", encoding="utf-8")
+        write_output(folder / "results.json", to_json(found[-1]) + "\n")
         page = write_page(result, folder)
         if not json:
             print(page)

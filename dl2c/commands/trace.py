@@ -7,6 +7,7 @@ must accept one of these states.
 """
 
 import csv
+import io
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from dl2c.diagnostics import Diagnostic, warning
 from dl2c.emit.cfile import place
 from dl2c.emit.monitor_h import Unit
 from dl2c.emit.monitor_text import monitor_files
+from dl2c.inputs import MALFORMED, read_text, reason
 from dl2c.ir.evaluate import Undefined, evaluate
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import ZERO, Model, Symbol
@@ -29,6 +31,9 @@ from dl2c.training.rollout import column
 
 UNMOVED = ("blocked", "diverged", "numerical", "solver")
 """Reasons to end an episode with a step that is no step of the model."""
+
+MOST_BYTES = 1024**3
+"""A longer trace is not read."""
 
 Row = Mapping[str | Any, str | Any]
 
@@ -175,9 +180,12 @@ def _violation(monitor: Monitor, row: int, values: Row, kind: str, ids: list[int
 
 
 def rows_of(trace: Path, unit: Unit) -> list[Row]:
-    """Raises `CommandError` for a file that is no trace of the model."""
-    with trace.open(newline="", encoding="utf-8") as file:
-        rows: list[Row] = list(csv.DictReader(file))
+    """Raises `CommandError` for a file that is no trace of the model, `OSError`."""
+    try:
+        text = read_text(trace, MOST_BYTES)
+        rows: list[Row] = list(csv.DictReader(io.StringIO(text, newline="")))
+    except (*MALFORMED, csv.Error) as problem:
+        raise CommandError(f"{trace} is no trace: {reason(problem)}") from None
     wanted = [*(v.name for v in unit.monitor.model.variables), *(c.name for c in unit.parameters)]
     columns = ["episode", "step", "reason", *(column(n) for n in wanted)]
     if missing := [c for c in columns if not rows or rows[0].get(c) is None]:

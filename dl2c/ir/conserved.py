@@ -5,13 +5,14 @@ what is decided is whether quotients of polynomials are zero. That is exact wher
 no where terms are too long, and where two functions would have to be known to belong together.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from typing import cast
 
 from dl2c.ir.logic import minus, number, plus, times
 from dl2c.ir.margins import fraction
-from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
-from dl2c.ir.normal import MAX_TERMS, Monomial, Normal, added, multiplied, normal_form, quotient
+from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Kind, Mul, Neg, Number, Pow, Sub, Symbol, Term
+from dl2c.ir.normal import MAX_TERMS, Monomial, Normal, added, multiplied, normal_form, powers, quotient
 
 LARGEST_ROOT = 12
 """Powers by a number are powers of a root of at most this degree, else not looked into."""
@@ -26,18 +27,50 @@ def is_invariant(term: Term, rates: Mapping[str, Term]) -> bool:
         return False
 
 
-def is_darboux(term: Term, rates: Mapping[str, Term]) -> bool:
+def is_darboux(term: Term, rates: Mapping[str, Term], zeros: Sequence[Term] = ()) -> bool:
     """Whether the Lie derivative of the term along an ODE is the term times a factor that has a value
-    wherever the ODE has one: where the term is zero it stays zero (dL's rule dbx).
+    wherever the ODE has one: where the term is zero it stays zero (dL's rule dbx). `zeros` are terms that
+    are zero along the ODE, which may be used (a differential cut).
 
     Not found out for terms with roots of what moves, whose derivatives divide by the root.
     """
     flow = _Derivation(rates, roots=False)
     try:
         above, _ = fraction(flow.algebraic(term), _always)
-        return is_multiple(flow.numerator(flow.derivative(above)), flow.numerator(above))
+        forms = [flow.numerator(flow.derivative(above)), flow.numerator(above)]
+        zero = [flow.numerator(flow.algebraic(z)) for z in zeros]
     except _Unknown:
         return False
+    for _ in zeros:
+        found = next(filter(None, map(_solved, zero)), None)
+        if found is None:
+            break
+        symbol, value = found
+        forms, zero = ([_replaced(f, symbol, value) for f in part] for part in (forms, zero))
+    return is_multiple(*forms)
+
+
+def _solved(form: Normal) -> tuple[Symbol, Normal] | None:
+    """A name of the polynomial and the value for which it is zero, where that is a polynomial."""
+    for monomial, factor in form.items():
+        if len(monomial) == 1 and monomial[0][2] == 1:
+            (kind, name, _) = monomial[0]
+            symbol = Symbol(name, cast("Kind", kind))
+            rest = {m: c / -factor for m, c in form.items() if m != monomial}
+            if all(0 in powers({m: c}, symbol) for m, c in rest.items()):
+                return symbol, rest
+    return None
+
+
+def _replaced(form: Normal, symbol: Symbol, value: Normal) -> Normal:
+    """The polynomial with a value for a name; itself where that is too long."""
+    total: Normal | None = {}
+    power: Normal | None = {(): Fraction(1)}
+    by_exponent = powers(form, symbol)
+    for exponent in range(max(by_exponent, default=0) + 1):
+        total = added(total, multiplied(power, by_exponent.get(exponent, {})))
+        power = multiplied(power, value)
+    return form if total is None else total
 
 
 def is_multiple(form: Normal, divisor: Normal) -> bool:

@@ -14,7 +14,7 @@ from fractions import Fraction
 from dl2c.ir.conserved import is_darboux, is_invariant
 from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal
 from dl2c.ir.flow import moving
-from dl2c.ir.logic import atoms, operands, substituted, symbols, with_term
+from dl2c.ir.logic import atoms, conjunction, operands, substituted, symbols, with_term
 from dl2c.ir.model import ZERO, And, Compare, Flow, Formula, Model, Or, Sub, Symbol, Term, Truth
 from dl2c.ir.slack import slack_of, widened
 from dl2c.ir.watch import Watch
@@ -36,7 +36,7 @@ class Projection:
 
     equality: Compare
     held: Symbol | None = None
-    holds: Compare | None = None
+    holds: Formula | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,23 +122,30 @@ def _conserved_parts(term: Term, flow: Flow) -> list[Term]:
     return [part for t in operands(term) for part in _conserved_parts(t, flow)]
 
 
-def _stays(term: Term, flow: Flow) -> bool:
-    """Whether a term over variables that move is zero along the flow where it was at its start."""
+def _stays(flow: Flow, equality: Compare, known: Sequence[Compare]) -> bool:
+    """Whether an equality over variables that move stays true along the flow, as those known do."""
     rates = dict(flow.equations)
-    return bool(moving(term, rates)) and (is_invariant(term, rates) or is_darboux(term, rates))
+    term = Sub(equality.left, equality.right)
+    if not moving(term, rates):
+        return False
+    return is_invariant(term, rates) or is_darboux(term, rates, [Sub(e.left, e.right) for e in known])
 
 
 def projections(flow: Flow, equalities: Sequence[Compare], tolerance: Fraction) -> tuple[Projection, ...]:
-    """What the end of a flow is moved onto: equalities of its domain, then others that it conserves."""
-    own = [Projection(invariant) for invariant in flow.invariants]
-    others = [e for e in dict.fromkeys(equalities) if _stays(Sub(e.left, e.right), flow)]
-    return (
-        *own,
-        *(
-            Projection(e, Symbol(f"at_start_held{k}", "start"), widened(e, slack_of(e, tolerance)))
-            for k, e in enumerate(x for x in others if x not in flow.invariants)
-        ),
-    )
+    """What the end of a flow is moved onto: equalities of its domain, then others that it conserves, alone
+    or together with those before.
+    """
+    found = [Projection(invariant) for invariant in flow.invariants]
+    left = [e for e in dict.fromkeys(equalities) if e not in flow.invariants]
+    alone = [e for e in left if _stays(flow, e, ())]
+    kept = [*flow.invariants, *alone]
+    while (more := next((e for e in left if e not in kept and _stays(flow, e, kept)), None)) is not None:
+        kept.append(more)
+    for k, equality in enumerate(kept[len(flow.invariants) :]):
+        needed = (equality,) if equality in alone else kept[: kept.index(equality) + 1]
+        holds = conjunction(widened(e, slack_of(e, tolerance)) for e in needed)
+        found.append(Projection(equality, Symbol(f"at_start_held{k}", "start"), holds))
+    return tuple(found)
 
 
 def equalities_of(model: Model) -> tuple[Compare, ...]:

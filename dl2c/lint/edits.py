@@ -4,12 +4,8 @@ Places are those of `Source.text`, which has neither a byte order mark nor carri
 file may have both. New lines end as the file's first line does.
 """
 
-import os
-import stat
-import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,18 +36,3 @@ def _places(raw: str) -> list[int]:
     start = 1 if raw.startswith("\ufeff") else 0
     kept = [i for i in range(start, len(raw)) if not (raw[i] == "\n" and i > start and raw[i - 1] == "\r")]
     return [*kept, len(raw)]
-
-
-def replace_file(path: Path, content: bytes) -> None:
-    """Write a file as a whole or not at all; its permissions stay."""
-    path = path.resolve()
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content)
-        if path.exists():
-            os.chmod(name, stat.S_IMODE(path.stat().st_mode))
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise

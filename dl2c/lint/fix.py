@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from dl2c.diagnostics import Diagnostic
-from dl2c.lint.edits import Edit, edited, replace_file
+from dl2c.lint.edits import Edit, edited
 from dl2c.lint.portable import portability, quotients
+from dl2c.outputs import write_output
 from dl2c.parse import errors
 from dl2c.parse.archive import refused_comments
 from dl2c.parse.parser import parse_archive
@@ -31,7 +32,7 @@ def fix_file(path: Path) -> int:
         new = edited(content, changes)
         if new == content:
             break
-        replace_file(path, new)
+        write_output(path, new)
         made += len(changes)
     return made
 

@@ -19,10 +19,12 @@ from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import platformdirs
 from filelock import FileLock, Timeout
 
+from dl2c.inputs import MALFORMED, read_json
 from dl2c.native.code import code_digest
 from dl2c.native.errors import NativeError
 from dl2c.native.sundials import find_sundials
@@ -38,7 +40,11 @@ GRACE = 60.0
 SEAL = "sealed.json"
 """Digests of all other files of an entry."""
 
+MOST_SEALED = 2**20
+
 KEY_LENGTH = 32
+
+Loaded = TypeVar("Loaded")
 
 ADVICE = "set DL2C_CACHE_DIR to a folder of yours"
 
@@ -82,7 +88,10 @@ def cache_dir() -> Path:
     created or belongs to someone else.
     """
     home = os.environ.get("DL2C_CACHE_DIR") or platformdirs.user_cache_dir("dl2c")
-    root = Path(home).expanduser().absolute() / "builds"
+    try:
+        root = Path(home).expanduser().absolute() / "builds"
+    except RuntimeError:
+        raise NativeError(f"there is no home of the user in {home}; {ADVICE}") from None
     try:
         root.mkdir(mode=0o700, parents=True, exist_ok=True)
         owners = {root.lstat().st_uid, root.stat().st_uid}
@@ -95,27 +104,37 @@ def cache_dir() -> Path:
     return root
 
 
-def cached(key: str, build: Callable[[Path], None]) -> Path:
-    """The folder of the entry `key`, made by `build(folder)` unless it is there already.
+def cached(key: str, build: Callable[[Path], None], load: Callable[[Path], Loaded]) -> Loaded:
+    """What `load(folder)` makes of the entry `key`, which is made by `build(folder)` unless it is there.
 
-    Only one process builds a key at a time, the others wait for it and use its result. An
-    exception of `build` passes through and leaves no entry. Raises `NativeError` where the disk
-    is full or cannot be written.
+    Only one process builds a key at a time, the others wait for it and use its result. An entry that
+    cannot be loaded, though nothing is wrong with its files, is built once more. An exception of `build`
+    passes through and leaves no entry. Raises `NativeError` where the disk is full or cannot be written,
+    and what `load` raises of a fresh entry.
     """
     root = cache_dir()
     entry = root / key
     try:
-        if not _intact(entry):
+        if (loaded := _reused(entry, load)) is None:
             with _locked(root, key):
-                if not _intact(entry):
+                if (loaded := _reused(entry, load)) is None:
                     _remove_leftovers(root, key)
                     _build(root, entry, build)
-            prune(idle=GRACE)
+                    loaded = load(entry)
+        prune(idle=GRACE)
     except OSError as problem:
         raise NativeError(f"cannot write the build cache {root}: {problem.strerror}; {ADVICE}") from None
     with suppress(OSError):
         os.utime(entry / SEAL)
-    return entry
+    return loaded
+
+
+def _reused(entry: Path, load: Callable[[Path], Loaded]) -> Loaded | None:
+    """None where there is no whole entry, or none that can be loaded."""
+    if _intact(entry):
+        with suppress(NativeError, OSError):
+            return load(entry)
+    return None
 
 
 def cache_entries() -> tuple[CacheEntry, ...]:
@@ -164,8 +183,8 @@ def _build(root: Path, entry: Path, build: Callable[[Path], None]) -> None:
 def _intact(entry: Path) -> bool:
     """Whether every file of the entry is what the build left."""
     try:
-        return json.loads((entry / SEAL).read_text(encoding="utf-8")) == _digests(entry)
-    except (OSError, ValueError):
+        return read_json(entry / SEAL, MOST_SEALED) == _digests(entry)
+    except (OSError, *MALFORMED):
         return False
 
 

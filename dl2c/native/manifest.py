@@ -11,6 +11,7 @@ from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, NoReturn, cast, get_args, get_origin, get_type_hints
 
+from dl2c.inputs import checked_input, read_text
 from dl2c.native.errors import NativeError
 from dl2c.options import Options, with_options
 
@@ -126,19 +127,19 @@ class Manifest:
     @staticmethod
     def read(path: Path) -> "Manifest":
         """Read a manifest; raises `NativeError` if it is not one of this version. Nothing in it is run."""
+        fault = f"{path.name} is not a dl2c manifest"
         try:
-            with path.open("rb") as file:
-                text = file.read(MAX_BYTES).decode("utf-8")
-            data = json.loads(text, parse_constant=_refused_constant)
-            if not isinstance(data, dict):
-                raise ValueError("it is not an object")
-            given = cast("dict[str, Any]", data)
-            version = given.pop("manifest_version", None)
-            if isinstance(version, bool) or version != MANIFEST_VERSION:
-                raise NativeError(f"{path.name} is of another version of dl2c; build the model again")
-            return _consistent(_record(given, Manifest, "the manifest"))
-        except (OSError, ValueError, RecursionError) as problem:
-            raise NativeError(f"{path.name} is not a dl2c manifest: {problem}") from None
+            with checked_input(NativeError, fault):
+                data = json.loads(read_text(path, MAX_BYTES), parse_constant=_refused_constant)
+                if not isinstance(data, dict):
+                    raise ValueError("it is not an object")
+                given = cast("dict[str, Any]", data)
+                version = given.pop("manifest_version", None)
+                if isinstance(version, bool) or version != MANIFEST_VERSION:
+                    raise NativeError(f"{path.name} is of another version of dl2c; build the model again")
+                return _consistent(_record(given, Manifest, "the manifest"))
+        except OSError as problem:
+            raise NativeError(f"{fault}: {problem.strerror}") from None
 
 
 def _consistent(manifest: Manifest) -> Manifest:
@@ -148,6 +149,8 @@ def _consistent(manifest: Manifest) -> Manifest:
         raise ValueError("a run has as many entries as there are choices")
     if len(manifest.run_texts) != len(manifest.runs):
         raise ValueError("every run has a text")
+    if missing := sorted({f.name for f in fields(Options)} - {"given", "entry"} - manifest.options.keys()):
+        raise ValueError(f"the options lack {missing[0]}")
     return manifest
 
 

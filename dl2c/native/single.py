@@ -28,7 +28,9 @@ def single_step() -> Callable[[tuple[Any, ...]], Callable[[Any], Any]] | None:
         return None
     include = (*python, f"-I{headers}", f"-I{cgen_dir() / 'include'}")
     try:
-        return load(cached(_key(), lambda directory: _build(directory, include)) / _file()).stepper
+        return cached(
+            _key(), lambda directory: _build(directory, include), lambda directory: load(directory / _file())
+        ).stepper
     except NativeError as problem:
         LOG.info("single environments are stepped in Python: %s", problem)
         return None

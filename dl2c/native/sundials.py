@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from dl2c.native.errors import CompilerFailed, NativeError
-from dl2c.native.toolchain import Compiler, user_flags
+from dl2c.native.toolchain import VERSION_SECONDS, Compiler, user_flags
 from dl2c.options import Provider
 
 INSTALL_HINT = "install it with `apt install libsundials-dev`, or build without `--sundials system`"
@@ -85,7 +85,11 @@ def _system_version(compiler: Compiler) -> tuple[int, str]:
     """Major version and version of the SUNDIALS whose headers the compiler finds."""
     command = (*compiler.command, *user_flags(), "-E", "-P", "-x", "c", "-")
     try:
-        result = subprocess.run(command, input=PROBE, capture_output=True, text=True, check=False)
+        result = subprocess.run(
+            command, input=PROBE, capture_output=True, text=True, check=False, timeout=VERSION_SECONDS
+        )
+    except subprocess.TimeoutExpired:
+        raise CompilerFailed(f"{command[0]} -E did not end within {VERSION_SECONDS} seconds") from None
     except OSError as problem:
         raise CompilerFailed(f"cannot run {command[0]}: {problem.strerror}") from None
     found = result.stdout.replace(" ", "").partition("=")[2].split("=")

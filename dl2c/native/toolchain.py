@@ -15,10 +15,12 @@ import signal
 import subprocess
 import sys
 import sysconfig
+import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 from dl2c.native.errors import CompilerFailed, CompilerMissing, PlatformUnsupported
 from dl2c.progress import LOG
@@ -62,6 +64,13 @@ MAX_ERROR_LINES = 12
 
 COMPILER_SECONDS = 900
 """Of processor time: what takes longer has far too many variables, predicates or paths."""
+
+PATIENCE = 2
+"""How many times as long a compiler may take that waits for something."""
+
+VERSION_SECONDS = 60
+MOST_SAID = 10**6
+"""Bytes of a compiler's messages that are read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,26 +161,42 @@ def cpu_features() -> str:
 
 
 def run(command: tuple[str, ...], directory: Path) -> None:
-    """Run a compiler there, without a shell and, on Linux, for `COMPILER_SECONDS` at most.
+    """Run a compiler there, without a shell, for `COMPILER_SECONDS` of its time at most where the system
+    can limit that, and for `PATIENCE` times as long in any case.
 
     Raises `CompilerFailed` with the first useful lines of what it said.
     """
     LOG.debug("%s", shlex.join(command))
-    pipe = subprocess.PIPE
+    with tempfile.TemporaryFile() as messages:
+        code = _run(command, directory, messages)
+        messages.seek(0)
+        said = first_errors(messages.read(MOST_SAID).decode(errors="replace"))
+    if code != 0:
+        said = said or f"exit code {code} without a message"
+        if "CPU time limit" in said or code in (-signal.SIGKILL, -signal.SIGXCPU):
+            said += f"\nit may take {COMPILER_SECONDS} seconds; the model is too large"
+        raise CompilerFailed(f"{Path(command[0]).name} could not compile the generated code:\n{said}")
+
+
+def _run(command: tuple[str, ...], directory: Path, messages: IO[bytes]) -> int:
+    """The exit code. What it starts itself may outlive it: no pipe is waited for."""
+    nothing = subprocess.DEVNULL
     try:
-        process = subprocess.Popen(command, cwd=directory, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe)
+        process = subprocess.Popen(command, cwd=directory, stdin=nothing, stdout=nothing, stderr=messages)
     except OSError as problem:
         raise CompilerFailed(f"cannot run {command[0]}: {problem.strerror}") from None
     if sys.platform == "linux":
         with suppress(OSError, ValueError):
             resource.prlimit(process.pid, resource.RLIMIT_CPU, (COMPILER_SECONDS, COMPILER_SECONDS))
-    _, stderr = process.communicate()
-    if process.returncode != 0:
-        said = first_errors(stderr.decode(errors="replace"))
-        said = said or f"exit code {process.returncode} without a message"
-        if "CPU time limit" in said or process.returncode in (-signal.SIGKILL, -signal.SIGXCPU):
-            said += f"\nit may take {COMPILER_SECONDS} seconds; the model is too large"
-        raise CompilerFailed(f"{Path(command[0]).name} could not compile the generated code:\n{said}")
+    try:
+        return process.wait(PATIENCE * COMPILER_SECONDS)
+    except subprocess.TimeoutExpired:
+        raise CompilerFailed(
+            f"{command[0]} did not end within {PATIENCE * COMPILER_SECONDS} seconds"
+        ) from None
+    finally:
+        process.kill()
+        process.wait()
 
 
 def first_errors(stderr: str) -> str:
@@ -190,8 +215,12 @@ def _compiler(command: Sequence[str]) -> Compiler:
             encoding="utf-8",
             errors="replace",
             check=False,
+            timeout=VERSION_SECONDS,
         )
     except OSError as problem:
         raise CompilerMissing(f"cannot run {command[0]}: {problem.strerror}") from None
+    except subprocess.TimeoutExpired:
+        said = f"{command[0]} --version did not end within {VERSION_SECONDS} seconds"
+        raise CompilerMissing(said) from None
     zig = "ziglang" in command or Path(command[0]).name == "zig"
     return Compiler(tuple(command), result.stdout.strip(), zig)

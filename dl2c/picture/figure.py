@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dl2c.ir.model import Model
+from dl2c.outputs import output_file
 from dl2c.picture import panels
 from dl2c.picture.track import Track
 
@@ -113,8 +114,8 @@ def _axes(figure: Any, place: Any, **options: Any) -> Any:
 
 def save(figure: Any, path: Path) -> None:
     """Write PNG (or SVG, PDF, by the name); folders are made."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=DPI, metadata={"Software": None} if path.suffix == ".png" else None)
+    with output_file(path) as fresh:
+        figure.savefig(fresh, dpi=DPI, metadata={"Software": None} if path.suffix == ".png" else None)
 
 
 def pixels(figure: Any) -> NDArray[np.uint8]:

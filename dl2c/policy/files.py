@@ -3,8 +3,11 @@
 Nothing in them is executed: arrays are read without pickle, everything is checked, and sizes are limited.
 """
 
+import io
 import json
 import math
+import reprlib
+import struct
 import sys
 import zipfile
 import zlib
@@ -14,7 +17,9 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
+from dl2c.inputs import MALFORMED, checked_input, read_input, read_json, reason
 from dl2c.options import Options, UnknownOption, with_options
+from dl2c.outputs import output_folder
 from dl2c.policy.network import (
     ACTIVATIONS,
     ActionKind,
@@ -35,7 +40,8 @@ MAX_ARRAYS = 256 * 1024**2
 """Bytes; what is larger is no policy for a controller."""
 
 LARGEST = sys.float_info.max
-BROKEN = (zipfile.BadZipFile, zlib.error)
+BROKEN = (zipfile.BadZipFile, zlib.error, struct.error, SyntaxError)
+"""What reading a zip file of arrays may raise besides."""
 
 JSON, NPZ = "policy.json", "policy.npz"
 
@@ -64,11 +70,11 @@ def write_policy(policy: NetworkPolicy, directory: Path) -> Path:
         "scalings": scalings,
         "layers": layers,
     }
-    directory.mkdir(parents=True, exist_ok=True)
-    np.savez(directory / NPZ, **arrays)
-    path = directory / JSON
-    path.write_text(json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n", encoding="utf-8")
-    return path
+    with output_folder(directory) as folder:
+        np.savez(folder / NPZ, **arrays)
+        text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
+        (folder / JSON).write_text(text + "\n", encoding="utf-8")
+    return directory / JSON
 
 
 def _limit(value: float) -> float | str:
@@ -78,21 +84,12 @@ def _limit(value: float) -> float | str:
 
 def read_policy(path: Path) -> NetworkPolicy:
     """The policy of a `policy.json`; the arrays stand beside it. Raises `PolicyError`, `OSError`."""
-    try:
-        with path.open("rb") as file:
-            data = json.loads(file.read(MAX_JSON + 1).decode("utf-8"))
-    except (ValueError, RecursionError) as problem:
-        raise PolicyError(f"{path} is not a policy: {problem}") from None
-    reader = _Reader(path, _arrays(path.with_name(NPZ)))
-    top = reader.record(data, "it")
-    if top.get("format") != FORMAT or top.get("version") != VERSION:
-        raise PolicyError(f"{path} is not a policy of version {VERSION} that `dl2c train` wrote")
-    try:
+    with checked_input(PolicyError, f"{path} is not a policy"):
+        reader = _Reader(path, _arrays(path.with_name(NPZ)))
+        top = reader.record(read_json(path, MAX_JSON), "it")
+        if top.get("format") != FORMAT or top.get("version") != VERSION:
+            raise PolicyError(f"it is not of version {VERSION} that `dl2c train` writes")
         return checked(_policy(reader, top))
-    except KeyError as missing:
-        raise PolicyError(f"{path} is not a policy: it lacks {missing}") from None
-    except PolicyError as problem:
-        raise PolicyError(f"{path}: {problem}") from None
 
 
 def _policy(reader: "_Reader", top: dict[str, Any]) -> NetworkPolicy:
@@ -165,24 +162,24 @@ class _Reader:
 
     def text(self, value: Any) -> str:
         if not isinstance(value, str):
-            raise PolicyError(f"{value!r} is not a text")
+            raise PolicyError(f"{reprlib.repr(value)} is not a text")
         return value
 
     def truth(self, value: Any) -> bool:
         if not isinstance(value, bool):
-            raise PolicyError(f"{value!r} is neither true nor false")
+            raise PolicyError(f"{reprlib.repr(value)} is neither true nor false")
         return value
 
     def whole(self, value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not -1 <= value < 2**31:
-            raise PolicyError(f"{value!r} is not a whole number of this size")
+            raise PolicyError(f"{reprlib.repr(value)} is not a whole number of this size")
         return value
 
     def number(self, value: Any) -> float:
         if value in ("inf", "-inf"):
             return float(value)
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
-            raise PolicyError(f"{value!r} is not a number")
+            raise PolicyError(f"{reprlib.repr(value)} is not a number")
         return float(value)
 
     def array(self, name: Any) -> Floats:
@@ -192,20 +189,21 @@ class _Reader:
 
 
 def _arrays(path: Path) -> dict[str, Floats]:
-    """The arrays of a file, as doubles."""
+    """The arrays of a file, as doubles. Raises `PolicyError`, `OSError`."""
+    content = io.BytesIO(read_input(path, MAX_ARRAYS))
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(content) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > MAX_ARRAYS:
-                raise PolicyError(f"{path} is larger than {MAX_ARRAYS // 1024**2} MB")
-        found: dict[str, Floats] = {}
-        with np.load(path, allow_pickle=False) as file:
-            for name in file.files:
-                array = file[name]
-                if array.dtype not in (np.float32, np.float64) or array.ndim > 2:
-                    raise PolicyError(f"{path}: {name} is no vector or matrix of floats")
-                found[name] = array.astype(np.float64)
-        return found
-    except PolicyError:
-        raise
-    except (ValueError, KeyError, EOFError, SyntaxError, MemoryError, OverflowError, *BROKEN) as problem:
-        raise PolicyError(f"{path} holds no arrays: {problem}") from None
+                raise PolicyError(f"it is larger than {MAX_ARRAYS // 1024**2} MB")
+        with np.load(content, allow_pickle=False) as file:
+            return {name: _floats(name, file[name]) for name in file.files}
+    except (*MALFORMED, *BROKEN) as problem:
+        raise PolicyError(f"{path} holds no arrays: {reason(problem)}") from None
+
+
+def _floats(name: str, array: Any) -> Floats:
+    if type(array) is not np.ndarray:
+        raise PolicyError(f"{name} is no array")
+    if array.dtype.str not in ("<f4", "<f8") or array.ndim > 2:
+        raise PolicyError(f"{name} is no vector or matrix of floats")
+    return array.astype(np.float64)

@@ -15,6 +15,8 @@ from typing import Any, cast
 import numpy as np
 
 from dl2c.env.single import Dl2cEnv
+from dl2c.inputs import checked_input, read_json
+from dl2c.outputs import write_output
 from dl2c.source import MAX_TEXT, Source
 from dl2c.version import __version__
 
@@ -205,8 +207,7 @@ def write_episode(episode: Episode, path: Path) -> None:
         "status": episode.status,
         "reason": episode.reason,
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_output(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def _word(number: float) -> float | str:
@@ -215,16 +216,8 @@ def _word(number: float) -> float | str:
 
 def read_episode(path: Path) -> Episode:
     """Read a file. Raises `EpisodeError` for one that is no episode, `OSError`. Nothing in it is run."""
-    with path.open("rb") as file:
-        raw = file.read(MOST_BYTES)
-    try:
-        return _episode(json.loads(raw.decode("utf-8")))
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as problem:
-        raise EpisodeError(f"{path} is no episode of dl2c: {_reason(problem)}") from None
-
-
-def _reason(problem: Exception) -> str:
-    return f"it lacks {problem}" if isinstance(problem, KeyError) else str(problem)
+    with checked_input(EpisodeError, f"{path} is no episode of dl2c"):
+        return _episode(read_json(path, MOST_BYTES))
 
 
 def _episode(content: Any) -> Episode:

@@ -1,14 +1,14 @@
 """A folder that `dl2c train` wrote, as far as a report needs it."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from dl2c.env.opening import Model, source_of
+from dl2c.inputs import checked_input, read_json
 from dl2c.source import Source
-from dl2c.training.run import RUN, TEXT
+from dl2c.training.run import MOST_BYTES, RUN, TEXT
 
 
 class RunError(Exception):
@@ -41,8 +41,8 @@ def read_trained(folder: Path, model: Model | None = None) -> Trained:
     """Read a folder; `model` stands for the text where there is none. Raises `RunError`, `OSError`."""
     if not (folder / RUN).is_file():
         raise RunError(f"{folder} holds no training: there is no {RUN}")
-    try:
-        data: dict[str, Any] = json.loads((folder / RUN).read_text(encoding="utf-8"))
+    with checked_input(RunError, f"{folder / RUN} is not of `dl2c train`"):
+        data: dict[str, Any] = read_json(folder / RUN, MOST_BYTES)
         return Trained(
             folder=folder,
             source=_source(folder, str(data["model"]), model),
@@ -56,8 +56,6 @@ def read_trained(folder: Path, model: Model | None = None) -> Trained:
             versions=dict(data.get("versions", {})),
             interrupted=bool(data.get("interrupted", False)),
         )
-    except (ValueError, KeyError, TypeError, AttributeError) as problem:
-        raise RunError(f"{folder / 'run.json'} is not of `dl2c train`: {problem}") from None
 
 
 def _source(folder: Path, name: str, model: Model | None) -> Source:

@@ -8,6 +8,7 @@ from pathlib import Path
 from textwrap import dedent
 from typing import Any
 
+from dl2c.outputs import write_output
 from dl2c.picture.figure import episode_figure, save
 from dl2c.report.blame import model_of
 from dl2c.report.pictures import episodes_of, track_of
@@ -32,7 +33,7 @@ def write_page(result: Result, folder: Path) -> Path:
     figure = episode_figure(model_of(seen[0]), list(map(track_of, seen)))
     save(figure, folder / "episodes.png")
     path = folder / "page.md"
-    path.write_text("\n".join(_page(result)), encoding="utf-8")
+    write_output(path, "\n".join(_page(result)))
     return path
 
 

@@ -9,12 +9,18 @@
 PyYAML is imported when called; nothing in a file is executed.
 """
 
+import reprlib
 from collections.abc import Generator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, cast
 
+from dl2c.inputs import checked_input, read_text
 from dl2c.training.run import ALGORITHMS, TrainingError
+
+MOST_BYTES = 64 * 1024
+MOST_ALIASES = 16
+"""Aliases of aliases multiply what a text stands for."""
 
 KINDS: dict[str, type] = {
     "model": str,
@@ -43,14 +49,20 @@ def read_configuration(path: Path) -> dict[str, Any]:
     """The settings of a YAML file. Raises `TrainingError` that says all that is wrong, and `OSError`."""
     import yaml
 
-    text, untyped = path.read_text(encoding="utf-8"), cast("Any", yaml)
-    try:
-        data: Any = yaml.safe_load(text)
-        root: Any = untyped.compose(text, Loader=yaml.SafeLoader)
-    except yaml.YAMLError as problem:
-        mark = getattr(problem, "problem_mark", None)
-        place = f"{path}:{mark.line + 1}" if mark is not None else str(path)
-        raise TrainingError(f"{place}: this is not YAML: {getattr(problem, 'problem', problem)}") from None
+    untyped = cast("Any", yaml)
+    with checked_input(TrainingError, f"{path}: these are no settings"):
+        text = read_text(path, MOST_BYTES)
+        try:
+            aliases = sum(isinstance(token, yaml.AliasToken) for token in untyped.scan(text))
+            if aliases > MOST_ALIASES:
+                raise ValueError(f"{aliases} aliases; there may be {MOST_ALIASES}")
+            data: Any = yaml.safe_load(text)
+            root: Any = untyped.compose(text, Loader=yaml.SafeLoader)
+        except yaml.YAMLError as problem:
+            mark = getattr(problem, "problem_mark", None)
+            place = f"{path}:{mark.line + 1}" if mark is not None else str(path)
+            told = f"{place}: this is not YAML: {getattr(problem, 'problem', problem)}"
+            raise TrainingError(told) from None
     if data is None:
         return {}
     if not isinstance(data, dict):
@@ -68,10 +80,10 @@ def _wrong(settings: Mapping[Any, Any]) -> Generator[tuple[Any, str]]:
         if name not in KINDS:
             near = get_close_matches(str(name), KINDS, 1)
             advice = f"did you mean {near[0]}?" if near else f"there is {', '.join(KINDS)}"
-            yield name, f"no setting {name!r}; {advice}"
+            yield name, f"no setting {reprlib.repr(name)}; {advice}"
         elif type(value) is not KINDS[name]:
-            yield name, f"{name} is {WORDS[KINDS[name]]}, not {value!r}"
+            yield name, f"{name} is {WORDS[KINDS[name]]}, not {reprlib.repr(value)}"
         elif KINDS[name] is int and value < LEAST.get(name, 0):
             yield name, f"{name} is at least {LEAST.get(name, 0)}, not {value}"
         elif name == "algo" and value not in ALGORITHMS:
-            yield name, f"no algorithm {value!r}; there is {', '.join(ALGORITHMS)}"
+            yield name, f"no algorithm {reprlib.repr(value)}; there is {', '.join(ALGORITHMS)}"

@@ -20,11 +20,24 @@ from typing import Any
 
 from dl2c.env.interface import interface_of
 from dl2c.env.sb3 import Dl2cVecEnv
+from dl2c.inputs import checked_input, read_json
+from dl2c.outputs import output_folder
 from dl2c.policy.files import write_policy
 from dl2c.source import Source
 from dl2c.training.evaluation import Estimate, Evaluation, evaluate
 from dl2c.training.hyper import constructor
-from dl2c.training.run import ALGORITHMS, RUN, TEXT, Checked, Given, Point, Run, Settings, TrainingError
+from dl2c.training.run import (
+    ALGORITHMS,
+    MOST_BYTES,
+    RUN,
+    TEXT,
+    Checked,
+    Given,
+    Point,
+    Run,
+    Settings,
+    TrainingError,
+)
 from dl2c.training.saved import policy_data, scaling_of
 from dl2c.version import __version__
 
@@ -62,10 +75,7 @@ class Training:
 
     def finish(self, interrupted: bool) -> Run:
         """Save the last state."""
-        run = self._write(self.directory, interrupted)
-        if self.given.algo == "sac":
-            self.learner.save_replay_buffer(self.directory / BUFFER)
-        return run
+        return self._write(self.directory, interrupted, last=True)
 
     def _data(self) -> Any:
         manifest = self.env.manifest
@@ -74,13 +84,7 @@ class Training:
         masked = self.given.algo == "maskable-ppo"
         return policy_data(self.learner, interface_of(manifest), manifest, scalings, masked)
 
-    def _write(self, folder: Path, interrupted: bool) -> Run:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / TEXT).write_text(self.source.text, encoding="utf-8", errors="surrogateescape")
-        self.learner.save(folder / POLICY)
-        self.learner.get_vec_normalize_env().save(str(folder / STATISTICS))
-        write_policy(self._data(), folder)
-        (folder / TEXT).write_text(self.source.text, encoding="utf-8", errors="surrogateescape")
+    def _write(self, folder: Path, interrupted: bool, last: bool = False) -> Run:
         seconds = self._before + time.perf_counter() - self._began
         run = Run(folder / POLICY, tuple(self.curve), seconds, tuple(self.evaluations), interrupted)
         content = self.given.content() | {
@@ -91,8 +95,14 @@ class Training:
             "evaluations": [asdict(checked) for checked in self.evaluations],
             "versions": {"dl2c": __version__} | {name: version(name) for name in LIBRARIES},
         }
-        text = json.dumps(content, indent=1, sort_keys=True)
-        (folder / RUN).write_text(text + "\n", encoding="utf-8")
+        with output_folder(folder) as fresh:
+            (fresh / TEXT).write_text(self.source.text, encoding="utf-8", errors="surrogateescape")
+            self.learner.save(fresh / POLICY)
+            self.learner.get_vec_normalize_env().save(str(fresh / STATISTICS))
+            if last and self.given.algo == "sac":
+                self.learner.save_replay_buffer(fresh / BUFFER)
+            write_policy(self._data(), fresh)
+            (fresh / RUN).write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
         return run
 
 
@@ -119,12 +129,13 @@ def read_run(folder: Path) -> Earlier:
     Raises `TrainingError`, `OSError`.
     """
     if not (folder / RUN).exists():
-        kept = sorted((folder / "checkpoints").glob(f"*/{RUN}"), key=lambda path: int(path.parent.name))
+        found = (p for p in (folder / "checkpoints").glob(f"*/{RUN}") if p.parent.name.isdecimal())
+        kept = sorted(found, key=lambda path: int(path.parent.name))
         if not kept:
             raise TrainingError(f"{folder} holds no training: neither {RUN} nor checkpoints")
         folder = kept[-1].parent
-    try:
-        data = json.loads((folder / RUN).read_text(encoding="utf-8"))
+    with checked_input(TrainingError, f"{folder / RUN} is not of `dl2c train`"):
+        data = read_json(folder / RUN, MOST_BYTES)
         settings = Settings(**_part(Settings, data["settings"]))
         if data["algo"] not in ALGORITHMS:
             raise ValueError(data["algo"])
@@ -132,8 +143,6 @@ def read_run(folder: Path) -> Earlier:
         curve = tuple(Point(**point) for point in data["curve"])
         evaluations = tuple(_checked(entry) for entry in data["evaluations"])
         run = Run(folder / POLICY, curve, data["seconds"], evaluations, data["interrupted"])
-    except (ValueError, KeyError, TypeError) as problem:
-        raise TrainingError(f"{folder / RUN} is not of `dl2c train`: {problem}") from None
     return Earlier(folder, given, run)
 
 

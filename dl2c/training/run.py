@@ -14,6 +14,9 @@ ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 RUN, TEXT = "run.json", "model.kyx"
 """In the folder of a training: what was asked for and what came of it, and the text of the model."""
 
+MOST_BYTES = 64 * 1024**2
+"""A longer `run.json` is not read."""
+
 
 class TrainingError(ValueError):
     """A training that cannot be done as it is wanted; the message says why."""

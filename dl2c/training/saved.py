@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from dl2c.env.interface import interface_of
+from dl2c.inputs import MALFORMED, open_input
 from dl2c.native.manifest import Manifest
-from dl2c.policy.files import JSON, read_policy
+from dl2c.policy.files import BROKEN, JSON, read_policy
 from dl2c.policy.network import (
     Activation,
     Interface,
@@ -100,10 +101,10 @@ def policy_data(
 def load_learner(path: Path) -> tuple[Algorithm, Any]:
     """What Stable-Baselines3 saved to a zip file. Raises `PolicyError`, `OSError`."""
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_input(path) as file, zipfile.ZipFile(file) as archive:
             data = json.loads(archive.read("data"))
         module = str(data["policy_class"]["__module__"])
-    except (KeyError, TypeError, ValueError, zipfile.BadZipFile):
+    except (*MALFORMED, *BROKEN):
         raise PolicyError(f"{path} is not a policy that Stable-Baselines3 saved") from None
     if module not in MODULES:
         raise PolicyError(f"{path} is of {module}; only PPO, MaskablePPO and SAC are understood")
