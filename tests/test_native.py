@@ -111,7 +111,7 @@ def test_wrong_shapes_never_reach_c(batch: Batch) -> None:
 def test_closed_batch_refuses_to_step(batch: Batch) -> None:
     batch.close()
     batch.close()
-    with pytest.raises(NativeError, match="null"):
+    with pytest.raises(NativeError, match="closed"):
         batch.step()
 
 

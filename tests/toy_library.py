@@ -13,9 +13,11 @@ import pytest
 
 from dl2c.native.binding import outcome_memory
 from dl2c.native.errors import ResetFailed
+from dl2c.native.describe import options_as_data
 from dl2c.native.manifest import ChoiceSpec, InputSpec, Manifest, PredicateSpec, Quantity
+from dl2c.options import Options
 
-OPTIONS: dict[str, Any] = {
+OPTIONS: dict[str, Any] = options_as_data(Options()) | {
     "action_format": "auto",
     "action_map": "project",
     "on_blocked": "fallback",
@@ -119,6 +121,9 @@ class ToyBatch:
         for count in self._counts:
             self.mask[i, column : column + count] = [j != 1 or self._x[i] <= 5 for j in range(count)]
             column += count
+
+    def check_open(self) -> None:
+        pass
 
     def native_step(self) -> Any:
         return self.step

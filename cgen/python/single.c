@@ -35,6 +35,10 @@ enum {
   RESULTS,  /* of its results, */
   CHOICE,   /* and of its first requested choice */
   INPUT,    /* and input */
+  TURN,     /* list: whoever works on the batch takes its second entry meanwhile */
+  CLOSING,  /* list: not empty where the batch is to be freed then, */
+  REFUSE,   /* f(): raises why there is no turn */
+  FREE,     /* f(): frees the batch unless somebody has the turn */
   COUNT,    /* where actions are the alternatives 0, ..., COUNT - 1 of that choice; or else 0 */
   WIDTH,    /* where actions are values of all so many inputs; or else 0 */
   NAMED,    /* where actions are a dict: its keys, what they are of and, but for inputs, its alternatives */
@@ -60,15 +64,16 @@ static void *dl2c_address(PyObject *parts, int part)
   return PyLong_AsVoidPtr(dl2c_part(parts, part));
 }
 
-/* Requests an alternative by its number, in any form. 0: it is none of `count`. */
+/* Requests an alternative by its number, in any form. 0: it is none of `count`; -1: an error was raised. */
 static int dl2c_request_choice(int32_t *choice, Py_ssize_t count, PyObject *action)
 {
   if (count == 0 || !PyIndex_Check(action)) return 0;
   const Py_ssize_t given = PyNumber_AsSsize_t(action, NULL);
-  if (given < 0 || given >= count) {
+  if (given == -1 && PyErr_Occurred()) {
+    if (!PyErr_ExceptionMatches(PyExc_TypeError)) return -1;
     PyErr_Clear();
-    return 0;
   }
+  if (given < 0 || given >= count) return 0;
   *choice = (int32_t)given;
   return 1;
 }
@@ -89,7 +94,10 @@ static int dl2c_request_inputs(double *input, Py_ssize_t width, PyObject *action
   return 1;
 }
 
-/* Requests what a dict says of each decision. 0: it has other keys, or values of other forms. */
+/*
+ * Requests what a dict says of each decision. 0: it has other keys, or values of other forms; -1: an
+ * error was raised.
+ */
 static int dl2c_request_named(PyObject *parts, PyObject *action)
 {
   PyObject *named = dl2c_part(parts, NAMED);
@@ -102,9 +110,9 @@ static int dl2c_request_named(PyObject *parts, PyObject *action)
     const Py_ssize_t place = PyLong_AsSsize_t(PyTuple_GET_ITEM(named, i + 1));
     const Py_ssize_t count = PyLong_AsSsize_t(PyTuple_GET_ITEM(named, i + 2));
     if (value == NULL) return 0;
-    if (count > 0 ? !dl2c_request_choice(choices + place, count, value)
-                  : !dl2c_request_inputs(inputs + place, 1, value))
-      return 0;
+    const int requested = count > 0 ? dl2c_request_choice(choices + place, count, value)
+                                    : dl2c_request_inputs(inputs + place, 1, value);
+    if (requested != 1) return requested;
   }
   return 1;
 }
@@ -114,10 +122,10 @@ static int dl2c_request(PyObject *parts, PyObject *action)
 {
   const Py_ssize_t count = PyLong_AsSsize_t(dl2c_part(parts, COUNT));
   const Py_ssize_t width = PyLong_AsSsize_t(dl2c_part(parts, WIDTH));
-  if (dl2c_request_choice(dl2c_address(parts, CHOICE), count, action)
-      || dl2c_request_inputs(dl2c_address(parts, INPUT), width, action)
-      || dl2c_request_named(parts, action))
-    return 0;
+  int requested = dl2c_request_choice(dl2c_address(parts, CHOICE), count, action);
+  if (requested == 0) requested = dl2c_request_inputs(dl2c_address(parts, INPUT), width, action);
+  if (requested == 0) requested = dl2c_request_named(parts, action);
+  if (requested != 0) return requested < 0 ? -1 : 0;
   PyObject *none = PyObject_CallOneArg(dl2c_part(parts, WRITE), action);
   Py_XDECREF(none);
   return none == NULL ? -1 : 0;
@@ -206,9 +214,32 @@ static int dl2c_fill(PyObject *parts, PyObject *info, const dl2c_results *r)
   return none == NULL ? -1 : dl2c_set(info, key, PyBool_FromLong(r->status == DL2C_SUCCESS));
 }
 
-static PyObject *dl2c_step_one(PyObject *parts, PyObject *action)
+/* Begins to work on the batch, which nobody frees meanwhile. */
+static int dl2c_take_turn(PyObject *parts)
 {
-  if (dl2c_request(parts, action) != 0 || dl2c_advance(parts) != 0) return NULL;
+  PyObject *turn = dl2c_part(parts, TURN);
+  if (PyList_GET_SIZE(turn) > 1) return PyList_SetSlice(turn, 1, 2, NULL);
+  Py_XDECREF(PyObject_CallNoArgs(dl2c_part(parts, REFUSE)));
+  return -1;
+}
+
+/* Lets others work on the batch. An error that was raised stays. */
+static int dl2c_end_turn(PyObject *parts)
+{
+  PyObject *type, *value, *traceback;
+  PyErr_Fetch(&type, &value, &traceback);
+  int failed = PyList_Append(dl2c_part(parts, TURN), Py_True);
+  if (failed == 0 && PyList_GET_SIZE(dl2c_part(parts, CLOSING)) > 0) {
+    PyObject *none = PyObject_CallNoArgs(dl2c_part(parts, FREE));
+    failed = none == NULL ? -1 : 0;
+    Py_XDECREF(none);
+  }
+  if (type != NULL) PyErr_Restore(type, value, traceback);
+  return failed;
+}
+
+static PyObject *dl2c_result(PyObject *parts)
+{
   const dl2c_results *r = dl2c_address(parts, RESULTS);
   PyObject *info = PyDict_Copy(dl2c_part(parts, INFO));
   if (info == NULL || dl2c_tell(parts, info, r) != 0 || dl2c_fill(parts, info, r) != 0) {
@@ -220,12 +251,22 @@ static PyObject *dl2c_step_one(PyObject *parts, PyObject *action)
   return Py_BuildValue("(NdNNN)", observation, r->reward, terminated, truncated, info);
 }
 
+static PyObject *dl2c_step_one(PyObject *parts, PyObject *action)
+{
+  if (dl2c_take_turn(parts) != 0) return NULL;
+  PyObject *result = NULL;
+  if (dl2c_request(parts, action) == 0 && dl2c_advance(parts) == 0) result = dl2c_result(parts);
+  if (dl2c_end_turn(parts) != 0) Py_CLEAR(result);
+  return result;
+}
+
 static PyMethodDef dl2c_step_method = {"step", dl2c_step_one, METH_O, NULL};
 
 static PyObject *dl2c_stepper(PyObject *module, PyObject *parts)
 {
   (void)module;
   if (!PyTuple_CheckExact(parts) || PyTuple_GET_SIZE(parts) != PARTS ||
+      !PyList_CheckExact(dl2c_part(parts, TURN)) || !PyList_CheckExact(dl2c_part(parts, CLOSING)) ||
       PyObject_Size(dl2c_part(parts, KEYS)) != NKEYS) {
     PyErr_SetString(PyExc_TypeError, "a step is made of other parts");
     return NULL;

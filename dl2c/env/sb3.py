@@ -99,6 +99,7 @@ class Dl2cVecEnv(VecEnv):
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which alternatives have a run: one row per environment."""
+        self.batch.check_open()
         return masks(self.encoding, self.batch.mask).astype(np.bool_)
 
     def close(self) -> None:

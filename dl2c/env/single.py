@@ -165,6 +165,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which alternatives have a run, one entry per alternative, as MaskablePPO asks."""
+        self._batch.check_open()
         return self._fresh_mask().astype(np.bool_)
 
     @property
@@ -183,6 +184,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         """Mode `ansi`: time and state on one line. `rgb_array`: the episode so far, as the model's `plot=`
         asks for, (height, width, 3). `human`: the same in a window, brought up to date by resets and steps.
         """
+        self._batch.check_open()
         if self._screen is not None:
             return self._screen.render()
         return state_line(self.manifest, self._batch) if self.render_mode == "ansi" else None

@@ -173,6 +173,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
 
     def action_masks(self) -> Bools:
         """Which alternatives have a run: one row per environment."""
+        self.batch.check_open()
         return masks(self._encoding, self.batch.mask).astype(np.bool_)
 
     def state(self, i: int = 0) -> dict[str, float]:
@@ -193,6 +194,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
 
     def render(self) -> tuple[str, ...] | None:
         """Time and state of every environment, one line each (mode `ansi`)."""
+        self.batch.check_open()
         if self.render_mode != "ansi":
             return None
         return tuple(state_line(self.manifest, self.batch, i) for i in range(self.num_envs))

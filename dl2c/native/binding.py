@@ -16,7 +16,7 @@ from typing import Any, NoReturn, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.native.errors import MonitorViolated, NativeError, ResetFailed
+from dl2c.native.errors import BatchBusy, BatchClosed, MonitorViolated, NativeError, ResetFailed
 from dl2c.native.loading import find, load
 from dl2c.native.manifest import Manifest
 from dl2c.native.single import single_step
@@ -175,10 +175,13 @@ class Batch:
     Write `choices` and `inputs`, call `step`, read the rest; shapes are those of `dl2c_buffers`
     in dl2c.h. Every call writes into the same arrays: copy what must last. The flags are numpy
     bools. The buffer `reset` is here `began`, since `reset` is the method.
+
+    One call at a time: another one meanwhile, from a thread or a callback, raises `BatchBusy`, and
+    after `close` `BatchClosed`.
     """
 
     __slots__ = (
-        *("_bound", "_handle", "_lib", "_native_step", "library", "n"),
+        *("_bound", "_closing", "_handle", "_lib", "_native_step", "_turn", "library", "n"),
         *("choices", "inputs", "obs", "final_obs", "rewards", "terminated", "truncated", "mask"),
         *(
             "executed_choices",
@@ -217,6 +220,10 @@ class Batch:
         self._lib = lib
         self._native_step = lib.dl2c_batch_step
         self._handle = ffi.NULL
+        self._turn: list[Any] = [None, True]
+        """Whoever calls C takes the second entry, which Python does at once, and puts it back after that."""
+        self._closing: list[bool] = []
+        """Not empty where the environments are to be freed as soon as nobody calls C."""
         self._bound = [(name, ffi.from_buffer(array)) for name, array in self._arrays()]
         buffers = ffi.new("dl2c_buffers *")
         for name, memory in self._bound:
@@ -225,9 +232,48 @@ class Batch:
         self.check(lib.dl2c_batch_create(n, ffi.new("dl2c_options *", options), buffers, out))
         self._handle = ffi.gc(out[0], lib.dl2c_batch_free)
 
+    def check_open(self) -> None:
+        """Raises `BatchClosed`."""
+        if self._closing:
+            self.refuse()
+
+    def take_turn(self) -> None:
+        """Begin to call C. Raises `BatchBusy`, `BatchClosed`."""
+        try:
+            self._turn.pop(1)
+        except IndexError:
+            self.refuse()
+
+    def end_turn(self) -> None:
+        """Let others call; the last turn of closed environments frees them."""
+        self._turn.append(True)
+        if self._closing:
+            self.free()
+
+    def refuse(self) -> NoReturn:
+        """Raises why a call has no turn."""
+        if self._closing:
+            raise BatchClosed("the environments were closed")
+        raise BatchBusy("another call of the same environments is under way")
+
+    def free(self) -> None:
+        """Free closed environments unless somebody calls C, who will do it. No turn comes after this."""
+        with suppress(IndexError):
+            self._turn.pop(1)
+            self.library.ffi.release(self._handle)
+            self._handle = self.library.ffi.NULL
+
+    def _called(self, function: Callable[..., int], *arguments: Any) -> int:
+        """The status of a C call of the environments."""
+        self.take_turn()
+        try:
+            return function(self._handle, *arguments)
+        finally:
+            self.end_turn()
+
     def native_step(self) -> Callable[[], int]:
         """The C call behind `step` alone; what it returns, unless 0, is for `check`."""
-        return partial(self._native_step, self._handle)
+        return partial(self._called, self._native_step)
 
     def step_in_c(self, *parts: Any) -> Callable[[Any], Any] | None:
         """The step of a batch of one as a function of the action; None where that cannot be built.
@@ -239,11 +285,12 @@ class Batch:
         ffi = self.library.ffi
         pointers = (ffi.addressof(self._lib, "dl2c_batch_step"), self._handle)
         memory = (ffi.from_buffer(array) for array in (self.outcome, self.choices, self.inputs))
-        return made((*(int(ffi.cast("uintptr_t", p)) for p in (*pointers, *memory)), *parts))
+        addresses = (int(ffi.cast("uintptr_t", p)) for p in (*pointers, *memory))
+        return made((*addresses, self._turn, self._closing, self.refuse, self.free, *parts))
 
     def step(self) -> None:
         """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""
-        if status := self._native_step(self._handle):
+        if status := self._called(self._native_step):
             self.check(status)
 
     def reset(self, mask: NDArray[np.bool_] | None = None, seeds: NDArray[np.uint64] | None = None) -> None:
@@ -255,7 +302,7 @@ class Batch:
         ffi = self.library.ffi
         masks = ffi.NULL if mask is None else self.library.row(mask, np.bool_, self.n, "uint8_t[]")
         streams = ffi.NULL if seeds is None else self.library.row(seeds, np.uint64, self.n, "uint64_t[]")
-        self.check(self._lib.dl2c_batch_reset(self._handle, masks, streams))
+        self.check(self._called(self._lib.dl2c_batch_reset, masks, streams))
 
     def reset_to(
         self, i: int, seed: int | None, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]
@@ -267,23 +314,23 @@ class Batch:
         """
         library, i = self.library, self._index(i)
         stream = library.ffi.NULL if seed is None else library.row([seed], np.uint64, 1, "uint64_t[]")
-        self.check(self._lib.dl2c_batch_reset_to(self._handle, i, stream, *library.state(x, p)))
+        self.check(self._called(self._lib.dl2c_batch_reset_to, i, stream, *library.state(x, p)))
 
     def get_state(self, i: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """State (nx) and constants (np) of environment i, in fresh memory."""
         x, p = np.empty(self.library.sizes.nx), np.empty(self.library.sizes.np)
-        self.check(self._lib.dl2c_batch_get_state(self._handle, self._index(i), *self.library.state(x, p)))
+        self.check(self._called(self._lib.dl2c_batch_get_state, self._index(i), *self.library.state(x, p)))
         return x, p
 
     def set_state(self, i: int, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]) -> None:
         """Overwrite them as they are, mid-episode; the mask follows. For planners and tests."""
-        self.check(self._lib.dl2c_batch_set_state(self._handle, self._index(i), *self.library.state(x, p)))
+        self.check(self._called(self._lib.dl2c_batch_set_state, self._index(i), *self.library.state(x, p)))
 
     def save(self, i: int) -> bytes:
         """All that environment i keeps between steps (`snapshot_size` bytes)."""
         kept = np.empty(self.library.sizes.snapshot_size, np.uint8)
         memory = self.library.row(kept, np.uint8, len(kept), "uint8_t[]")
-        self.check(self._lib.dl2c_batch_save(self._handle, self._index(i), memory))
+        self.check(self._called(self._lib.dl2c_batch_save, self._index(i), memory))
         return kept.tobytes()
 
     def restore(self, i: int, kept: bytes) -> None:
@@ -291,13 +338,12 @@ class Batch:
         memory = self.library.row(
             np.frombuffer(kept, np.uint8), np.uint8, self.library.sizes.snapshot_size, "uint8_t[]"
         )
-        self.check(self._lib.dl2c_batch_restore(self._handle, self._index(i), memory))
+        self.check(self._called(self._lib.dl2c_batch_restore, self._index(i), memory))
 
     def close(self) -> None:
-        """Free the environments; the arrays stay. Any later call raises `NativeError`."""
-        if self._handle:
-            handle, self._handle = self._handle, self.library.ffi.NULL
-            self.library.ffi.release(handle)
+        """Free the environments, at the end of a call that is under way; the arrays stay."""
+        self._closing.append(True)
+        self.free()
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a batch cannot be pickled; send the model's text and options")

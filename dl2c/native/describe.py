@@ -63,7 +63,7 @@ def manifest_of(environment: Environment, key: str, platform: dict[str, str]) ->
         ),
         certificate="none" if plan is None else plan.certificate,
         sampler={} if plan is None else _sampler(plan),
-        options=_options(environment.options),
+        options=options_as_data(environment.options),
         notes=_notes(environment),
         platform=platform,
         conditions=() if environment.monitor is None else _conditions(environment.monitor),
@@ -133,7 +133,7 @@ def _run_text(environment: Environment, run: tuple[int, ...]) -> str:
     return " ".join(taken) or "the only run"
 
 
-def _options(options: Options) -> dict[str, Any]:
+def options_as_data(options: Options) -> dict[str, Any]:
     """Effective options as JSON values; exact numbers as text."""
     values: dict[str, Any] = {}
     for option in fields(options):

@@ -17,6 +17,14 @@ class CompilerFailed(NativeError):
     """The C compiler rejected the generated code or could not write its output."""
 
 
+class BatchClosed(NativeError, ValueError):
+    """A call of environments that were closed."""
+
+
+class BatchBusy(NativeError, ValueError):
+    """A call of environments during another one, from another thread or from inside of it."""
+
+
 class MonitorViolated(NativeError):
     """A step of a monitored simulator violates the monitor of its model. `environment` is its index in the
     batch, `condition` the number that the monitor gives it.

@@ -179,7 +179,7 @@ def test_quotients_and_roots_are_kept(integrator: str) -> None:
 
 @pytest.mark.parametrize("integrator", ["cvodes", "dopri5"])
 def test_equalities_hold_together_where_a_bound_ends_the_flow(integrator: str) -> None:
-    """A bead on a hoop: that it stays on it follows from where its velocity points to; the end is at a bound."""
+    """That a bead stays on its hoop follows from where its velocity points to; a bound ends the flow."""
     text = unannotated(
         "x y v c s r g",
         "r>=1&r<=3&g>=1&g<=10&v=2&x=0&y=-r&c=-y/r&s=x/r -> "
