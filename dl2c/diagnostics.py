@@ -4,7 +4,7 @@ A `Diagnostic` holds facts; `render` alone turns it into text. Errors travel as 
 `CompileError` that carries every independent diagnostic found so far.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, TypeVar
 
@@ -16,6 +16,9 @@ Severity: TypeAlias = Literal["error", "warning"]
 
 MAX_EXCERPT = 120
 """Longer source lines are shown as a window of this many characters."""
+
+MOST_SHOWN = 100
+"""Of more messages the first ones are shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +57,14 @@ class CompileError(Exception):
         super().__init__(self.diagnostics)
 
     def __str__(self) -> str:
-        return "\n\n".join(render(d) for d in self.diagnostics)
+        shown = [render(d) for d in self.diagnostics[:MOST_SHOWN]]
+        return "\n\n".join((*shown, *more_than(MOST_SHOWN, self.diagnostics)))
+
+
+def more_than(shown: int, diagnostics: Sequence[Diagnostic]) -> tuple[str, ...]:
+    """What to say of those that are not shown."""
+    left = len(diagnostics) - shown
+    return (f"... and {left} more",) if left > 0 else ()
 
 
 def together(tasks: Iterable[Callable[[], _T]]) -> list[_T]:
@@ -97,11 +107,11 @@ def _excerpt(span: Span, label: str) -> list[str]:
     width = len(str(line))
     shown: list[str] = []
     if line > 1 and (before := span.source.line(line - 1)).strip():
-        shown.append(f"{line - 1:>{width}} | {_printable(before)[:MAX_EXCERPT]}")
+        shown.append(f"{line - 1:>{width}} | {_printable(before[:MAX_EXCERPT])}")
     text = span.source.line(line)
     length = max(1, min(span.end - span.start, len(text) - column + 1))
     window = max(0, column + min(length, MAX_EXCERPT // 2) - MAX_EXCERPT) if len(text) > MAX_EXCERPT else 0
-    excerpt = _printable(text)[window : window + MAX_EXCERPT]
+    excerpt = _printable(text[window : window + MAX_EXCERPT])
     carets = "^" * max(1, min(length, MAX_EXCERPT - (column - 1 - window)))
     shown.append(f"{line:>{width}} | {excerpt}".rstrip())
     shown.append(f"{'':>{width}} | {'':>{column - 1 - window}}{carets} {label}".rstrip())

@@ -29,6 +29,7 @@ from dl2c.resolve.problem import Problem, expansion, resolve
 from dl2c.resolve.unreadable import read_entry
 from dl2c.source import Source, Span
 from dl2c.version import __version__
+from dl2c.work import at_place, budgeted
 
 if TYPE_CHECKING:
     from dl2c.emit.monitor_h import Unit
@@ -64,6 +65,7 @@ def resolve_options(given: Mapping[str, Any]) -> Options:
     return replace(options, constants=tuple(sorted(constants.items())))
 
 
+@budgeted()
 def compile_model(source: Source, options: Options, *, progress: Progress = silent) -> Compiled:
     """Build a model, or take it from the cache, and load it.
 
@@ -90,6 +92,7 @@ def compile_model(source: Source, options: Options, *, progress: Progress = sile
     return compiled
 
 
+@budgeted()
 def resolved(source: Source, options: Options) -> tuple[Problem, Options]:
     """The entry that the options name, and the options completed by its `@episode`. Raises `CompileError`."""
     problem, options, _ = _front(source, options)
@@ -110,6 +113,7 @@ class Checked:
         return self.environment.options
 
 
+@budgeted()
 def checked(source: Source, options: Options) -> Checked:
     """A model up to the point where C would be written. Raises `CompileError` for its errors."""
     entry, warnings = read_entry(source, lambda archive: entry_of(archive, options))
@@ -117,6 +121,7 @@ def checked(source: Source, options: Options) -> Checked:
     return replace(found, warnings=in_source_order((*warnings, *found.warnings)))
 
 
+@budgeted()
 def checked_entry(entry: Entry, options: Options) -> Checked:
     """The same for one entry of an archive, without what is wrong with the archive around it."""
     with stages() as say:
@@ -133,6 +138,7 @@ def check_model(source: Source, options: Options) -> tuple[Diagnostic, ...]:
     return checked(source, options).warnings
 
 
+@budgeted()
 def emit(source: Source, stage: str, options: Options, pure_python: bool = False) -> str:
     """One stage of the pipeline as text; of `gym` also the form that needs no compiler.
 
@@ -176,6 +182,7 @@ def _gymnasium_module(source: Source, environment: "Environment", pure_python: b
     return pure_module(environment, source)
 
 
+@budgeted()
 def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
     """What a step of a model does, as data: for those who run it in another way. Raises `CompileError`."""
     from dl2c.paths.enumerate import enumerate_paths
@@ -185,6 +192,7 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
     return model, enumerate_paths(model, options.default_bound)
 
 
+@budgeted()
 def lowered_model(source: Source, options: Options) -> "Model":
     """What a step of a model does, whether or not an environment can be made of it: its names need no
     bounds. Raises `CompileError`.
@@ -193,6 +201,7 @@ def lowered_model(source: Source, options: Options) -> "Model":
     return lower(problem, replace(options, default_bound=options.default_bound or ANY))
 
 
+@budgeted()
 def drawn_model(source: Source, options: Options) -> "Model":
     """The model whose initial states are drawn: limited by the default bound. Raises `CompileError`."""
     archive, _ = parse_archive(source)
@@ -212,6 +221,7 @@ def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Di
 
 
 def _completed_problem(entry: Entry, options: Options) -> tuple[Problem, Options]:
+    at_place(entry.problem.span)
     """A resolved entry, and the options completed by its `@episode`."""
     problem = resolve(entry, options.loop)
     if problem.episode is not None:

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from time import perf_counter
 from typing import TypeAlias
 
+from dl2c.work import at_stage
+
 LOG = logging.getLogger("dl2c")
 
 Progress: TypeAlias = Callable[[str], None]
@@ -33,6 +35,7 @@ def stages(progress: Progress = silent) -> Generator[Progress]:
     def begin(name: str) -> None:
         end()
         running.append((name, perf_counter()))
+        at_stage(name)
         progress(name)
 
     try:

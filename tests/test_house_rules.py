@@ -13,7 +13,17 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 LAYERS = (
-    *("version", "inputs", "outputs", "source", "diagnostics", "options", "configuration", "progress"),
+    *(
+        "version",
+        "inputs",
+        "outputs",
+        "source",
+        "diagnostics",
+        "work",
+        "options",
+        "configuration",
+        "progress",
+    ),
     *("parse", "resolve", "ir", "interval", "paths", "smt", "sampling", "symbolic"),
     *("monitor", "policy", "emit"),
     *("native", "pipeline", "picture", "env", "training", "ray"),

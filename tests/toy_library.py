@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from dl2c.native.binding import outcome_memory
-from dl2c.native.errors import ResetFailed
 from dl2c.native.describe import options_as_data
+from dl2c.native.errors import ResetFailed
 from dl2c.native.manifest import ChoiceSpec, InputSpec, Manifest, PredicateSpec, Quantity
 from dl2c.options import Options
 

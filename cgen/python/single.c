@@ -38,7 +38,7 @@ enum {
   TURN,     /* list: whoever works on the batch takes its second entry meanwhile */
   CLOSING,  /* list: not empty where the batch is to be freed then, */
   REFUSE,   /* f(): raises why there is no turn */
-  FREE,     /* f(): frees the batch unless somebody has the turn */
+  SETTLE,   /* f(): frees the batch unless somebody has the turn */
   COUNT,    /* where actions are the alternatives 0, ..., COUNT - 1 of that choice; or else 0 */
   WIDTH,    /* where actions are values of all so many inputs; or else 0 */
   NAMED,    /* where actions are a dict: its keys, what they are of and, but for inputs, its alternatives */
@@ -230,7 +230,7 @@ static int dl2c_end_turn(PyObject *parts)
   PyErr_Fetch(&type, &value, &traceback);
   int failed = PyList_Append(dl2c_part(parts, TURN), Py_True);
   if (failed == 0 && PyList_GET_SIZE(dl2c_part(parts, CLOSING)) > 0) {
-    PyObject *none = PyObject_CallNoArgs(dl2c_part(parts, FREE));
+    PyObject *none = PyObject_CallNoArgs(dl2c_part(parts, SETTLE));
     failed = none == NULL ? -1 : 0;
     Py_XDECREF(none);
   }

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.text import Text
 
 from dl2c.commands.verbosity import detailed, quiet
-from dl2c.diagnostics import CompileError, Diagnostic, render
+from dl2c.diagnostics import MOST_SHOWN, CompileError, Diagnostic, more_than, render
 from dl2c.native.errors import NativeError
 from dl2c.options import UnknownOption
 from dl2c.source import NOWHERE
@@ -72,8 +72,8 @@ def report(failure: BaseException) -> int:
 def show(diagnostics: Iterable[Diagnostic]) -> None:
     """Diagnostics on stderr, in colour on a terminal; of warnings none with -q."""
     console = Console(stderr=True, highlight=False)
-    shown = (d for d in diagnostics if d.severity == "error" or not quiet())
-    for k, diagnostic in enumerate(shown):
+    wanted = [d for d in diagnostics if d.severity == "error" or not quiet()]
+    for k, diagnostic in enumerate(wanted[:MOST_SHOWN]):
         text = render(diagnostic)
         if k:
             print(file=sys.stderr)
@@ -81,6 +81,8 @@ def show(diagnostics: Iterable[Diagnostic]) -> None:
             console.print(_coloured(text), soft_wrap=True)
         else:
             print(text, file=sys.stderr)
+    for line in more_than(MOST_SHOWN, wanted):
+        print(f"\n{line}", file=sys.stderr)
 
 
 def _coloured(text: str) -> Text:

@@ -11,6 +11,7 @@ from dl2c.commands.completion import words
 from dl2c.commands.failures import CommandError, show, to_json
 from dl2c.commands.flags import Json
 from dl2c.commands.verbosity import quiet
+from dl2c.work import budgeted
 
 if TYPE_CHECKING:
     from dl2c.commands.trace import Violation
@@ -89,6 +90,7 @@ def monitor(
         raise typer.Exit(1)
 
 
+@budgeted()
 def unit_of(
     model: str,
     options: Mapping[str, Any],
@@ -145,6 +147,7 @@ def _tolerance(eps: tuple[str, ...], names: set[str], single: bool) -> "Toleranc
     return Tolerance(relative, absolute)
 
 
+@budgeted()
 def _written(unit: "Unit", output: Path, policy: "NetworkPolicy | None") -> dict[str, Any]:
     from dl2c.emit.monitor_text import monitor_files
     from dl2c.outputs import output_folder

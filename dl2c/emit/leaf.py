@@ -15,6 +15,7 @@ from dl2c.ir.model import Flow, Formula, Symbol, Term
 from dl2c.symbolic.lie import lie_tape, partial_tape
 from dl2c.symbolic.tape import Tape, defined_tape, formula_tape, term_tape
 from dl2c.symbolic.terms import Builder
+from dl2c.work import spend
 
 Place = Callable[[Symbol], str]
 
@@ -63,6 +64,7 @@ class Leaves:
         return f"{name}({arguments})"
 
     def _leaf(self, name: str, tape: Tape, kind: str, about: str, place: Place) -> str:
+        spend()
         slots = {s.name: place(s) for s in tape.inputs}
         direct = print_tape(tape, lambda n: slots[n], kind == "bool", self.single)
         if direct.trivial:

@@ -44,6 +44,7 @@ from dl2c.ir.model import (
     Symbol,
     Truth,
 )
+from dl2c.work import spend
 
 NONNEGATIVE = Interval(0.0, INF)
 
@@ -92,6 +93,7 @@ class Contractor:
 
         Conjunctions are gone through at most `rounds` times, or until nothing changes.
         """
+        spend()
         self.graph.assign(box)
         if not _narrow_part(self.part, self.graph, rounds):
             return None

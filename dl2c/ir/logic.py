@@ -31,6 +31,7 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
+from dl2c.work import spend
 
 NEGATED: dict[Comparison, Comparison] = {"=": "!=", "!=": "=", "<": ">=", "<=": ">", ">": "<=", ">=": "<"}
 
@@ -323,6 +324,7 @@ def atoms(formula: Formula) -> Iterator[Compare]:
 
 def symbols(*parts: Term | Formula) -> set[Symbol]:
     """All symbols that occur."""
+    spend()
     found: set[Symbol] = set()
     stack: list[Term] = []
     for part in parts:

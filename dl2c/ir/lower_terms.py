@@ -27,6 +27,7 @@ from dl2c.ir.slack import Slacks, settled
 from dl2c.parse import tree
 from dl2c.resolve.symbols import nodes
 from dl2c.source import Span
+from dl2c.work import spend
 
 PI = Fraction(884279719003555, 281474976710656)
 E = Fraction(6121026514868073, 2251799813685248)
@@ -47,6 +48,7 @@ def lower_term(term: tree.Term, scope: Scope) -> ir.Term:
 
 
 def _lowered(term: tree.Term, scope: Scope) -> ir.Term:
+    spend()
     match term:
         case tree.Number(value):
             return ir.Number(value)

@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import TypeAlias
 
 from dl2c.ir.model import Add, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
+from dl2c.work import spend
 
 Monomial: TypeAlias = tuple[tuple[str, str, int], ...]
 """Symbols by kind and name, each with its exponent, in order."""
@@ -95,6 +96,7 @@ def added(a: Normal | None, b: Normal | None) -> Normal | None:
 
 def multiplied(a: Normal | None, b: Normal | None) -> Normal | None:
     """Their product; None where it may have too many monomials."""
+    spend()
     if a is None or b is None or len(a) * len(b) > MAX_TERMS:
         return None
     out: Normal = {}

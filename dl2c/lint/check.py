@@ -18,6 +18,7 @@ from dl2c.pipeline import Checked, checked
 from dl2c.resolve.problem import Problem
 from dl2c.smt.query import Oracle
 from dl2c.source import Source
+from dl2c.work import at_place, at_stage, budgeted
 
 
 def examine(source: Source, options: Options, *, portable: bool = False) -> tuple[Diagnostic, ...]:
@@ -31,7 +32,13 @@ def examine(source: Source, options: Options, *, portable: bool = False) -> tupl
         return in_source_order((*found, *refused.diagnostics))
     places = {d.span for d in found}
     found += (d for d in model.warnings if not (d.code == REJECTS and d.span in places))
-    found += lints(source, model)
+    try:
+        with budgeted():
+            at_place(model.problem.entry.problem.span)
+            at_stage("looking for what it may not mean")
+            found += lints(source, model)
+    except CompileError as unfinished:
+        found += (replace(d, severity="warning") for d in unfinished.diagnostics)
     return in_source_order(allowed(found, model.problem))
 
 

@@ -16,11 +16,12 @@ from typing import Any, NoReturn, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.native.errors import BatchBusy, BatchClosed, MonitorViolated, NativeError, ResetFailed
+from dl2c.native.errors import MonitorViolated, NativeError, ResetFailed
 from dl2c.native.loading import find, load
 from dl2c.native.manifest import Manifest
 from dl2c.native.single import single_step
 from dl2c.native.sundials import load_solver
+from dl2c.native.turns import Turns
 
 AUTORESET = {"disabled": 0, "next_step": 1, "same_step": 2}
 ON_BLOCKED = {"fallback": 0, "truncate": 1, "terminate": 2}
@@ -181,7 +182,7 @@ class Batch:
     """
 
     __slots__ = (
-        *("_bound", "_closing", "_handle", "_lib", "_native_step", "_turn", "library", "n"),
+        *("_bound", "_handle", "_lib", "_native_step", "_turns", "library", "n"),
         *("choices", "inputs", "obs", "final_obs", "rewards", "terminated", "truncated", "mask"),
         *(
             "executed_choices",
@@ -220,10 +221,7 @@ class Batch:
         self._lib = lib
         self._native_step = lib.dl2c_batch_step
         self._handle = ffi.NULL
-        self._turn: list[Any] = [None, True]
-        """Whoever calls C takes the second entry, which Python does at once, and puts it back after that."""
-        self._closing: list[bool] = []
-        """Not empty where the environments are to be freed as soon as nobody calls C."""
+        self._turns = Turns(self._free)
         self._bound = [(name, ffi.from_buffer(array)) for name, array in self._arrays()]
         buffers = ffi.new("dl2c_buffers *")
         for name, memory in self._bound:
@@ -234,42 +232,15 @@ class Batch:
 
     def check_open(self) -> None:
         """Raises `BatchClosed`."""
-        if self._closing:
-            self.refuse()
-
-    def take_turn(self) -> None:
-        """Begin to call C. Raises `BatchBusy`, `BatchClosed`."""
-        try:
-            self._turn.pop(1)
-        except IndexError:
-            self.refuse()
-
-    def end_turn(self) -> None:
-        """Let others call; the last turn of closed environments frees them."""
-        self._turn.append(True)
-        if self._closing:
-            self.free()
-
-    def refuse(self) -> NoReturn:
-        """Raises why a call has no turn."""
-        if self._closing:
-            raise BatchClosed("the environments were closed")
-        raise BatchBusy("another call of the same environments is under way")
-
-    def free(self) -> None:
-        """Free closed environments unless somebody calls C, who will do it. No turn comes after this."""
-        with suppress(IndexError):
-            self._turn.pop(1)
-            self.library.ffi.release(self._handle)
-            self._handle = self.library.ffi.NULL
+        self._turns.check_open()
 
     def _called(self, function: Callable[..., int], *arguments: Any) -> int:
         """The status of a C call of the environments."""
-        self.take_turn()
+        self._turns.take()
         try:
             return function(self._handle, *arguments)
         finally:
-            self.end_turn()
+            self._turns.end()
 
     def native_step(self) -> Callable[[], int]:
         """The C call behind `step` alone; what it returns, unless 0, is for `check`."""
@@ -286,7 +257,8 @@ class Batch:
         pointers = (ffi.addressof(self._lib, "dl2c_batch_step"), self._handle)
         memory = (ffi.from_buffer(array) for array in (self.outcome, self.choices, self.inputs))
         addresses = (int(ffi.cast("uintptr_t", p)) for p in (*pointers, *memory))
-        return made((*addresses, self._turn, self._closing, self.refuse, self.free, *parts))
+        turns = self._turns
+        return made((*addresses, turns.token, turns.closing, turns.refuse, turns.settle, *parts))
 
     def step(self) -> None:
         """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""
@@ -342,8 +314,11 @@ class Batch:
 
     def close(self) -> None:
         """Free the environments, at the end of a call that is under way; the arrays stay."""
-        self._closing.append(True)
-        self.free()
+        self._turns.close()
+
+    def _free(self) -> None:
+        handle, self._handle = self._handle, self.library.ffi.NULL
+        self.library.ffi.release(handle)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a batch cannot be pickled; send the model's text and options")

@@ -17,6 +17,7 @@ from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import errors, mistakes
 from dl2c.parse.recovery import MAX_MISTAKES, Recovery, without_mistake
 from dl2c.parse.scan import Code
+from dl2c.work import spend
 
 Node: TypeAlias = Tree[Token]
 
@@ -24,6 +25,9 @@ STARTS = ("start_term", "start_formula", "start_value", "start_program", "declar
 
 MAX_DEPTH = 200
 """Deeper nested text is refused, so that no later stage can run out of stack."""
+
+COUNTED = ("NAME", "NUMBER")
+"""Words that count as work."""
 
 _RIGHT = frozenset({"and", "or", "imply", "sequence", "open_sequence", "choice"})
 _LEFT = frozenset({"sum", "product"})
@@ -39,7 +43,13 @@ def _parser() -> Lark:
         start=list(STARTS),
         propagate_positions=True,
         maybe_placeholders=True,
+        lexer_callbacks=dict.fromkeys(COUNTED, _counted),
     )
+
+
+def _counted(token: Token) -> Token:
+    spend()
+    return token
 
 
 def parse_tree(code: Code, start: int, end: int, symbol: str, recovery: Recovery | None = None) -> Node:

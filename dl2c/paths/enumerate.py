@@ -44,6 +44,7 @@ from dl2c.paths.admitted import Meeting, Order, admitted, order_of
 from dl2c.paths.limits import input_limits
 from dl2c.paths.path import END, Decision, Input, Path, Paths, duration_input
 from dl2c.source import NOWHERE, Span
+from dl2c.work import spend
 
 MAX_PATHS = 4096
 MAX_LENGTH = 2000
@@ -250,6 +251,7 @@ def _lines(block: Block) -> Iterator[_Line]:
     """
     todo = [(_Line((), (), block), False)]
     while todo:
+        spend()
         line, drawn = todo.pop()
         if not line.rest:
             yield line
@@ -294,6 +296,7 @@ def _draft(model: Model, points: list[Block], point: int, line: _Line) -> Draft:
     inputs: list[str] = []
     flow = None
     for statement in line.statements:
+        spend()
         match statement:
             case Assign(name, term):
                 symbol = Symbol(name, "variable")

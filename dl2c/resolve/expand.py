@@ -16,6 +16,7 @@ from dl2c.parse import tree
 from dl2c.resolve import errors
 from dl2c.resolve.implicit import Solution, solve
 from dl2c.resolve.symbols import Node, Symbols, children, free_variables, mentioned, own_names
+from dl2c.work import spend
 
 Names = frozenset[str]
 NONE: Names = frozenset()
@@ -214,6 +215,7 @@ class Expander:
             self.found.append(errors.undefined_function(name, use.span))
 
     def _count(self, node: tree.Expression) -> None:
+        spend()
         self.expanded += 1
         if self.expanded > MAX_SIZE:
             raise CompileError(errors.too_large(node.span, MAX_SIZE))

@@ -22,12 +22,16 @@ from dl2c.sampling.algebra import (
     fraction,
     is_affine,
     remainder,
+    size_of,
     term_of,
     without_content,
 )
 from dl2c.sampling.branches import Branch, Row, branches_of
 from dl2c.sampling.linear import Solution, is_tautology, linear_parts, rank, replaced, solutions
 from dl2c.sampling.root_of import Definition, names_of, with_terms
+
+LONG = 60
+"""Nodes of an equality that is left as it is written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,9 +168,21 @@ def _directly_solved(
         solved.append(best)
         value = {best.symbol: best.term}
         pending = [
-            Compare("=", replaced(e.left, value), replaced(e.right, value), span=e.span) for e in pending
+            _collected(Compare("=", replaced(e.left, value), replaced(e.right, value), span=e.span))
+            for e in pending
         ]
     return solved, pending
+
+
+def _collected(equality: Compare) -> Compare:
+    """A long equality with what belongs together added up, where that makes it shorter: linear ones never
+    grow longer than they have names."""
+    difference = Sub(equality.left, equality.right)
+    size = size_of(difference)
+    if size <= LONG or (form := normal_form(difference)) is None:
+        return equality
+    whole = term_of(form, {(s.kind, s.name): s for s in symbols(equality)})
+    return Compare("=", whole, ZERO, span=equality.span) if size_of(whole) < size else equality
 
 
 def _reduced(equality: Compare, branch: Branch) -> tuple[Compare, tuple[Formula, ...]]:

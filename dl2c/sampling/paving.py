@@ -17,6 +17,7 @@ from dl2c.interval.contract import Contractor
 from dl2c.ir.logic import atoms, symbols
 from dl2c.ir.model import Formula, Symbol
 from dl2c.sampling.algebra import size_of
+from dl2c.work import spend
 
 ENOUGH = 0.95
 """An acceptance that more boxes need not improve."""
@@ -80,6 +81,7 @@ def pave(roots: Sequence[Root], *, boxes: int, time_limit_s: float) -> tuple[Lea
     )
     splits = int(time_limit_s * NODES_PER_SECOND / (2 * ROUNDS * nodes + 1))
     while leaves and splits > 0:
+        spend()
         worst = max(leaves, key=lambda leaf: leaf.waste)
         endless = not math.isfinite(worst.density)
         if len(leaves) + len(final) >= (boxes * MORE if endless else boxes):

@@ -48,6 +48,8 @@ RARE = 0.1
 DRAWS = 256
 """States of which is seen how many may have a run."""
 
+PAVING_S = 2.0
+
 COORDINATES = 2**24
 """Numbers that all these points may have together: states of many names get fewer points."""
 
@@ -124,21 +126,21 @@ class NoSampler:
 
 
 def plan_sampling(
-    model: Model, *, boxes: int = 64, time_limit_s: float = 10.0, decision: Decision | None = None
+    model: Model, *, boxes: int = 64, time_limit_s: float = PAVING_S, decision: Decision | None = None
 ) -> SamplingPlan | NoSampler:
     """Tables for drawing initial states; in each block at most `boxes` boxes, or one for each chart.
 
-    `decision` is what `decide(model)` said, where that is known already. The time limit bounds Z3
-    in seconds, and the paving by as much work as takes about that long. Resets draw again where a state has
+    `decision` is what `decide(model)` said, where that is known already. The time limit bounds the
+    paving, by as much work as takes about that long. Resets draw again where a state has
     no run; where hardly any state has one, what runs need is made part of the precondition.
     """
-    decision = decide(model, time_limit_s) if decision is None else decision
+    decision = decide(model) if decision is None else decision
     plan = _planned(model, boxes, time_limit_s, decision)
     if isinstance(plan, NoSampler) or not _is_rare(_algebraic(enabling(model)), model, plan):
         return plan
     needed = _algebraic(enabling(model, exact=True))
     narrowed = replace(model, precondition=conjunction([model.precondition, needed]))
-    other = _planned(narrowed, boxes, time_limit_s, decide(narrowed, time_limit_s))
+    other = _planned(narrowed, boxes, time_limit_s, decide(narrowed))
     return plan if isinstance(other, NoSampler) else other
 
 

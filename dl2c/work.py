@@ -1,0 +1,99 @@
+"""One budget of work for compiling a model: processor time and memory, from reading to writing C.
+
+Whatever may take long calls `spend` as it goes on. When the budget is used up, that raises `OutOfWork`,
+which the way into the compiler turns into a diagnostic that names the stage and the place. Without a
+budget, as in tests of a single stage, nothing is counted.
+"""
+
+import resource
+import sys
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+from dl2c.diagnostics import CompileError, Diagnostic, error
+from dl2c.source import NOWHERE, Span
+
+SECONDS = 18.0
+"""Of processor time of the thread that compiles."""
+
+BYTES = 2 * 1024**3
+"""By which the memory of the process may grow."""
+
+CALLS = 256
+"""Of `spend` between two looks at the clock."""
+
+
+class OutOfWork(Exception):
+    """The budget is used up; says what of."""
+
+
+@dataclass(slots=True)
+class _Budget:
+    until: float
+    most: int
+    stage: str = "reading the model"
+    span: Span = NOWHERE
+    calls: int = 0
+
+    def look(self) -> None:
+        self.calls = CALLS
+        if time.thread_time() > self.until:
+            raise OutOfWork(f"{SECONDS:g} seconds of processor time")
+        if _memory() > self.most:
+            raise OutOfWork(f"{BYTES // 1024**2} MB of memory")
+
+
+_RUNNING: ContextVar[_Budget | None] = ContextVar("budget", default=None)
+
+
+def spend() -> None:
+    """Note that a piece of work is done. Raises `OutOfWork`."""
+    budget = _RUNNING.get()
+    if budget is None:
+        return
+    budget.calls -= 1
+    if budget.calls < 0:
+        budget.look()
+
+
+def at_stage(stage: str) -> None:
+    """Name what is done from here on."""
+    if (budget := _RUNNING.get()) is not None:
+        budget.stage = stage
+
+
+def at_place(span: Span) -> None:
+    """Where the model is that is compiled from here on."""
+    if (budget := _RUNNING.get()) is not None:
+        budget.span = span
+
+
+@contextmanager
+def budgeted() -> Generator[None]:
+    """Work within the budget that is running, or a new one. Raises `CompileError` where it is used up."""
+    if _RUNNING.get() is not None:
+        yield
+        return
+    budget = _Budget(time.thread_time() + SECONDS, _memory() + BYTES)
+    token = _RUNNING.set(budget)
+    try:
+        yield
+    except OutOfWork as used:
+        raise CompileError(_too_much(budget, str(used))) from None
+    finally:
+        _RUNNING.reset(token)
+
+
+def _too_much(budget: _Budget, used: str) -> Diagnostic:
+    label = f"given up while {budget.stage}, after {used}"
+    advice = "leave out or divide what is largest: choices in a row, assumptions on many names, long terms"
+    return error("too-much-work", "this model takes too much work to compile", budget.span, label, advice)
+
+
+def _memory() -> int:
+    """The most that the process has held so far, in bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024
