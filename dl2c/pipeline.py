@@ -116,6 +116,7 @@ class Checked:
 @budgeted()
 def checked(source: Source, options: Options) -> Checked:
     """A model up to the point where C would be written. Raises `CompileError` for its errors."""
+    at_place(source.start)
     entry, warnings = read_entry(source, lambda archive: entry_of(archive, options))
     found = checked_entry(entry, options)
     return replace(found, warnings=in_source_order((*warnings, *found.warnings)))
@@ -215,6 +216,7 @@ def drawn_model_of(entry: Entry, options: Options) -> "Model":
 
 def _front(source: Source, options: Options) -> tuple[Problem, Options, tuple[Diagnostic, ...]]:
     """Parse and resolve; `@episode` completes the options."""
+    at_place(source.start)
     entry, warnings = read_entry(source, lambda archive: entry_of(archive, options))
     problem, options = _completed_problem(entry, options)
     return problem, options, (*warnings, *problem.warnings, *_deprecated(problem))

@@ -33,6 +33,11 @@ class Source:
         text = content.decode("utf-8-sig", "surrogateescape")
         return Source(str(path), text.replace("\r\n", "\n").replace("\r", "\n"))
 
+    @property
+    def start(self) -> "Span":
+        """Its first character."""
+        return Span(self, 0, min(1, len(self.text)))
+
     @cached_property
     def line_starts(self) -> tuple[int, ...]:
         """Offset of the first character of every line."""

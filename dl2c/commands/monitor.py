@@ -79,7 +79,7 @@ def monitor(
         found |= _written(unit, output, trained)
     failed = None
     if trace is not None:
-        violations, found["steps"] = _replayed(unit, trace)
+        violations, found["steps"], found["unchecked"] = _replayed(unit, trace)
         failed = next(iter(violations), None)
         found["violation"] = None if failed is None else failed.as_data()
     if json:
@@ -159,13 +159,15 @@ def _written(unit: "Unit", output: Path, policy: "NetworkPolicy | None") -> dict
     return {"directory": str(output), "files": sorted(files)}
 
 
-def _replayed(unit: "Unit", trace: Path) -> "tuple[list[Violation], int]":
-    from dl2c.commands.trace import replayed, rows_of, unseen
+def _replayed(unit: "Unit", trace: Path) -> "tuple[list[Violation], int, int]":
+    """Violations, how many steps there are, and how many of them lack the row before."""
+    from dl2c.commands.trace import disconnected, replayed, rows_of, unseen
 
-    rows = rows_of(trace, unit)
+    rows, unchecked = rows_of(trace, unit), list[int]()
     if any(check.transition for check in unit.monitor.checks):
         show(unseen(unit.monitor.model, rows[0]))
-    return replayed(unit, rows)
+        unchecked = disconnected(rows)
+    return *replayed(unit, rows), len(unchecked)
 
 
 def _tell(found: Mapping[str, Any], failed: "Violation | None", trace: Path | None) -> None:
@@ -175,3 +177,5 @@ def _tell(found: Mapping[str, Any], failed: "Violation | None", trace: Path | No
         print(failed.sentence())
     elif trace is not None:
         print(f"{trace}: {found['steps']} steps, none violates the monitor")
+    if found.get("unchecked"):
+        print(f"steps that are not checked because the trace lacks the row before them: {found['unchecked']}")

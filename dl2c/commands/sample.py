@@ -123,6 +123,8 @@ def corner_plot(sample: Sample, path: Path) -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
+    from dl2c.picture.figure import save
+
     varying = [k for k in range(len(sample.names)) if np.ptp(sample.rows[:, k]) > 0][:MOST_PLOTTED]
     if not varying:
         raise CommandError("nothing to plot: no name varies")
@@ -134,9 +136,8 @@ def corner_plot(sample: Sample, path: Path) -> None:
         for k, across in enumerate(varying):
             _cell(axes[i][k], sample, i, k, (below, across), n)
     figure.tight_layout(pad=0.3)
-    with output_file(path) as fresh:
-        figure.savefig(fresh, dpi=110)
     plt.close(figure)
+    save(figure, path, dpi=110)
 
 
 def _cell(ax: Any, sample: Sample, i: int, k: int, names: tuple[int, int], n: int) -> None:

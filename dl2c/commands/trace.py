@@ -9,7 +9,7 @@ must accept one of these states.
 import csv
 import io
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,11 +97,27 @@ def questions(unit: Unit, rows: list[Row]) -> Iterator[Question]:
                 yield Question(k, check, f"init {_line(state)} {numbers}")
             elif check.kind == "controller" and not seen:
                 continue
-            elif check.transition and row["step"] != "0" and not model.lead and row["reason"] not in UNMOVED:
-                before = _state(model, rows[k - 1])
-                between = [state] if check.kind == "model" else led_to(model, controls, rows[k - 1], row)
+            elif check.transition and not model.lead and (last := before(rows, k)) is not None:
+                begun = _line(_state(model, last))
+                between = [state] if check.kind == "model" else led_to(model, controls, last, row)
                 for one in between:
-                    yield Question(k, check, f"{check.kind} {_line(before)} {_line(one)} {numbers}")
+                    yield Question(
+                        k, check, f"{check.kind} {_line(_state(model, last))} {_line(one)} {numbers}"
+                    )
+
+
+def before(rows: Sequence[Row], k: int) -> Row | None:
+    """The row from which a step of the model leads to this one, if the trace has it."""
+    row, last = rows[k], rows[k - 1] if k else None
+    if last is None or row["reason"] in UNMOVED or last["episode"] != row["episode"]:
+        return None
+    return last if _number(last["step"]) + 1 == _number(row["step"]) else None
+
+
+def disconnected(rows: Sequence[Row]) -> list[int]:
+    """Steps without the row before them; steps of no model aside."""
+    steps = [k for k, row in enumerate(rows) if row["step"] != "0" and row["reason"] not in UNMOVED]
+    return [k for k in steps if before(rows, k) is None]
 
 
 def controls_of(model: Model) -> tuple[Control, ...]:

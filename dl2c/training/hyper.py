@@ -7,6 +7,7 @@ learning rate: `linear` falls to 0, `constant` stays).
 
 import inspect
 import json
+import reprlib
 import types
 from collections.abc import Mapping
 from dataclasses import replace
@@ -62,6 +63,7 @@ POSITIVE = (
     *("learning_rate", "n_steps", "batch_size", "n_epochs", "clip_range", "clip_range_vf", "max_grad_norm"),
     *("buffer_size", "train_freq", "target_update_interval", "tau"),
 )
+MOST_LAYERS, WIDEST = 64, 8192
 FRACTIONS = ("gamma", "gae_lambda", "tau")
 
 
@@ -99,7 +101,7 @@ def mistakes(algo: Algorithm, hyper: Mapping[str, Any]) -> list[str]:
             advice = f"did you mean {near[0]}?" if near else f"there is {', '.join(names)}"
             found.append(f"{algo} has no hyperparameter {name!r}; {advice}")
         elif text := _mistake(name, value, allowed.get(name, ())):
-            found.append(f"hyperparameter {name} of {algo}: {text}, not {value!r}")
+            found.append(f"hyperparameter {name} of {algo}: {text}, not {reprlib.repr(value)}")
     return found
 
 
@@ -119,8 +121,8 @@ def _mistake(name: str, value: Any, allowed: tuple[type, ...]) -> str | None:
     match name:
         case "net_arch":
             sizes = cast("list[Any]", value) if isinstance(value, list) else []
-            fits = bool(sizes) and all(type(n) is int and n > 0 for n in sizes)
-            return None if fits else "sizes of layers such as [64, 64]"
+            fits = 0 < len(sizes) <= MOST_LAYERS and all(type(n) is int and 0 < n <= WIDEST for n in sizes)
+            return None if fits else f"sizes of layers such as [64, 64], each at most {WIDEST}"
         case "activation":
             return None if value in ACTIVATIONS else f"one of {', '.join(ACTIVATIONS)}"
         case "schedule":
