@@ -101,9 +101,7 @@ def questions(unit: Unit, rows: list[Row]) -> Iterator[Question]:
                 begun = _line(_state(model, last))
                 between = [state] if check.kind == "model" else led_to(model, controls, last, row)
                 for one in between:
-                    yield Question(
-                        k, check, f"{check.kind} {_line(_state(model, last))} {_line(one)} {numbers}"
-                    )
+                    yield Question(k, check, f"{check.kind} {begun} {_line(one)} {numbers}")
 
 
 def before(rows: Sequence[Row], k: int) -> Row | None:
