@@ -4,6 +4,7 @@ A `Source` is one file (or string) a user wrote; a `Span` is a half-open range o
 its characters. Nothing here knows what the text means.
 """
 
+import hashlib
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -90,3 +91,8 @@ class Span:
 
 NOWHERE = Span(Source("<none>", ""), 0, 0)
 """The span of nodes that no text was written for."""
+
+
+def text_hash(text: str) -> str:
+    """SHA-256 of a model's text."""
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

@@ -132,7 +132,7 @@ def compiled(unit: Unit, folder: Path, compiler: str, standard: str) -> None:
 def test_conditions_are_those_of_the_simulator(example: str) -> None:
     """The expression of every guard and safety predicate without inputs is in the simulator's C too."""
     unit = unit_of(f"example:{example}", {})
-    exported = monitor_files(unit)[f"{unit.stem}_monitor.c"]
+    exported = monitor_files(unit)[f"{unit.stem}_monitor.c"].replace(f"{unit.stem}_", "")
     path = REPOSITORY / "examples" / f"{example}.kyx"
     simulator = " ".join(emit(Source.read(path), "c", Options()).split())
     wanted = [c for _, _, c in unit.monitor.conditions if ">=" in c.about or "<" in c.about]
@@ -271,7 +271,7 @@ def test_the_command_writes_a_complete_folder(capsys: Any, monkeypatch: Any, tmp
     folder = tmp_path / "out"
     code, out, err = run(capsys, monkeypatch, "monitor", "example:pendulum", "-o", str(folder), "--json")
     assert code == 0 and "no model monitor" in err
-    names = ["Pendulum_monitor.c", "Pendulum_monitor.h", "README.md", "main.c"]
+    names = ["Pendulum_monitor.c", "Pendulum_monitor.h", "README.md", "conditions.json", "main.c"]
     assert json.loads(out) == {"directory": str(folder), "files": names}
     assert sorted(p.name for p in folder.iterdir()) == names
     assert "sin(" not in (folder / names[0]).read_text(encoding="utf-8")

@@ -185,6 +185,15 @@ int main(void)
   printf("%g ", Static_safety_on_a_line_monitored_ctrl(blind, &p, &in, reckless, 0).a);
   printf("%g ", Static_safety_on_a_line_monitored_ctrl(near, &p, &in, 0, 0).a);
   const state post = reckless(far, &p, &in);
+  const Static_safety_on_a_line_decision free =
+      Static_safety_on_a_line_decide(far, &p, &in, reckless, own);
+  const Static_safety_on_a_line_decision held =
+      Static_safety_on_a_line_decide(near, &p, &in, reckless, own);
+  const Static_safety_on_a_line_decision lost =
+      Static_safety_on_a_line_decide(blind, &p, &in, reckless, own);
+  printf("%d%d%d ", free.overruled, free.verdict.id, free.wanted.id);
+  printf("%d%d%d ", held.overruled, held.verdict.id, held.wanted.id > 1);
+  printf("%d%d%d%g ", lost.overruled, lost.verdict.id, lost.wanted.id, lost.post.a);
   printf("%d ", Static_safety_on_a_line_monitor_satisfied(far, post, &p));
   printf("%d\\n", Static_safety_on_a_line_boundary_dist(far, post, &p).val > 0);
   return 0;
@@ -196,7 +205,7 @@ def test_a_controller_is_heeded_while_the_monitor_accepts_it(tmp_path: Path) -> 
     """Full speed far away; near the obstacle, and where it is not seen, the model's own first alternative."""
     unit = unit_of("example:static_safety_line", {})
     program = compile_program(monitor_files(unit) | {"main.c": DRIVER}, tmp_path)
-    assert answers(program, []) == ["2 -4 -1 -4 -4 1 1"]
+    assert answers(program, []) == ["2 -4 -4 -4 -4 000 101 111-1 1 1"]
 
 
 MARKED = """ProgramVariables Real x; Real y; End.

@@ -1,6 +1,8 @@
 """`dl2c monitor`: write a model's run-time monitor as C, or replay a recorded trace through it."""
 
+import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
@@ -38,6 +40,10 @@ Eps = Annotated[
         help="How far values may be from those computed: relative, or of NAME, in its unit.",
     ),
 ]
+Prefix = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="What all names and files begin with; default: the model's name."),
+]
 Trained = Annotated[
     Path | None,
     typer.Option(
@@ -57,6 +63,7 @@ def monitor(
     sound: Sound = False,
     eps: Eps = None,
     policy: Trained = None,
+    prefix: Prefix = None,
     trace: Trace = None,
     json: Json = False,
     *,
@@ -73,7 +80,7 @@ def monitor(
         from dl2c.commands.policy import policy_for
 
         trained, options = policy_for(model, policy, options)
-    unit = unit_of(model, options, kinds, real, sound, tuple(eps or ()))
+    unit = replace(unit_of(model, options, kinds, real, sound, tuple(eps or ())), prefix=_checked(prefix))
     found: dict[str, Any] = {}
     if output is not None:
         found |= _written(unit, output, trained)
@@ -88,6 +95,12 @@ def monitor(
         _tell(found, failed, trace)
     if failed is not None:
         raise typer.Exit(1)
+
+
+def _checked(prefix: str | None) -> str:
+    if prefix is not None and not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,60}", prefix):
+        raise CommandError(f"--prefix takes letters, digits and underscores, not {prefix!r}")
+    return prefix or ""
 
 
 @budgeted()

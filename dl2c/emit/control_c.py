@@ -182,19 +182,38 @@ def _public(unit: Unit, controller: Controller) -> Iterable[str]:
     yield function(heads["monitor_satisfied"], [f"return {check}.id == 0;"])
     yield function(heads["run"], [*_requested(controller), "return false;"])
     yield function(heads["fallback"], [f"{stem}_state post = curr;", *_fallback(controller), "return post;"])
+    judged = f"made.verdict = {stem}_check_{CHECK}(&curr, &made.post, params);"
     yield function(
-        heads["monitored_ctrl"],
+        heads["decide"],
         [
+            f"{stem}_decision made;",
+            "made.post = curr;",
+            judged,
             "if (ctrl != 0) {",
-            f"  const {stem}_state post = ctrl(curr, params, input);",
-            f"  if ({stem}_monitor_satisfied(curr, post, params))",
-            "    return post;",
+            "  made.post = ctrl(curr, params, input);",
+            f"  {judged}",
             "}",
-            "if (fallback != 0)",
-            "  return fallback(curr, params, input);",
-            f"return {stem}_fallback(curr, params, input);",
+            "made.wanted = made.verdict;",
+            "made.overruled = ctrl == 0 || made.verdict.id != 0;",
+            "if (!made.overruled)",
+            "  return made;",
+            "if (fallback != 0) {",
+            "  made.post = fallback(curr, params, input);",
+            f"  {judged}",
+            "  if (made.verdict.id == 0)",
+            "    return made;",
+            "}",
+            f"const {stem}_state post = {stem}_fallback(curr, params, input);",
+            f"const {stem}_verdict verdict = {stem}_check_{CHECK}(&curr, &post, params);",
+            "if (fallback == 0 || verdict.id == 0) {",
+            "  made.post = post;",
+            "  made.verdict = verdict;",
+            "}",
+            "return made;",
         ],
     )
+    called = f"{stem}_decide(curr, params, input, ctrl, fallback)"
+    yield function(heads["monitored_ctrl"], [f"return {called}.post;"])
 
 
 def _requested(controller: Controller) -> list[str]:

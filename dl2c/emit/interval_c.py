@@ -52,6 +52,13 @@ typedef struct {
 """
 
 OPERATIONS = {
+    "iv_between": """\
+static inline iv_pair iv_between(real lo, real hi)
+{
+  const iv_pair pair = {lo, hi};
+  return pair;
+}
+""",
     "iv_smaller": """\
 static inline real iv_smaller(real a, real b) { return a < b ? a : b; }
 """,
@@ -72,24 +79,21 @@ static inline iv_pair iv_widened(real lo, real hi)
 }
 """,
     "iv_point": """\
-static inline iv_pair iv_point(real a) { return (iv_pair){a, a}; }
-""",
-    "iv_between": """\
-static inline iv_pair iv_between(real lo, real hi) { return (iv_pair){lo, hi}; }
+static inline iv_pair iv_point(real a) { return iv_between(a, a); }
 """,
     "iv_negative": """\
-static inline iv_pair iv_negative(iv_pair a) { return (iv_pair){-a.hi, -a.lo}; }
+static inline iv_pair iv_negative(iv_pair a) { return iv_between(-a.hi, -a.lo); }
 """,
     "iv_sum": """\
 static inline iv_pair iv_sum(iv_pair a, iv_pair b)
 {
-  return is_known(a) && is_known(b) ? iv_widened(a.lo + b.lo, a.hi + b.hi) : (iv_pair){1, 0};
+  return is_known(a) && is_known(b) ? iv_widened(a.lo + b.lo, a.hi + b.hi) : iv_between(1, 0);
 }
 """,
     "iv_difference": """\
 static inline iv_pair iv_difference(iv_pair a, iv_pair b)
 {
-  return is_known(a) && is_known(b) ? iv_widened(a.lo - b.hi, a.hi - b.lo) : (iv_pair){1, 0};
+  return is_known(a) && is_known(b) ? iv_widened(a.lo - b.hi, a.hi - b.lo) : iv_between(1, 0);
 }
 """,
     "iv_around": """\
@@ -104,7 +108,7 @@ static inline iv_pair iv_product(iv_pair a, iv_pair b)
 {
   const real p = a.lo * b.lo, q = a.lo * b.hi, r = a.hi * b.lo, s = a.hi * b.hi;
   if (!(is_known(a) && is_known(b)))
-    return (iv_pair){1, 0};
+    return iv_between(1, 0);
   return iv_around(p, q, r, s);
 }
 """,
@@ -112,7 +116,7 @@ static inline iv_pair iv_product(iv_pair a, iv_pair b)
 static inline iv_pair iv_quotient(iv_pair a, iv_pair b)
 {
   if (!(is_known(a) && (b.lo >= IV_TINY || b.hi <= -IV_TINY) && b.lo <= b.hi))
-    return (iv_pair){1, 0};
+    return iv_between(1, 0);
   const real p = a.lo / b.lo, q = a.lo / b.hi, r = a.hi / b.lo, s = a.hi / b.hi;
   return iv_around(p, q, r, s);
 }
@@ -122,7 +126,7 @@ static inline iv_pair iv_magnitude(iv_pair a)
 {
   if (!is_known(a))
     return a;
-  return (iv_pair){iv_larger(0, iv_larger(a.lo, -a.hi)), iv_larger(a.hi, -a.lo)};
+  return iv_between(iv_larger(0, iv_larger(a.lo, -a.hi)), iv_larger(a.hi, -a.lo));
 }
 """,
     "iv_square": """\
@@ -132,32 +136,32 @@ static inline iv_pair iv_square(iv_pair a)
   if (!is_known(a))
     return a;
   const iv_pair found = iv_widened(m.lo * m.lo, m.hi * m.hi);
-  return is_known(found) ? (iv_pair){iv_larger(0, found.lo), found.hi} : found;
+  return is_known(found) ? iv_between(iv_larger(0, found.lo), found.hi) : found;
 }
 """,
     "iv_root": """\
 static inline iv_pair iv_root(iv_pair a)
 {
   if (!(is_known(a) && a.lo >= 0))
-    return (iv_pair){1, 0};
+    return iv_between(1, 0);
   const iv_pair found = iv_widened(IV_SQRT(a.lo), IV_SQRT(a.hi));
-  return (iv_pair){iv_larger(0, found.lo), found.hi};
+  return iv_between(iv_larger(0, found.lo), found.hi);
 }
 """,
     "iv_least": """\
 static inline iv_pair iv_least(iv_pair a, iv_pair b)
 {
   if (!(is_known(a) && is_known(b)))
-    return (iv_pair){1, 0};
-  return (iv_pair){iv_smaller(a.lo, b.lo), iv_smaller(a.hi, b.hi)};
+    return iv_between(1, 0);
+  return iv_between(iv_smaller(a.lo, b.lo), iv_smaller(a.hi, b.hi));
 }
 """,
     "iv_greatest": """\
 static inline iv_pair iv_greatest(iv_pair a, iv_pair b)
 {
   if (!(is_known(a) && is_known(b)))
-    return (iv_pair){1, 0};
-  return (iv_pair){iv_larger(a.lo, b.lo), iv_larger(a.hi, b.hi)};
+    return iv_between(1, 0);
+  return iv_between(iv_larger(a.lo, b.lo), iv_larger(a.hi, b.hi));
 }
 """,
     "is_less": """\

@@ -16,6 +16,7 @@ from dl2c.emit.cfile import comment, function, place, wrapped
 from dl2c.emit.control_c import controller_functions, reading
 from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor_h import Unit, head, title_of
+from dl2c.emit.own_names import with_own_names
 from dl2c.interval.arithmetic import Interval, enclosure
 from dl2c.ir.logic import delta
 from dl2c.ir.model import UNBOUNDED, Bound, Symbol
@@ -45,16 +46,30 @@ def monitor_c(unit: Unit) -> str:
     body = "\n".join([*leaves.texts, in_range(unit), *functions])
     used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
     smallest = "FLT_MIN" if unit.single else "DBL_MIN"
-    return "\n".join(
+    text = "\n".join(
         [
             f'{title_of(unit)}\n#include "{unit.stem}_monitor.h"\n',
-            "#include <float.h>\n#include <math.h>\n",
+            f"#include <float.h>\n#include <math.h>\n\n{arithmetic(unit)}",
             f"#define DL2C_SMALLEST {smallest}\n",
             f"typedef {unit.real} real;\n",
             *used,
             body,
         ]
     )
+    return with_own_names(text, unit.stem)
+
+
+def arithmetic(unit: Unit) -> str:
+    """Refuses to be compiled for arithmetic that a monitor cannot rely on."""
+    wrong = "defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)"
+    allowed = "0" if unit.single else "0 && FLT_EVAL_METHOD != 1"
+    return f"""#if {wrong}
+#error "a monitor needs NaN and infinities: compile it without -ffast-math and -ffinite-math-only"
+#endif
+#if defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != {allowed}
+#error "a monitor needs arithmetic that rounds to {unit.real}: on x86 compile it with -mfpmath=sse -msse2"
+#endif
+"""
 
 
 def builder_of(unit: Unit) -> Builder:

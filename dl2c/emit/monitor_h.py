@@ -11,8 +11,8 @@ from dl2c.emit.cfile import LICENCE, comment, place
 from dl2c.emit.names import file_stem, member
 from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import LARGEST_STATE, Bound, Constant, Variable
-from dl2c.ir.printer import print_number
-from dl2c.monitor.check import OUT_OF_RANGE, Check, Monitor
+from dl2c.ir.printer import print_formula, print_number
+from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition, Monitor
 from dl2c.monitor.runs import Controller
 from dl2c.paths.path import Input
 from dl2c.version import __version__
@@ -40,11 +40,12 @@ class Unit:
     sound: bool = False
     squash: bool = False
     """Inputs are asked for as a share, from -1 to 1, of what passes."""
+    prefix: str = ""
 
     @property
     def stem(self) -> str:
-        """What all names begin with."""
-        return file_stem(self.monitor.model.name)
+        """What all names begin with: the prefix that was given, or the model's name."""
+        return self.prefix or file_stem(self.monitor.model.name)
 
     @property
     def single(self) -> bool:
@@ -68,17 +69,21 @@ class Unit:
         return member(key.removeprefix("assign_"))
 
     def inward(self, low: Fraction, high: Fraction) -> tuple[str, str]:
-        """The ends of a range as numbers inside of it."""
-        ends = (rounded_up(low), rounded_down(high))
+        """The ends of a range as numbers inside of it, and in range."""
+        low, high = max(low, -self.largest), min(high, self.largest)
         if not self.single:
-            return number(ends[0]), number(ends[1])
-        largest = float(LARGEST_FLOAT)
-        below = np.nextafter(np.float32(max(ends[0], -largest)), np.float32(np.inf))
-        above = np.nextafter(np.float32(min(ends[1], largest)), np.float32(-np.inf))
-        first, last = (np.float32(e) for e in ends)
-        first = first if Fraction(float(first)) >= low and abs(ends[0]) <= largest else below
-        last = last if Fraction(float(last)) <= high and abs(ends[1]) <= largest else above
+            return number(rounded_up(low)), number(rounded_down(high))
+        first, last = np.float32(float(low)), np.float32(float(high))
+        if Fraction(float(first)) < low:
+            first = np.nextafter(first, np.float32(np.inf))
+        if Fraction(float(last)) > high:
+            last = np.nextafter(last, np.float32(-np.inf))
         return f"{first!s}f", f"{last!s}f"
+
+
+BEFORE = '#ifdef __cplusplus\nextern "C" {\n#endif\n'
+AFTER = "#ifdef __cplusplus\n}\n#endif\n"
+"""So that C++ calls what C defines."""
 
 
 def monitor_h(unit: Unit) -> str:
@@ -89,10 +94,12 @@ def monitor_h(unit: Unit) -> str:
             title_of(unit),
             f"#ifndef {guard}\n#define {guard}\n",
             "#include <stdbool.h>\n",
+            BEFORE,
             _types(unit),
             *(_declared(unit, check) for check in unit.monitor.checks),
             *(_controller(unit, c) for c in [unit.monitor.controller] if c is not None),
             _conditions(unit),
+            AFTER,
             "#endif\n",
         ]
     )
@@ -179,8 +186,10 @@ CONTROLLER = {
     "is not possible.",
     "fallback": "Executes the first alternative that is possible, the one marked @fallback before others. "
     "Where none is, what the first would do, which the monitor does not accept.",
-    "monitored_ctrl": "Executes `ctrl` where the monitor accepts what it does, else `fallback`, or where "
-    "that is null the one above.",
+    "decide": "What to do: what `ctrl` does if the monitor accepts it, else what `fallback` does if that is "
+    "given and accepted, else what the fallback above does if that is accepted. Where nothing is, "
+    "`fallback`, or where that is null the one above.",
+    "monitored_ctrl": "The state to which that leads, with the name and arguments that KeYmaera X gives it.",
 }
 """The functions for controllers, and what they do."""
 
@@ -196,6 +205,7 @@ def declarations_of_controller(unit: Unit) -> dict[str, str]:
         "monitor_satisfied": f"bool {stem}_monitor_satisfied({state} pre, {state} curr, {given})",
         "run": f"bool {stem}_run({called}, const int *choices, {state} *post)",
         "fallback": f"{state} {stem}_fallback({called})",
+        "decide": f"{stem}_decision {stem}_decide({called}, {both})",
         "monitored_ctrl": f"{state} {stem}_monitored_ctrl({called}, {both})",
     }
 
@@ -224,9 +234,21 @@ def _controller(unit: Unit, controller: Controller) -> str:
             _struct(f"{stem}_input", fields),
             comment("A controller: the state that it leads to."),
             f"{wrapped_head(f'typedef {stem}_state {stem}_ctrl({signature})')};\n",
+            comment(DECISION),
+            _struct(f"{stem}_decision", _decision_fields(stem)),
             *functions,
         ]
     )
+
+
+DECISION = (
+    "What a controller under the monitor does, and what the monitor says of it and of what `ctrl` wanted; "
+    "`overruled` where these differ, or where `ctrl` is null."
+)
+
+
+def _decision_fields(stem: str) -> list[str]:
+    return [f"{stem}_state post;", f"{stem}_verdict verdict;", f"{stem}_verdict wanted;", "bool overruled;"]
 
 
 def _input_field(unit: Unit, given: Input, variable: Variable) -> str:
@@ -243,7 +265,15 @@ def _conditions(unit: Unit) -> str:
             for c in case.conditions:
                 where = place(c.span)
                 lines.append(f" * {c.number:>5}  {_safe(c.about)}" + (f"  ({where})" if where else ""))
+                if (evaluated := evaluation(c)) is not None:
+                    lines.append(f" *        as {_safe(evaluated)}")
     return "\n".join([*lines, " */\n"])
+
+
+def evaluation(condition: Condition) -> str | None:
+    """The condition as it is evaluated, with its tolerance; None where that is what it is about."""
+    text = print_formula(condition.formula)
+    return None if condition.about.endswith(text) else text
 
 
 def _safe(text: str) -> str:

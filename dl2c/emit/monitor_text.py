@@ -1,14 +1,19 @@
 """All files of an exported monitor, and how to integrate it."""
 
+import json
 import textwrap
+from typing import Any
 
 from dl2c.emit.host_c import main_c
 from dl2c.emit.monitor_c import monitor_c
 from dl2c.emit.monitor_h import MEANING, Unit, head, monitor_h
 from dl2c.emit.policy_c import policy_files
 from dl2c.emit.sound_monitor_c import sound_monitor_c
-from dl2c.monitor.check import Check
+from dl2c.ir.printer import print_formula
+from dl2c.monitor.check import OUT_OF_RANGE, Case, Check, Condition
 from dl2c.policy.network import NetworkPolicy
+from dl2c.source import NOWHERE, text_hash
+from dl2c.version import __version__
 
 
 def monitor_files(unit: Unit, policy: NetworkPolicy | None = None) -> dict[str, str]:
@@ -17,6 +22,7 @@ def monitor_files(unit: Unit, policy: NetworkPolicy | None = None) -> dict[str, 
     """
     files = {} if policy is None else policy_files(unit, policy)
     files |= {"main.c": main_c(unit, policy is not None), "README.md": _readme(unit, policy)}
+    files |= {"conditions.json": conditions_json(unit)}
     return files | monitor_sources(unit)
 
 
@@ -25,6 +31,48 @@ def monitor_sources(unit: Unit) -> dict[str, str]:
     return {
         f"{unit.stem}_monitor.h": monitor_h(unit),
         f"{unit.stem}_monitor.c": sound_monitor_c(unit) if unit.sound else monitor_c(unit),
+    }
+
+
+def conditions_json(unit: Unit) -> str:
+    """Each condition as data: what it stands for, where, and how it is evaluated."""
+    places = [c.span for _, _, c in unit.monitor.conditions if c.span != NOWHERE]
+    content = {
+        "model": unit.monitor.model.name,
+        "sha256": text_hash(places[0].source.text) if places else None,
+        "dl2c_version": __version__,
+        "prefix": unit.stem,
+        "real": unit.real,
+        "sound": unit.sound,
+        "largest": float(unit.largest),
+        "tolerance": {
+            "relative": float(unit.monitor.tolerance.relative),
+            "absolute": {name: float(v) for name, v in unit.monitor.tolerance.absolute.items()},
+        },
+        "conditions": [
+            {"id": OUT_OF_RANGE, "check": None, "case": None, "text": "a number is out of range"},
+            *(_as_data(check, case, c) for check, case, c in unit.monitor.conditions),
+        ],
+    }
+    return json.dumps(content, indent=1) + "\n"
+
+
+def _as_data(check: Check, case: Case, condition: Condition) -> dict[str, Any]:
+    """`evaluated` is over the state before, and `x_post` for that after."""
+    span = condition.span
+    place = None
+    if span != NOWHERE:
+        end = span.source.position(span.end)
+        place = {"line": span.line, "column": span.column, "end_line": end[0], "end_column": end[1]}
+    return {
+        "id": condition.number,
+        "check": check.kind,
+        "case": case.about,
+        "text": condition.about,
+        "source": place and span.text,
+        "span": place,
+        "evaluated": print_formula(condition.formula),
+        "same_as": condition.first if condition.first != condition.number else None,
     }
 
 
@@ -87,9 +135,18 @@ def _kind(unit: Unit, check: Check) -> str:
 
 def _precision(unit: Unit) -> str:
     tolerance = unit.monitor.tolerance
-    within = [f"`{float(tolerance.relative):g} * (1 + |value|)`"]
-    within += [f"for {name} {float(value):g}" for name, value in tolerance.absolute.items()]
-    close = f"Computed values must be met within {', '.join(within)}; values that are copied, exactly."
+    relative = f"{float(tolerance.relative):g}"
+    close = (
+        "Values that are copied must be equal; those that are computed may be off, by as much as the header "
+    )
+    close += "says of each condition, in the condition's own unit: "
+    close += (
+        f"`{relative} * (1 + |value|)` for assignments, `{relative} * (1 + the magnitudes of all summands)` "
+    )
+    close += "for solutions of flows, for domains at their end and for equalities of chosen values."
+    if tolerance.absolute:
+        given = ", ".join(f"{name} by {float(value):g}" for name, value in tolerance.absolute.items())
+        close += f" Instead of that, {given}."
     proved = (
         "Every verdict is proved: intervals are rounded outward, and what they do not decide is `unknown`."
     )

@@ -14,8 +14,9 @@ from dl2c.emit.cfile import comment, function, table, wrapped
 from dl2c.emit.control_c import reading
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.monitor_c import RUNTIME, builder_of, grouped, order_of
-from dl2c.emit.monitor_h import Unit, title_of, wrapped_head
+from dl2c.emit.monitor_h import AFTER, BEFORE, Unit, title_of, wrapped_head
 from dl2c.emit.network_c import network_functions
+from dl2c.emit.own_names import with_own_names
 from dl2c.ir.model import Model, Symbol, Term
 from dl2c.monitor.runs import Controller
 from dl2c.paths.enumerate import control_drafts
@@ -59,12 +60,14 @@ def _header(unit: Unit, policy: NetworkPolicy) -> str:
             title_of(unit, "Policy"),
             f"#ifndef {upper}_POLICY_H\n#define {upper}_POLICY_H\n",
             f'#include "{stem}_monitor.h"\n',
+            BEFORE,
             comment(about),
             f"enum {{ {upper}_OBSERVATIONS = {len(io.observations)}, {upper}_OUTPUTS = {io.outputs} }};\n",
             *(
                 f"{comment(ABOUT[name])}\n{wrapped_head(head)};\n"
                 for name, head in declarations_of_policy(unit).items()
             ),
+            AFTER,
             "#endif\n",
         ]
     )
@@ -95,7 +98,7 @@ def _source(unit: Unit, policy: NetworkPolicy) -> str:
     body = "\n".join([*leaves.texts, observed, *parts])
     used = [text for name, text in RUNTIME.items() if f"{name}(" in body]
     clip = CLIP if "clipped(" in body else ""
-    return "\n".join(
+    text = "\n".join(
         [
             f'{title_of(unit, "Policy")}\n#include "{unit.stem}_policy.h"\n',
             *(["#include <math.h>\n"] if re.search(LIBRARY, body) else []),
@@ -105,6 +108,7 @@ def _source(unit: Unit, policy: NetworkPolicy) -> str:
             body,
         ]
     )
+    return with_own_names(text, f"{unit.stem}_policy")
 
 
 LIBRARY = r"\b(fabs|sqrt|expm1|exp|rint|sin|cos|tanh|tan|asin|atan|pow|log)f?\(|\bisfinite\("

@@ -14,6 +14,7 @@ from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor_c import (
     RUNTIME,
     arguments,
+    arithmetic,
     begun,
     builder_of,
     in_range,
@@ -24,6 +25,7 @@ from dl2c.emit.monitor_c import (
     selected,
 )
 from dl2c.emit.monitor_h import Unit, head, title_of
+from dl2c.emit.own_names import with_own_names
 from dl2c.ir.logic import mapped, substituted, symbols
 from dl2c.ir.model import Formula, Number, Symbol, Term
 from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition
@@ -48,10 +50,10 @@ def sound_monitor_c(unit: Unit) -> str:
     text = prelude(body)
     needs_math = needs_root or re.search(LIBRARY, body) is not None
     used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
-    return "\n".join(
+    whole = "\n".join(
         [
             f'{title_of(unit)}\n#include "{unit.stem}_monitor.h"\n',
-            "#include <float.h>" + ("\n#include <math.h>" if needs_math else "") + "\n",
+            "#include <float.h>" + ("\n#include <math.h>" if needs_math else "") + f"\n\n{arithmetic(unit)}",
             *(f"#define IV_{name} {kind}_{value}" for name, value in LIMITS.items()),
             *([f"#define IV_TINY {unit.literal(1 / unit.largest)}"] if "IV_TINY" in text else []),
             *([f"#define IV_SQRT {'sqrtf' if unit.single else 'sqrt'}"] if needs_root else []),
@@ -64,6 +66,7 @@ def sound_monitor_c(unit: Unit) -> str:
             body,
         ]
     )
+    return with_own_names(whole, unit.stem)
 
 
 LIBRARY = r"\b(fabs|sqrt|exp|sin|cos|tan|asin|atan|tanh|pow|log)f?\(|\bisfinite\("

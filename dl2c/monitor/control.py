@@ -9,6 +9,7 @@ variable has it any more, it is eliminated. This is the condition that KeYmaera 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import assert_never
 
 from dl2c.diagnostics import CompileError, error
@@ -135,16 +136,20 @@ def case_of(model: Model, control: Control, tolerance: Tolerance) -> Case:
             changed.append(Condition(0, equal, f"{name} has its value", span, gradual=False))
     tests = [t for t in conjuncts(control.tests) if not symbols(t) & hidden]
     clues += [t for t in conjuncts(control.tests) if symbols(t) & hidden]
-    tests += conjuncts(without_hidden(control, conjunction(clues)))
     return Case(
         (
             *unchanged,
             *changed,
             *(tested(t, tolerance) for t in tests),
+            *(tested(t, EXACT) for t in conjuncts(without_hidden(control, conjunction(clues)))),
         ),
         title_of(model, control.draft),
         control.draft.span,
     )
+
+
+EXACT = Tolerance(Fraction(0))
+"""What elimination leaves has its tolerance in it: the equalities in it separate cases."""
 
 
 def tested(test: Formula, tolerance: Tolerance) -> Condition:

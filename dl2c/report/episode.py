@@ -4,7 +4,6 @@ A file of it is JSON. It holds the model's text, so that it can be replayed wher
 has become of it.
 """
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ import numpy as np
 from dl2c.env.single import Dl2cEnv
 from dl2c.inputs import checked_input, read_json
 from dl2c.outputs import write_output
-from dl2c.source import MAX_TEXT, Source
+from dl2c.source import MAX_TEXT, Source, text_hash
 from dl2c.version import __version__
 
 FORMAT, VERSION = "dl2c episode", 1
@@ -170,11 +169,6 @@ def _between(one: Mapping[str, float], other: Mapping[str, float], where: str) -
 
 def _said(where: str, name: str, recorded: Any, found: Any) -> str:
     return f"{where} differs: {name} is {found!r}, recorded was {recorded!r}"
-
-
-def text_hash(text: str) -> str:
-    """SHA-256 of a model's text."""
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def plain(action: Any) -> Any:

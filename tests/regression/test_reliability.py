@@ -334,7 +334,6 @@ def test_an_entry_that_cannot_be_loaded_is_built_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Whole, but of no use: the seal is that of a library that no linker takes."""
-    from dl2c.native import cache
 
     monkeypatch.setenv("DL2C_CACHE_DIR", str(tmp_path))
     built = dl2c.build("example:waypoint", max_episode_steps=5)
