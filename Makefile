@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo paper studies test test-slow test-events test-target test-ray lint docs bench corpus corpus-table sampling-report fuzz clean
+.PHONY: help demo paper studies test test-slow test-events test-hostile test-target test-ray lint docs bench corpus corpus-table sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | paper | studies | test | test-slow | test-events | test-target | test-ray | lint | docs | bench | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | paper | studies | test | test-slow | test-events | test-hostile | test-target | test-ray | lint | docs | bench | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -38,7 +38,13 @@ test-slow: $(READY)
 # Random flows and programs against oracles that share no code with what they judge: half an hour or so on two
 # cores. DL2C_FLOWS, DL2C_PROGRAMS and DL2C_SEED say how many and which; each test prints them.
 test-events: $(READY)
-	$(BIN)/python -m pytest -n $(WORKERS) -q -rP -m slow tests/campaigns
+	$(BIN)/python -m pytest -n $(WORKERS) -q -rP -m slow tests/campaigns --ignore tests/campaigns/test_mutations.py
+
+# Hostile models and files, 100 000 mutations of every format, killed builds, threads: two hours or so on two cores.
+HOSTILE := tests/campaigns/test_mutations.py tests/test_hostile.py tests/test_builds_survive.py tests/test_endurance.py \
+  tests/regression/test_handles.py tests/regression/test_reliability.py
+test-hostile: $(READY)
+	$(BIN)/python -m pytest -n $(WORKERS) -q $(HOSTILE)
 
 # Exported monitors on an emulated Cortex-M4, and what an analyser says of their C.
 TARGET_PROGRAMS := arm-none-eabi-gcc qemu-system-arm frama-c

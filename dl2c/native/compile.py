@@ -120,7 +120,8 @@ def _commands(job: _Job, model: str) -> tuple[tuple[str, ...], ...]:
 
 def _command(job: _Job, source: str, output: str) -> tuple[str, ...]:
     chosen = job.sundials.flags if job.sundials else ()
-    flags = (*job.compiler.flags(job.native), *warning_flags(), *chosen, *_includes())
+    size = (job.directory / source).stat().st_size
+    flags = (*job.compiler.flags(job.native, size), *warning_flags(), *chosen, *_includes())
     return (*job.compiler.command, *flags, "-c", source, "-o", output)
 
 

@@ -345,3 +345,64 @@ def test_an_entry_that_cannot_be_loaded_is_built_again(
     batch = again.library.batch(1)
     batch.reset(seeds=np.zeros(1, np.uint64))
     assert len(cache_entries()) >= 1 and library.stat().st_size > 10_000
+
+
+CLEARING = """
+import sys, time
+from dl2c.native.cache import clear
+end = time.monotonic() + float(sys.argv[1])
+while time.monotonic() < end:
+    clear()
+"""
+
+LOADING = """
+import sys
+import dl2c
+for seed in range(int(sys.argv[1])):
+    env = dl2c.make("example:acc")
+    env.reset(seed=seed)
+    env.step(env.action_space.sample())
+    env.close()
+print("well")
+"""
+
+
+def test_builds_are_loaded_while_the_cache_is_cleared(tmp_path: Path) -> None:
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "DL2C_CACHE_DIR": str(tmp_path),
+        "CFLAGS": "-O0 -DDL2C_NO_TARGET_CLONES",
+    }
+    pipe = subprocess.PIPE
+    clearing = subprocess.Popen([sys.executable, "-c", CLEARING, "20"], env=environment)
+    loading = [
+        subprocess.Popen(
+            [sys.executable, "-c", LOADING, "4"], env=environment, stdout=pipe, stderr=pipe, text=True
+        )
+        for _ in range(2)
+    ]
+    for process in loading:
+        said, wrong = process.communicate(timeout=280)
+        assert said == "well\n", wrong
+    clearing.kill()
+    clearing.wait()
+
+
+def test_long_code_is_optimised_less_and_does_the_same(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("DL2C_CACHE_DIR", str(tmp_path))
+    seen: list[list[float]] = []
+    for limit in (toolchain.LONG_CODE, 0):
+        monkeypatch.setattr(toolchain, "LONG_CODE", limit)
+        dl2c.native.cache.clear()
+        batch = dl2c.build("example:bouncing_ball").library.batch(16, autoreset="same_step")
+        batch.reset(seeds=np.arange(16, dtype=np.uint64))
+        rows: list[float] = []
+        for step in range(60):
+            batch.choices[:] = step % 2
+            batch.step()
+            rows += batch.obs.ravel().tolist() + batch.rewards.tolist()
+        seen.append(rows)
+    assert seen[0] == seen[1]
