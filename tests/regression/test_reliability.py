@@ -171,9 +171,9 @@ def test_an_interruption_is_one_line(delay: float, tmp_path: Path) -> None:
     time.sleep(delay)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=120)
-    if "runpy" not in said and "<frozen" not in said and process.returncode != -signal.SIGINT:
+    assert "dl2c/cli.py" not in said and "dl2c/commands" not in said, said
+    if delay >= 1 or process.returncode == 130:
         assert (process.returncode, said.splitlines()[-1:]) == (130, ["interrupted"]), said
-        assert "Traceback" not in said
     assert not (tmp_path / "a.csv").exists() and not list(tmp_path.glob(".dl2c*"))
 
 
@@ -406,3 +406,33 @@ def test_long_code_is_optimised_less_and_does_the_same(
             rows += batch.obs.ravel().tolist() + batch.rewards.tolist()
         seen.append(rows)
     assert seen[0] == seen[1]
+
+
+# Processes ---------------------------------------------------------------------
+
+
+def opened() -> dl2c.env.single.Dl2cEnv:
+    return dl2c.make("example:waypoint", max_episode_steps=8)
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])
+def test_environments_run_in_processes(method: str) -> None:
+    """Gymnasium's and Stable-Baselines3's, to the same observations as one after the other."""
+    from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
+    from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
+
+    seen: list[list[float]] = []
+    for envs in (SyncVectorEnv([opened] * 2), AsyncVectorEnv([opened] * 2, context=method)):
+        rows = envs.reset(seed=3)[0].ravel().tolist()
+        for step in range(20):
+            rows += envs.step(np.array([step % 2, 0]))[0].ravel().tolist()
+        envs.close()
+        seen.append(rows)
+    for vec in (DummyVecEnv([opened] * 2), SubprocVecEnv([opened] * 2, start_method=method)):
+        vec.seed(3)
+        rows = np.asarray(vec.reset()).ravel().tolist()
+        for step in range(20):
+            rows += np.asarray(vec.step(np.array([step % 2, 0]))[0]).ravel().tolist()
+        vec.close()
+        seen.append(rows)
+    assert seen[0] == seen[1] and seen[2] == seen[3]
