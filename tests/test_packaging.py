@@ -71,7 +71,7 @@ def test_wheel_names_its_command_and_licence(wheel: Path) -> None:
             for name in names(wheel)
             if ".dist-info/" in name
         }
-    assert "dl2c = dl2c.cli:main" in texts["entry_points.txt"]
+    assert "dl2c = dl2c.__main__:main" in texts["entry_points.txt"]
     assert "License-Expression: MIT AND MIT-0" in texts["METADATA"]
     assert "MIT License" in texts["licenses/LICENSE"] and "licenses/THIRD_PARTY.md" in texts
     assert "MIT No Attribution" in texts["licenses/cgen/LICENSE"]

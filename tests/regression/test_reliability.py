@@ -160,18 +160,22 @@ def test_an_unwritable_place_is_one_line() -> None:
     assert done.returncode == 1 and "No space left" in done.stderr and "Exception" not in done.stderr
 
 
-def heeding_interruptions() -> None:
-    """Processes in the background of a shell ignore them."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+HEEDING = """
+import runpy, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+runpy.run_module("dl2c", run_name="__main__", alter_sys=True)
+"""
+"""Processes in the background of a shell ignore interruptions."""
 
 
 @pytest.mark.parametrize("delay", [0.02, 0.3, 1.0, 4.0])
 def test_an_interruption_is_one_line(delay: float, tmp_path: Path) -> None:
     """Also while most modules are imported; before that Python itself tells, in its own words."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "DL2C_CACHE_DIR": str(tmp_path / "cache")}
-    command = [*COMMAND, "sample", "example:waypoint", "-n", "3000000", "--csv", str(tmp_path / "a.csv")]
-    pipe, heed = subprocess.PIPE, heeding_interruptions
-    process = subprocess.Popen(command, stderr=pipe, stdout=pipe, text=True, env=environment, preexec_fn=heed)
+    words = ["sample", "example:waypoint", "-n", "3000000", "--csv", str(tmp_path / "a.csv")]
+    command = [sys.executable, "-c", HEEDING, *words]
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(command, stderr=pipe, stdout=pipe, text=True, env=environment)
     time.sleep(delay)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=120)
