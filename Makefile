@@ -42,7 +42,7 @@ test-events: $(READY)
 
 # Hostile models and files, 100 000 mutations of every format, killed builds, threads: two hours or so on two cores.
 HOSTILE := tests/campaigns/test_mutations.py tests/test_hostile.py tests/test_builds_survive.py tests/test_endurance.py \
-  tests/regression/test_handles.py tests/regression/test_reliability.py
+  tests/regression/test_handles.py tests/regression/test_processes.py tests/regression/test_reliability.py
 test-hostile: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q $(HOSTILE)
 
