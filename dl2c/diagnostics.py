@@ -58,12 +58,12 @@ class CompileError(Exception):
 
     def __str__(self) -> str:
         shown = [render(d) for d in self.diagnostics[:MOST_SHOWN]]
-        return "\n\n".join((*shown, *more_than(MOST_SHOWN, self.diagnostics)))
+        return "\n\n".join((*shown, *not_shown(self.diagnostics)))
 
 
-def more_than(shown: int, diagnostics: Sequence[Diagnostic]) -> tuple[str, ...]:
-    """What to say of those that are not shown."""
-    left = len(diagnostics) - shown
+def not_shown(diagnostics: Sequence[Diagnostic]) -> tuple[str, ...]:
+    """What to say of those after the first `MOST_SHOWN`."""
+    left = len(diagnostics) - MOST_SHOWN
     return (f"... and {left} more",) if left > 0 else ()
 
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.text import Text
 
 from dl2c.commands.verbosity import detailed, quiet
-from dl2c.diagnostics import MOST_SHOWN, CompileError, Diagnostic, more_than, render
+from dl2c.diagnostics import MOST_SHOWN, CompileError, Diagnostic, not_shown, render
 from dl2c.native.errors import NativeError
 from dl2c.options import UnknownOption
 from dl2c.source import NOWHERE
@@ -81,7 +81,7 @@ def show(diagnostics: Iterable[Diagnostic]) -> None:
             console.print(_coloured(text), soft_wrap=True)
         else:
             print(text, file=sys.stderr)
-    for line in more_than(MOST_SHOWN, wanted):
+    for line in not_shown(wanted):
         print(f"\n{line}", file=sys.stderr)
 
 

@@ -137,7 +137,7 @@ def corner_plot(sample: Sample, path: Path) -> None:
             _cell(axes[i][k], sample, i, k, (below, across), n)
     figure.tight_layout(pad=0.3)
     plt.close(figure)
-    save(figure, path, dpi=110)
+    save(figure, path)
 
 
 def _cell(ax: Any, sample: Sample, i: int, k: int, names: tuple[int, int], n: int) -> None:

@@ -47,7 +47,7 @@ def is_darboux(term: Term, rates: Mapping[str, Term], zeros: Sequence[Term] = ()
             break
         symbol, value = found
         forms, zero = ([_replaced(f, symbol, value) for f in part] for part in (forms, zero))
-    return is_multiple(*forms)
+    return _is_multiple(*forms)
 
 
 def _solved(form: Normal) -> tuple[Symbol, Normal] | None:
@@ -73,7 +73,7 @@ def _replaced(form: Normal, symbol: Symbol, value: Normal) -> Normal:
     return form if total is None else total
 
 
-def is_multiple(form: Normal, divisor: Normal) -> bool:
+def _is_multiple(form: Normal, divisor: Normal) -> bool:
     """By division with the leading monomial in graded lexicographic order; False too where that is long."""
     names = sorted({(k, n) for m in (*form, *divisor) for k, n, _ in m})
 

@@ -112,13 +112,13 @@ def _axes(figure: Any, place: Any, **options: Any) -> Any:
 # What becomes of it -------------------------------------------------------------
 
 
-def save(figure: Any, path: Path, dpi: int = DPI) -> None:
+def save(figure: Any, path: Path) -> None:
     """Write PNG (or SVG, PDF, by the name); folders are made. Raises `OSError`."""
     known = figure.canvas.get_supported_filetypes()
     if path.suffix.removeprefix(".").lower() not in known:
         raise OSError(22, f"Not one of the formats of pictures ({', '.join(sorted(known))})", str(path))
     with output_file(path) as fresh:
-        figure.savefig(fresh, dpi=dpi, metadata={"Software": None} if path.suffix == ".png" else None)
+        figure.savefig(fresh, dpi=DPI, metadata={"Software": None} if path.suffix == ".png" else None)
 
 
 def pixels(figure: Any) -> NDArray[np.uint8]:

@@ -1,6 +1,7 @@
 """How much a predicate may be missed by: slack grows with terms, and is frozen where a flow begins."""
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -130,6 +131,16 @@ def reasons(env: Any, episodes: int) -> set[str]:
     return found
 
 
+def states(text: str, steps: int, **options: Any) -> Iterator[dict[str, float]]:
+    """Those after each step of an episode in which nothing fails."""
+    env: Any = dl2c.make(text, **options)
+    env.reset(seed=0)
+    for _ in range(steps):
+        _, _, terminated, _, info = env.step(0)
+        assert not terminated and info["cost"] == 0
+        yield env.state
+
+
 @pytest.mark.parametrize("integrator", ["cvodes", "dopri5"])
 def test_drift_fails_no_conserved_equality(integrator: str) -> None:
     env = dl2c.make(CROSSING, default_bound="-10:10", integrator=integrator)
@@ -151,12 +162,7 @@ def test_several_conserved_equalities_are_kept_together(integrator: str) -> None
         "x y z t",
         "x=1&y=1&z=1&t=0 -> [{t := 0; {x'=y*z, y'=-2*x*z, z'=x*y, t'=1 & t<=1}}*] (2*x^2+y^2=3 & x^2-z^2=0)",
     )
-    env: Any = dl2c.make(text, integrator=integrator)
-    env.reset(seed=0)
-    for _ in range(500):
-        _, _, terminated, _, info = env.step(0)
-        assert not terminated and info["cost"] == 0
-        s = env.state
+    for s in states(text, 500, integrator=integrator):
         assert abs(2 * s["x"] ** 2 + s["y"] ** 2 - 3) < 1e-13 and abs(s["x"] ** 2 - s["z"] ** 2) < 1e-13
 
 
@@ -168,12 +174,7 @@ def test_quotients_and_roots_are_kept(integrator: str) -> None:
         "x=1/2&y=0&v=0&w=17/10&t=0 -> [{t := 0; {x'=v, y'=w, v'=-x/(x^2+y^2)^(3/2), w'=-y/(x^2+y^2)^(3/2), "
         "t'=1 & t<=1}}*] (v^2+w^2)/2 - 1/(x^2+y^2)^(1/2) = -111/200",
     )
-    env: Any = dl2c.make(text, integrator=integrator)
-    env.reset(seed=0)
-    for _ in range(200):
-        _, _, terminated, _, info = env.step(0)
-        assert not terminated and info["cost"] == 0
-        s = env.state
+    for s in states(text, 200, integrator=integrator):
         assert abs((s["v"] ** 2 + s["w"] ** 2) / 2 - 1 / np.hypot(s["x"], s["y"]) + 111 / 200) < 1e-13
 
 
