@@ -20,6 +20,7 @@ from kyx_builder import lowered
 from random_models import random_model, random_state
 from streams import Stream
 
+from dl2c.code import cgen_dir
 from dl2c.diagnostics import CompileError
 from dl2c.emit.model_c import model_sources
 from dl2c.emit.names import file_stem
@@ -34,7 +35,6 @@ from dl2c.ir.logic import operands
 from dl2c.ir.transition import Openings, Request, Settings, Start, Step
 from dl2c.ir.watch import watches_along
 from dl2c.native.binding import Batch, Library, Sizes
-from dl2c.native.code import cgen_dir
 from dl2c.native.compile import declarations
 from dl2c.native.describe import manifest_of
 from dl2c.native.errors import ResetFailed

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
-from dl2c.native.code import cgen_dir
+from dl2c.code import cgen_dir
 from dl2c.native.sundials import casadi_library
 from dl2c.native.toolchain import CODE_FLAGS, EXACT_FLAGS, STRICT_FLAGS
 

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from kyx_builder import lowered
 from random_inputs import input_test, random_unions
 
+from dl2c.code import cgen_dir
 from dl2c.emit.model_c import model_sources
 from dl2c.ir.admission import Unresolved
 from dl2c.ir.evaluate import truth
@@ -27,7 +28,6 @@ from dl2c.ir.logic import atoms
 from dl2c.ir.model import AssignAny, Symbol, Test
 from dl2c.ir.straight import planned
 from dl2c.native.binding import Batch
-from dl2c.native.code import cgen_dir
 
 AUDITED = 4000
 TINY = Fraction(1, 10**12)

@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LAYERS = (
     *(
         "version",
+        "code",
         "inputs",
         "outputs",
         "source",

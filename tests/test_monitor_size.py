@@ -85,7 +85,6 @@ def forms(request: pytest.FixtureRequest) -> tuple[str, dict[str, Unit]]:
     return example, {
         f"{real}{' sound' * sound}": unit_of(f"example:{example}", {}, real=real, sound=sound)
         for real, sound in FORMS
-        if not (sound and example == "pendulum")
     }
 
 

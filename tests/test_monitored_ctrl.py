@@ -121,8 +121,6 @@ def test_runs_give_inputs_the_values_of_the_simulator(example: str, action_map: 
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_the_fallback_satisfies_the_monitor(example: str, sound: bool, programs: Any) -> None:
     """From every state that the simulator reaches, whatever is asked for and measured there."""
-    if sound and example == "pendulum":
-        pytest.skip("sin has no enclosure")
     program = programs(example, sound=sound)
     model, controller = program.unit.monitor.model, program.unit.monitor.controller
     rng = random.Random(5)

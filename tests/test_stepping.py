@@ -17,10 +17,10 @@ from kyx_builder import model_text
 import dl2c
 import dl2c.env.single
 import dl2c.native.single
+from dl2c.code import cgen_dir
 from dl2c.env.single import Dl2cEnv
 from dl2c.env.stepping import python_step
 from dl2c.native.cache import cache_entries
-from dl2c.native.code import cgen_dir
 from dl2c.native.errors import NativeError
 from dl2c.native.single import single_step
 from dl2c.native.toolchain import STRICT_FLAGS, find_compiler, python_include, run

@@ -17,6 +17,7 @@ import pytest
 from differential import compiled, environment_of, same
 from random_models import CLOCK, CONSTANTS, VARIABLES, Builder, random_model, random_state, variable
 
+from dl2c.code import cgen_dir
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.model_c import model_c, model_sources
 from dl2c.emit.plan import Environment
@@ -24,7 +25,6 @@ from dl2c.ir.evaluate import Undefined, evaluate, truth
 from dl2c.ir.logic import atoms
 from dl2c.ir.margins import margin_of
 from dl2c.ir.model import TRUE, Call, Div, Flow, Formula, Function, Mul, Number, Symbol, Term
-from dl2c.native.code import cgen_dir
 from dl2c.native.toolchain import CODE_FLAGS, EXACT_FLAGS, STRICT_FLAGS
 from dl2c.options import Options
 from dl2c.pipeline import emit

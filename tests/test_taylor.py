@@ -12,12 +12,12 @@ import cffi
 import mpmath
 import pytest
 
+from dl2c.code import cgen_dir
 from dl2c.ir import hull, taylor
 from dl2c.ir.enclosed import Enclosed, in_doubles
 from dl2c.ir.evaluate import Undefined, evaluate
 from dl2c.ir.logic import operands
 from dl2c.ir.model import Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
-from dl2c.native.code import cgen_dir
 from dl2c.native.toolchain import CODE_FLAGS, EXACT_FLAGS, STRICT_FLAGS, find_compiler
 
 X, Y = Symbol("x", "variable"), Symbol("y", "variable")

@@ -1,20 +1,17 @@
-"""Conditions in interval arithmetic, as C without switches of the rounding mode.
+"""Conditions as C in the interval arithmetic of cgen/monitor, and how close to a boundary it is undecided."""
 
-Every operation widens its result by more than the rounding error of one operation to nearest, and by
-the smallest normal number, which covers results that are denormal or flushed to zero (after Rump,
-Zimmermann, Boldo, Melquiond: "Computing predecessor and successor in rounding to nearest", 2009). So a
-contraction to fused operations does no harm. An interval with `lo > hi` says nothing: an operand is
-undefined, or a number too large or a divisor too small. Truth is 0, 1 (not decided) or 2.
-"""
-
+import math
 import re
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cache
 from typing import assert_never
 
-from dl2c.diagnostics import CompileError, error
+import numpy as np
+
+from dl2c.code import cgen_dir
+from dl2c.emit.cfile import wrapped
 from dl2c.interval.arithmetic import enclosure
 from dl2c.ir.model import (
     Add,
@@ -24,6 +21,7 @@ from dl2c.ir.model import (
     Comparison,
     Div,
     Formula,
+    Function,
     Mul,
     Neg,
     Number,
@@ -34,7 +32,6 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
-from dl2c.source import Span
 
 COMPARISONS: dict[Comparison, str] = {
     "<": "is_less",
@@ -45,185 +42,133 @@ COMPARISONS: dict[Comparison, str] = {
     ">=": "is_at_most",
 }
 
-PAIR = """\
-typedef struct {
-  real lo, hi;
-} iv_pair;
-"""
+FUNCTIONS: dict[Function, str] = {
+    "abs": "iv_magnitude",
+    "sqrt": "iv_root",
+    "min": "iv_least",
+    "max": "iv_greatest",
+    "exp": "iv_exp",
+    "sin": "iv_sine",
+    "cos": "iv_cosine",
+    "tan": "iv_tangent",
+    "tanh": "iv_tanh",
+    "arcsin": "iv_arcsin",
+    "arctan": "iv_arctan",
+    "pow": "iv_power",
+}
+"""Their enclosures in cgen/monitor."""
 
-OPERATIONS = {
-    "iv_between": """\
-static inline iv_pair iv_between(real lo, real hi)
-{
-  const iv_pair pair = {lo, hi};
-  return pair;
+TABLES = {
+    "iv_half_pi": "1.570796326794896619231321691639751442098584699687552910487472296153908203143104499314",
+    "iv_log_2": "0.693147180559945309417232121458176568075500134360255254120680009493393621969694715605",
 }
-""",
-    "iv_smaller": """\
-static inline real iv_smaller(real a, real b) { return a < b ? a : b; }
-""",
-    "iv_larger": """\
-static inline real iv_larger(real a, real b) { return a > b ? a : b; }
-""",
-    "is_known": """\
-static inline bool is_known(iv_pair a) { return a.lo <= a.hi; }
-""",
-    "iv_widened": """\
-/* Room for the rounding error of one operation; nothing known where numbers are too large. */
-static inline iv_pair iv_widened(real lo, real hi)
-{
-  const real down = lo - (iv_larger(lo, -lo) * IV_EPSILON + IV_SMALLEST);
-  const real up = hi + (iv_larger(hi, -hi) * IV_EPSILON + IV_SMALLEST);
-  const iv_pair nothing = {1, 0}, found = {down, up};
-  return -IV_LARGEST <= down && up <= IV_LARGEST ? found : nothing;
-}
-""",
-    "iv_point": """\
-static inline iv_pair iv_point(real a) { return iv_between(a, a); }
-""",
-    "iv_negative": """\
-static inline iv_pair iv_negative(iv_pair a) { return iv_between(-a.hi, -a.lo); }
-""",
-    "iv_sum": """\
-static inline iv_pair iv_sum(iv_pair a, iv_pair b)
-{
-  return is_known(a) && is_known(b) ? iv_widened(a.lo + b.lo, a.hi + b.hi) : iv_between(1, 0);
-}
-""",
-    "iv_difference": """\
-static inline iv_pair iv_difference(iv_pair a, iv_pair b)
-{
-  return is_known(a) && is_known(b) ? iv_widened(a.lo - b.hi, a.hi - b.lo) : iv_between(1, 0);
-}
-""",
-    "iv_around": """\
-static inline iv_pair iv_around(real p, real q, real r, real s)
-{
-  const real lo = iv_smaller(iv_smaller(p, q), iv_smaller(r, s));
-  return iv_widened(lo, iv_larger(iv_larger(p, q), iv_larger(r, s)));
-}
-""",
-    "iv_product": """\
-static inline iv_pair iv_product(iv_pair a, iv_pair b)
-{
-  const real p = a.lo * b.lo, q = a.lo * b.hi, r = a.hi * b.lo, s = a.hi * b.hi;
-  if (!(is_known(a) && is_known(b)))
-    return iv_between(1, 0);
-  return iv_around(p, q, r, s);
-}
-""",
-    "iv_quotient": """\
-static inline iv_pair iv_quotient(iv_pair a, iv_pair b)
-{
-  if (!(is_known(a) && (b.lo >= IV_TINY || b.hi <= -IV_TINY) && b.lo <= b.hi))
-    return iv_between(1, 0);
-  const real p = a.lo / b.lo, q = a.lo / b.hi, r = a.hi / b.lo, s = a.hi / b.hi;
-  return iv_around(p, q, r, s);
-}
-""",
-    "iv_magnitude": """\
-static inline iv_pair iv_magnitude(iv_pair a)
-{
-  if (!is_known(a))
-    return a;
-  return iv_between(iv_larger(0, iv_larger(a.lo, -a.hi)), iv_larger(a.hi, -a.lo));
-}
-""",
-    "iv_square": """\
-static inline iv_pair iv_square(iv_pair a)
-{
-  const iv_pair m = iv_magnitude(a);
-  if (!is_known(a))
-    return a;
-  const iv_pair found = iv_widened(m.lo * m.lo, m.hi * m.hi);
-  return is_known(found) ? iv_between(iv_larger(0, found.lo), found.hi) : found;
-}
-""",
-    "iv_root": """\
-static inline iv_pair iv_root(iv_pair a)
-{
-  if (!(is_known(a) && a.lo >= 0))
-    return iv_between(1, 0);
-  const iv_pair found = iv_widened(IV_SQRT(a.lo), IV_SQRT(a.hi));
-  return iv_between(iv_larger(0, found.lo), found.hi);
-}
-""",
-    "iv_least": """\
-static inline iv_pair iv_least(iv_pair a, iv_pair b)
-{
-  if (!(is_known(a) && is_known(b)))
-    return iv_between(1, 0);
-  return iv_between(iv_smaller(a.lo, b.lo), iv_smaller(a.hi, b.hi));
-}
-""",
-    "iv_greatest": """\
-static inline iv_pair iv_greatest(iv_pair a, iv_pair b)
-{
-  if (!(is_known(a) && is_known(b)))
-    return iv_between(1, 0);
-  return iv_between(iv_larger(a.lo, b.lo), iv_larger(a.hi, b.hi));
-}
-""",
-    "is_less": """\
-static inline int is_less(iv_pair a, iv_pair b)
-{
-  if (!(is_known(a) && is_known(b)))
-    return IV_UNKNOWN;
-  return a.hi < b.lo ? IV_TRUE : a.lo >= b.hi ? IV_FALSE : IV_UNKNOWN;
-}
-""",
-    "is_at_most": """\
-static inline int is_at_most(iv_pair a, iv_pair b)
-{
-  if (!(is_known(a) && is_known(b)))
-    return IV_UNKNOWN;
-  return a.hi <= b.lo ? IV_TRUE : a.lo > b.hi ? IV_FALSE : IV_UNKNOWN;
-}
-""",
-    "is_unequal": """\
-static inline int is_unequal(iv_pair a, iv_pair b)
-{
-  if (!(is_known(a) && is_known(b)))
-    return IV_UNKNOWN;
-  if (a.hi < b.lo || b.hi < a.lo)
-    return IV_TRUE;
-  return a.hi <= b.lo && b.hi <= a.lo ? IV_FALSE : IV_UNKNOWN;
-}
-""",
-    "is_equal": """\
-static inline int is_equal(iv_pair a, iv_pair b) { return IV_TRUE - is_unequal(a, b); }
-""",
-    "iv_both": """\
-static inline int iv_both(int a, int b) { return a < b ? a : b; }
-""",
-    "iv_either": """\
-static inline int iv_either(int a, int b) { return a > b ? a : b; }
-""",
-}
-"""Definitions by name, each after those that it uses."""
+"""Constants, cut off after so many digits."""
 
 
-def prelude(body: str) -> str:
-    """What code of intervals needs before it."""
+@dataclass(frozen=True, slots=True)
+class Precision:
+    """The arithmetic of one type: its name in <float.h>, the suffix of its numbers and functions, binary
+    digits of its numbers, of the whole numbers by which tables are multiplied, of short numbers and of
+    their fractions, and the largest arguments of exp and of sine.
+    """
+
+    kind: str
+    suffix: str
+    digits: int
+    multiples: int
+    short: int
+    fraction: int
+    exp_most: int
+    angle_most: int
+
+    def literal(self, value: float) -> str:
+        return f"{value!r}{self.suffix}"
+
+
+DOUBLE = Precision("DBL", "", 53, 20, 26, 6, 700, 1_000_000)
+SINGLE = Precision("FLT", "f", 24, 12, 12, 4, 80, 6_000)
+
+
+def precision_of(single: bool) -> Precision:
+    return SINGLE if single else DOUBLE
+
+
+def prelude(body: str, single: bool, largest: Fraction) -> str:
+    """What code of intervals needs before it: of cgen/monitor what it uses, and of its numbers."""
     needed: list[str] = []
-    for name, text in reversed(OPERATIONS.items()):
-        if any(re.search(rf"\b{name}\(", user) for user in (body, *needed)):
+    for name, text in reversed(_blocks()):
+        if any(_uses(user, name) for user in (body, *needed)):
             needed.append(text)
-    return "\n".join([PAIR, *reversed(needed)])
+    code = "\n".join(reversed(needed))
+    precision = precision_of(single)
+    numbers = [f"#define {n} {v}" for n, v in _numbers(precision, largest).items() if _uses(code, n)]
+    tables = [_table(name, value, precision) for name, value in TABLES.items() if _uses(code, name)]
+    return "\n".join([*numbers, "", *tables, code])
+
+
+def _uses(text: str, name: str) -> bool:
+    return re.search(rf"\b{name}\b", text) is not None
+
+
+@cache
+def _blocks() -> tuple[tuple[str, str], ...]:
+    """The definitions of cgen/monitor in order, each with the name that it defines."""
+    folder = cgen_dir() / "monitor"
+    text = "\n".join((folder / name).read_text(encoding="utf-8") for name in ("intervals.h", "functions.h"))
+    blocks: list[tuple[str, str]] = []
+    for block in text.split("\n\n"):
+        if found := re.search(r"^(?:static inline \w+|\}|enum \{) (\w+)", block, re.MULTILINE):
+            blocks.append((found[1], block.strip("\n") + "\n"))
+    return tuple(blocks)
+
+
+def _numbers(precision: Precision, largest: Fraction) -> dict[str, str]:
+    kind, suffix = precision.kind, precision.suffix
+    return {
+        "IV_EPSILON": f"{kind}_EPSILON",
+        "IV_SMALLEST": f"{kind}_MIN",
+        "IV_LARGEST": f"{kind}_MAX",
+        "IV_TINY": precision.literal(float(1 / largest)),
+        "IV_SHORT": precision.literal(2.0**precision.short),
+        "IV_SHORT_SCALE": precision.literal(2.0**precision.fraction),
+        "IV_EXP_MOST": str(precision.exp_most),
+        "IV_ANGLE_MOST": str(precision.angle_most),
+        "IV_SQRT": f"sqrt{suffix}",
+        "IV_LDEXP": f"ldexp{suffix}",
+        "IV_FREXP": f"frexp{suffix}",
+    }
+
+
+def _table(name: str, decimal: str, precision: Precision) -> str:
+    """Two parts whose products with whole numbers are exact, and what encloses the rest."""
+    rest = Fraction(decimal)
+    parts: list[float] = []
+    for _ in range(2):
+        scale = Fraction(2) ** (precision.digits - precision.multiples - _exponent(rest))
+        parts.append(float(Fraction(int(rest * scale), 1) / scale))
+        rest -= Fraction(parts[-1])
+    after = rest + Fraction(1, 10 ** (len(decimal) - 2))
+    ends = [_ends(value, precision is SINGLE) for value in (rest, after)]
+    listed = ", ".join(precision.literal(v) for v in (*parts, ends[0][0], ends[1][1]))
+    return "\n".join([*wrapped(f"static const real {name}[4] = {{{listed}}};"), ""])
+
+
+def _exponent(value: Fraction) -> int:
+    """The e for which value < 2^e <= 2 value."""
+    return math.frexp(float(value))[1]
 
 
 @dataclass(slots=True)
 class Statements:
-    """Code that computes terms once each, over parameters named by `name`. `span` is where mistakes are."""
+    """Code that computes terms once each, over parameters named by `name`."""
 
     name: Callable[[Symbol], str]
     single: bool
-    span: Span
     lines: list[str] = field(default_factory=list[str])
     known: dict[Term, str] = field(default_factory=dict[Term, str])
 
     def condition(self, formula: Formula) -> str:
-        """An expression of the formula's truth. Raises `CompileError`."""
+        """An expression of the formula's truth."""
         match formula:
             case Truth(value):
                 return "IV_TRUE" if value else "IV_FALSE"
@@ -241,7 +186,7 @@ class Statements:
                 assert_never(formula)
 
     def term(self, term: Term) -> str:
-        """The name of an interval that encloses the term's value. Raises `CompileError`."""
+        """The name of an interval that encloses the term's value."""
         if term not in self.known:
             text = self._operation(term)
             self.known[term] = f"t_v{len(self.known)}"
@@ -272,37 +217,34 @@ class Statements:
                 return f"iv_product({self.term(base)}, {self.term(Pow(base, exponent - 1))})"
             case Pow(base, exponent):
                 return f"iv_square({self.term(Pow(base, exponent // 2))})"
-            case Call("abs", (arg,)):
-                return f"iv_magnitude({self.term(arg)})"
-            case Call("sqrt", (arg,)):
-                return f"iv_root({self.term(arg)})"
-            case Call("min", (left, right)):
-                return f"iv_least({self.term(left)}, {self.term(right)})"
-            case Call("max", (left, right)):
-                return f"iv_greatest({self.term(left)}, {self.term(right)})"
-            case Call(function):
-                title = f"the sound monitor has no enclosure of `{function}`"
-                advice = "leave out --sound, or choose other checks with --kind"
-                raise CompileError(error("no-enclosure", title, self.span, "in this condition", advice))
+            case Call(function, args):
+                return f"{FUNCTIONS[function]}({', '.join(map(self.term, args))})"
             case _:
                 assert_never(term)
 
 
 def enclosing(value: Fraction, single: bool) -> str:
     """An interval around an exact number, a point where it is a number of the machine."""
-    low, high = _singles(value) if single else (enclosure(value).low, enclosure(value).high)
-    suffix = "f" if single else ""
-    if low == high:
-        return f"iv_point({low!r}{suffix})"
-    return f"iv_between({low!r}{suffix}, {high!r}{suffix})"
+    low, high = _ends(value, single)
+    literal = precision_of(single).literal
+    if math.isinf(low) or math.isinf(high):
+        return "iv_unknown()"
+    return f"iv_point({literal(low)})" if low == high else f"iv_between({literal(low)}, {literal(high)})"
 
 
-def _singles(value: Fraction) -> tuple[float, float]:
-    """The nearest floats below and above."""
-    (nearest,) = struct.unpack("f", struct.pack("f", float(value)))
-    if Fraction(nearest) == value:
-        return nearest, nearest
-    (bits,) = struct.unpack("i", struct.pack("f", nearest))
-    away, towards = (struct.unpack("f", struct.pack("i", bits + k))[0] for k in (1, -1))
-    around = sorted((nearest, away, towards))
-    return (around[0], around[1]) if value < Fraction(nearest) else (around[1], around[2])
+def is_number_of_machine(value: Fraction, single: bool) -> bool:
+    """Whether it needs no rounding."""
+    low, high = _ends(value, single)
+    return low == high
+
+
+def _ends(value: Fraction, single: bool) -> tuple[float, float]:
+    """The nearest numbers of the machine below and above."""
+    around = enclosure(value)
+    if not single:
+        return around.low, around.high
+    with np.errstate(over="ignore"):
+        low, high = np.float32(around.low), np.float32(around.high)
+    low = np.nextafter(low, np.float32(-np.inf)) if float(low) > around.low else low
+    high = np.nextafter(high, np.float32(np.inf)) if float(high) < around.high else high
+    return float(low), float(high)

@@ -9,8 +9,10 @@ import numpy as np
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import LICENCE, comment, place
 from dl2c.emit.names import file_stem, member
+from dl2c.emit.roundings import explained, roundings
 from dl2c.ir.doubles import rounded_down, rounded_up
-from dl2c.ir.model import LARGEST_STATE, Bound, Constant, Variable
+from dl2c.ir.logic import mapped, substituted
+from dl2c.ir.model import LARGEST_STATE, Bound, Constant, Formula, Number, Symbol, Term, Variable
 from dl2c.ir.printer import print_formula, print_number
 from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition, Monitor
 from dl2c.monitor.runs import Controller
@@ -258,7 +260,13 @@ def _input_field(unit: Unit, given: Input, variable: Variable) -> str:
 
 
 def _conditions(unit: Unit) -> str:
-    lines = ["/*", " * Conditions by number:", f" * {OUT_OF_RANGE:>5}  a number is out of range"]
+    explanation = [comment(explained(unit.single))] if unit.sound else []
+    lines = [
+        *explanation,
+        "/*",
+        " * Conditions by number:",
+        f" * {OUT_OF_RANGE:>5}  a number is out of range",
+    ]
     for check in unit.monitor.checks:
         for case in check.cases:
             lines.append(f" * {check.kind}, {_safe(case.about)}")
@@ -267,6 +275,8 @@ def _conditions(unit: Unit) -> str:
                 lines.append(f" * {c.number:>5}  {_safe(c.about)}" + (f"  ({where})" if where else ""))
                 if (evaluated := evaluation(c)) is not None:
                     lines.append(f" *        as {_safe(evaluated)}")
+                if count := roundings_of(unit, c):
+                    lines.append(f" *        unknown within {count}")
     return "\n".join([*lines, " */\n"])
 
 
@@ -274,6 +284,21 @@ def evaluation(condition: Condition) -> str | None:
     """The condition as it is evaluated, with its tolerance; None where that is what it is about."""
     text = print_formula(condition.formula)
     return None if condition.about.endswith(text) else text
+
+
+def with_fixed(unit: Unit, formula: Formula) -> Formula:
+    """The formula with the values of the constants that the caller does not give."""
+    fixed: dict[Symbol, Term] = {
+        Symbol(c.name, "constant"): Number(c.value)
+        for c in unit.monitor.model.constants
+        if c.value is not None
+    }
+    return mapped(formula, lambda term: substituted(term, fixed))
+
+
+def roundings_of(unit: Unit, condition: Condition) -> int:
+    """How close to its boundary a sound monitor leaves a condition undecided; 0 where others do not."""
+    return roundings(with_fixed(unit, condition.formula), unit.single) if unit.sound else 0
 
 
 def _safe(text: str) -> str:

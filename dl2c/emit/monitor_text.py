@@ -6,7 +6,7 @@ from typing import Any
 
 from dl2c.emit.host_c import main_c
 from dl2c.emit.monitor_c import monitor_c
-from dl2c.emit.monitor_h import MEANING, Unit, head, monitor_h
+from dl2c.emit.monitor_h import MEANING, Unit, head, monitor_h, roundings_of
 from dl2c.emit.policy_c import policy_files
 from dl2c.emit.sound_monitor_c import sound_monitor_c
 from dl2c.ir.printer import print_formula
@@ -51,14 +51,16 @@ def conditions_json(unit: Unit) -> str:
         },
         "conditions": [
             {"id": OUT_OF_RANGE, "check": None, "case": None, "text": "a number is out of range"},
-            *(_as_data(check, case, c) for check, case, c in unit.monitor.conditions),
+            *(_as_data(unit, check, case, c) for check, case, c in unit.monitor.conditions),
         ],
     }
     return json.dumps(content, indent=1) + "\n"
 
 
-def _as_data(check: Check, case: Case, condition: Condition) -> dict[str, Any]:
-    """`evaluated` is over the state before, and `x_post` for that after."""
+def _as_data(unit: Unit, check: Check, case: Case, condition: Condition) -> dict[str, Any]:
+    """`evaluated` is over the state before, and `x_post` for that after; `roundings` is what the header
+    calls N, of sound monitors.
+    """
     span = condition.span
     place = None
     if span != NOWHERE:
@@ -72,6 +74,7 @@ def _as_data(check: Check, case: Case, condition: Condition) -> dict[str, Any]:
         "source": place and span.text,
         "span": place,
         "evaluated": print_formula(condition.formula),
+        "roundings": roundings_of(unit, condition) if unit.sound else None,
         "same_as": condition.first if condition.first != condition.number else None,
     }
 

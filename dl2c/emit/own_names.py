@@ -4,6 +4,7 @@ import re
 
 DEFINED = re.compile(
     r"^static (?:inline )?(?:const )?[\w ]+?[ *](?P<function>\w+)\("
+    r"|^static const \w+ (?P<table>\w+)\["
     r"|^typedef [^;{]*?(?P<alias>\w+);"
     r"|^\} (?P<type>\w+);"
     r"|^#define (?P<macro>\w+)"
@@ -22,7 +23,12 @@ def with_own_names(text: str, stem: str) -> str:
     for found in DEFINED.finditer(text):
         listed = found["constants"] or ""
         names = [part.split("=")[0].strip() for part in listed.split(",")]
-        own |= {*filter(None, (*names, found["function"], found["alias"], found["type"], found["macro"]))}
+        own |= {
+            *filter(
+                None,
+                (*names, found["function"], found["table"], found["alias"], found["type"], found["macro"]),
+            )
+        }
     renamed = {name: f"{stem}_{name}" for name in own if not name.startswith(f"{stem}_")}
     there = set(re.findall(r"\b[A-Za-z_]\w*", text))
     assert not there & set(renamed.values()), "a name of the model's begins like one of its monitor"

@@ -24,17 +24,15 @@ from dl2c.emit.monitor_c import (
     refusal,
     selected,
 )
-from dl2c.emit.monitor_h import Unit, head, title_of
+from dl2c.emit.monitor_h import Unit, head, title_of, with_fixed
 from dl2c.emit.own_names import with_own_names
-from dl2c.ir.logic import mapped, substituted, symbols
-from dl2c.ir.model import Formula, Number, Symbol, Term
+from dl2c.ir.logic import symbols
+from dl2c.ir.model import Formula, Symbol
 from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition
-from dl2c.monitor.control import place_of
-from dl2c.source import Span
 
 
 def sound_monitor_c(unit: Unit) -> str:
-    """The whole file. Raises `CompileError` for functions that have no enclosure."""
+    """The whole file."""
     leaves = [_condition(unit, c) for _, _, c in unit.monitor.conditions if c.first == c.number]
     functions: list[str] = []
     for check in unit.monitor.checks:
@@ -45,21 +43,13 @@ def sound_monitor_c(unit: Unit) -> str:
     if unit.monitor.controller is not None:
         functions += controller_functions(unit, plain, "CASE.id == 0", _surely(unit, plain.texts))
     body = "\n".join([*leaves, *plain.texts, in_range(unit), *functions])
-    kind = "FLT" if unit.single else "DBL"
-    needs_root = "iv_root(" in body
-    text = prelude(body)
-    needs_math = needs_root or re.search(LIBRARY, body) is not None
+    text = prelude(body, unit.single, unit.largest)
+    needs_math = re.search(LIBRARY, f"{text}{body}") is not None
     used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
     whole = "\n".join(
         [
             f'{title_of(unit)}\n#include "{unit.stem}_monitor.h"\n',
             "#include <float.h>" + ("\n#include <math.h>" if needs_math else "") + f"\n\n{arithmetic(unit)}",
-            *(f"#define IV_{name} {kind}_{value}" for name, value in LIMITS.items()),
-            *([f"#define IV_TINY {unit.literal(1 / unit.largest)}"] if "IV_TINY" in text else []),
-            *([f"#define IV_SQRT {'sqrtf' if unit.single else 'sqrt'}"] if needs_root else []),
-            "",
-            f"#define DL2C_SMALLEST {kind}_MIN\n",
-            "enum { IV_FALSE, IV_UNKNOWN, IV_TRUE };\n",
             f"typedef {unit.real} real;\n",
             text,
             *used,
@@ -69,26 +59,19 @@ def sound_monitor_c(unit: Unit) -> str:
     return with_own_names(whole, unit.stem)
 
 
-LIBRARY = r"\b(fabs|sqrt|exp|sin|cos|tan|asin|atan|tanh|pow|log)f?\(|\bisfinite\("
-"""Calls of <math.h>."""
-
-LIMITS = {"EPSILON": "EPSILON", "SMALLEST": "MIN", "LARGEST": "MAX"}
+LIBRARY = r"\b(fabs|sqrt|exp|sin|cos|tan|asin|atan|tanh|pow|log|ldexp|frexp)f?\b|\bisfinite\("
+"""What is of <math.h>."""
 
 
 def _condition(unit: Unit, condition: Condition) -> str:
     about = f"{place(condition.span)}  {condition.about}".strip()
-    return _truth(unit, f"condition_n{condition.number}", condition.formula, about, condition.span)
+    return _truth(unit, f"condition_n{condition.number}", condition.formula, about)
 
 
-def _truth(unit: Unit, name: str, formula: Formula, about: str, span: Span) -> str:
+def _truth(unit: Unit, name: str, formula: Formula, about: str) -> str:
     """The truth of a formula as a function of the numbers in it."""
-    fixed: dict[Symbol, Term] = {
-        Symbol(c.name, "constant"): Number(c.value)
-        for c in unit.monitor.model.constants
-        if c.value is not None
-    }
-    formula = mapped(formula, lambda term: substituted(term, fixed))
-    statements = Statements(lambda s: names.local(s.name), unit.single, span)
+    formula = with_fixed(unit, formula)
+    statements = Statements(lambda s: names.local(s.name), unit.single)
     result = statements.condition(formula)
     used = sorted(symbols(formula), key=order_of(unit))
     parameters = ", ".join(f"real {names.local(s.name)}" for s in used) or "void"
@@ -110,7 +93,7 @@ def _surely(unit: Unit, texts: list[str]) -> Holds:
     """What judges tests of inputs: only what surely holds is chosen."""
 
     def holds(name: str, formula: Formula, about: str, read: Place) -> str:
-        texts.append(_truth(unit, name, formula, about, place_of(formula)))
+        texts.append(_truth(unit, name, formula, about))
         return f"{_call(unit, name, formula, read)} == IV_TRUE"
 
     return holds

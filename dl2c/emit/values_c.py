@@ -26,7 +26,9 @@ static bool passes(const search *s, real value)
   *s->value = value;
   return s->admits(s->before, s->parameters, s->given);
 }
+"""
 
+ENTER = """\
 /* Enters a root, in order, if it lies inside the range; a NaN does not. */
 static void enter(search *s, real root)
 {
@@ -143,7 +145,13 @@ static real spread(const search *s, real wanted)
 
 def search_functions(stem: str, most: int, single: bool, quadratic: bool, squash: bool) -> str:
     """What runs with inputs need. `most` counts the roots of an input and the two ends of its range."""
-    parts = [SEARCH, *([ROOTS] if quadratic else []), NEAREST, *([SPREAD] if squash else [])]
+    parts = [
+        SEARCH,
+        *([ENTER] if most > 2 else []),
+        *([ROOTS] if quadratic else []),
+        NEAREST,
+        *([SPREAD] if squash else []),
+    ]
     suffix = "f" if single else ""
     words = {
         "MODEL": stem,

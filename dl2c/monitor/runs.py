@@ -142,7 +142,8 @@ def _admitted(tests: Formula, own: list[Input]) -> dict[str, tuple[Formula, ...]
 
 def _exists(one: Input, parts: Iterable[Formula]) -> Formula:
     """That the input has a value; true where that cannot be said."""
-    limits = (Compare(">=", one.symbol, Number(one.low)), Compare("<=", one.symbol, Number(one.high)))
+    low, high = Compare(">=", one.symbol, Number(one.low)), Compare("<=", one.symbol, Number(one.high))
+    limits = [*([low] if one.low != ANY[0] else []), *([high] if one.high != ANY[1] else [])]
     try:
         return eliminated(
             Quantifier(False, one.variable, one.symbol, False, NOWHERE), conjunction([*limits, *parts])

@@ -24,8 +24,8 @@ from typing import TypeVar
 import platformdirs
 from filelock import FileLock, Timeout
 
+from dl2c.code import code_digest
 from dl2c.inputs import MALFORMED, read_json
-from dl2c.native.code import code_digest
 from dl2c.native.errors import NativeError
 from dl2c.native.sundials import find_sundials
 from dl2c.native.toolchain import cpu_features, find_compiler, python_include

@@ -16,7 +16,7 @@ from typing import Any
 
 import cffi  # pyright: ignore[reportMissingTypeStubs]  # cffi publishes no types
 
-from dl2c.native.code import cgen_dir
+from dl2c.code import cgen_dir
 from dl2c.native.errors import CompilerFailed
 from dl2c.native.sundials import Sundials
 from dl2c.native.toolchain import (

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from dl2c.code import cgen_dir
 from dl2c.native.cache import KEY_LENGTH, cached
-from dl2c.native.code import cgen_dir
 from dl2c.native.errors import NativeError
 from dl2c.native.loading import load
 from dl2c.native.toolchain import find_compiler, link_flags, python_include, run, user_flags

@@ -1,6 +1,7 @@
 """Exported monitors: what their headers promise, and who may compile and link them."""
 
 import json
+import random
 import re
 import subprocess
 from dataclasses import replace
@@ -131,3 +132,23 @@ def test_the_program_refuses_what_it_cannot_read(tmp_path: Path) -> None:
         assert done.stderr.startswith("line 2: ") and "  init x v a xo t ep b A gap\n" in done.stderr
     assert ran("init" + " 1" * 100_000 + "\n").returncode == 2
     assert ran("\n \n" + good).returncode == 0 and ran("", "--help").stdout.startswith("  init x v")
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_zeros_and_short_numbers_are_decided(real: str, tmp_path: Path) -> None:
+    """Of true transitions whose `w` is 0, all were unknown: 0 >= 0 with room for rounding on both sides."""
+    unit = unit_of(found("o5.kyx"), {}, kinds=("controller",), sound=True, real=real)
+    program = program_of(unit, tmp_path)
+    rng = random.Random(5)
+    lines: list[str] = []
+    while len(lines) < 4000:
+        r, ep, m = rng.uniform(0.5, 3), rng.uniform(0.01, 2), rng.uniform(1, 10)
+        x, y = rng.randint(0, 80) / 8, rng.uniform(0, 10)
+        u, w = rng.choice((0, rng.randint(-12, 12) / 4)), rng.choice((0, rng.uniform(-3, 3)))
+        if u * u + w * w < r * r and u * w >= 0:
+            numbers = [x, y, 0, 0, 0.5, 0, x + u, y + w, w, w, 0.5, 0, r, ep, m]
+            lines.append(f"controller {' '.join(repr(float(v)) for v in numbers)}")
+    told = [line.split() for line in answers(program.path, lines)]
+    unknown = sum(int(words[1]) for words in told)
+    assert unknown < 0.02 * len(lines)
+    assert all(words[0] == "0" or words[1] == "1" for words in told) or real == "float"
