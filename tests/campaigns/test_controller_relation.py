@@ -11,7 +11,7 @@ not set. DL2C_SEED says which.
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -209,8 +209,9 @@ def test_sound_verdicts_are_those_of_what_is_printed(
 def test_true_transitions_are_decided(name: str, count: int, tmp_path: Path) -> None:
     one = subject(name, sound=True)
     program = compile_program(one.files, tmp_path)
-    unknown = [verdicts(program, rows[:true])[1] for rows, true in one.rows(min(count, CHUNK))]
-    share = float(np.concatenate(unknown).mean())
+    states = replace(one.states(0), simple=0.0)
+    unknown = verdicts(program, states.true(min(count, CHUNK)))[1]
+    share = float(unknown.mean())
     print(f"{name}: {share:.4f} unknown")
     assert share < UNKNOWN_SHARE
 

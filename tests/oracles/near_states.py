@@ -21,19 +21,22 @@ Truth = Callable[[Doubles], Bools]
 Columns = NDArray[np.int64]
 TRIES = 40
 BATCH = 4000
-HALVINGS = 80
+HALVINGS = 64
 STEPS = (0, 0, 1, 1, 2, 3, 8, 40)
 """How many units in the last place."""
 
 
 @dataclass(slots=True)
 class States:
-    """Draws rows for a relation, in doubles or floats."""
+    """Draws rows for a relation, in doubles or floats; of true ones the part `simple` has whole numbers and
+    quarters alone.
+    """
 
     model: Model
     relation: Relation
     rng: np.random.Generator
     single: bool = False
+    simple: float = 0.3
 
     @property
     def bounds(self) -> list[Bound]:
@@ -85,7 +88,8 @@ class States:
     def _executed(self, path: Path) -> Doubles:
         """What a path makes of random states, where it is possible."""
         n, names = len(self.relation.variables), self.relation.variables
-        drawn = [self._drawn(bound) for bound in self.bounds]
+        simple = self.rng.random(BATCH) < self.simple
+        drawn = [self._drawn(bound, simple) for bound in self.bounds]
         pool = np.array(drawn)
         env = {Symbol(x, "variable"): Near(drawn[k]) for k, x in enumerate(names)}
         env |= {Symbol(c, "constant"): Near(drawn[n + k]) for k, c in enumerate(self.relation.parameters)}
@@ -101,7 +105,7 @@ class States:
                         possible &= np.isfinite(value)
                     case AssignAny(x, key):
                         if key not in inputs:
-                            env[Symbol(key, "input")] = Near(self._input(bounds[x], pool))
+                            env[Symbol(key, "input")] = Near(self._input(bounds[x], pool, simple))
                         inputs[key] = Symbol(x, "variable")
                         env[inputs[key]] = env[Symbol(key, "input")]
                     case Test(formula):
@@ -127,8 +131,10 @@ class States:
                 found &= in_doubles(part, env, BATCH)
         return found
 
-    def _drawn(self, bound: Bound) -> Doubles:
-        """Random numbers inside a bound: any, ends, whole ones, quarters and zeros among them."""
+    def _drawn(self, bound: Bound, simple: Bools) -> Doubles:
+        """Random numbers inside a bound: any, ends, whole ones, quarters and zeros among them; where `simple`
+        only these, so that doubles compute with them exactly.
+        """
         low = -10.0 if bound.low is None else float(bound.low)
         high = max(low, 10.0 if bound.high is None else float(bound.high))
         values = self.rng.uniform(low, high, BATCH)
@@ -138,11 +144,13 @@ class States:
             [np.zeros(BATCH), np.round(values), np.round(values * 4) / 4, np.full(BATCH, low), values / 50],
             values,
         )
+        scale = np.where(kinds < 9, 1, 4)
+        values = np.where(simple, np.round(values * scale) / scale, values)
         return np.clip(values, low, high)
 
-    def _input(self, bound: Bound, pool: Doubles) -> Doubles:
+    def _input(self, bound: Bound, pool: Doubles, simple: Bools) -> Doubles:
         """Random values for `x := *`: also those of others, or their opposites, which often limit them."""
-        values = self._drawn(bound)
+        values = self._drawn(bound, simple)
         others = pool[self.rng.integers(0, len(pool), BATCH), np.arange(BATCH)]
         others = others * self.rng.choice([-1.0, 1.0, 0.5], BATCH)
         return np.where(self.rng.random(BATCH) < 0.2, others, values)

@@ -291,7 +291,8 @@ def _copied(term: Term, unit: Fraction) -> bool:
 def _close(left: Term, right: Term, env: Numbers, unit: Fraction) -> bool:
     try:
         apart = exact_numbers.evaluate(Sub(left, right), env)
-        room = ROOM * unit * (magnitude(left, env) + magnitude(right, env))
+        total = magnitude(Add(left, right), env)
+        room = total * exact_numbers.alike(total, ROOM * unit)[1]
         return exact_numbers.holds("<=", *exact_numbers.alike(abs(apart), room)) is not False
     except ArithmeticError:
         return True
