@@ -10,7 +10,7 @@ from fractions import Fraction
 from math import isqrt
 from typing import Any, assert_never
 
-from mpmath import iv
+import mpmath
 
 from dl2c.ir.model import (
     Add,
@@ -37,7 +37,8 @@ Value = Any
 DIGITS = (30, 100, 400)
 """Of intervals, as long as they decide nothing."""
 
-Interval: type = type(iv.mpf(0))
+iv: Any = mpmath.iv
+Interval: Any = iv.mpf(0).__class__
 
 
 class Undefined(ArithmeticError):

@@ -8,6 +8,7 @@ few units in the last place or one tolerance away, with values that are zero, wh
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,21 +61,20 @@ class States:
         for kind, change in (
             (0, self._copied),
             (1, self._simple),
-            (2, lambda r: self._moved(r, tolerance)),
+            (2, partial(self._moved, tolerance=tolerance)),
             (3, self._nudged),
-            (4, lambda r: self._bisected(self._copied(r), truth)),
         ):
             changed[kinds == kind] = change(rows[kinds == kind])
-        changed[kinds > 4] = self._bisected(rows[kinds > 4], truth)
+        changed[kinds == 4] = self._copied(rows[kinds == 4])
+        changed[kinds > 3] = self._bisected(changed[kinds > 3], truth)
         return self.rounded(changed)
 
     def rounded(self, rows: Doubles) -> Doubles:
         """As the target holds them, inside the bounds of the parameters."""
         n = len(self.relation.variables)
         for k, bound in enumerate(self.bounds[n:], 2 * n):
-            ends = [None if e is None else _inward(e, sign, self.single) for e, sign in _ends(bound)]
-            if ends != [None, None]:
-                rows[:, k] = np.clip(rows[:, k], *ends)
+            low, high = (_inward(end, sign, self.single) for end, sign in _ends(bound))
+            rows[:, k] = np.clip(rows[:, k], low, high)
         return rows.astype(np.float32).astype(np.float64) if self.single else rows
 
     def _of_path(self, path: Path, count: int) -> Doubles:
@@ -233,8 +233,10 @@ def _ends(bound: Bound) -> list[tuple[Fraction | None, int]]:
     return [(bound.low, 1), (bound.high, -1)]
 
 
-def _inward(end: Fraction, sign: int, single: bool) -> float:
+def _inward(end: Fraction | None, sign: int, single: bool) -> float:
     """The nearest number of the target that is not beyond an end."""
+    if end is None:
+        return -sign * np.inf
     kind = np.float32 if single else np.float64
     found = kind(float(end))
     if sign * Fraction(float(found)) < sign * end:

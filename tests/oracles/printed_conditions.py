@@ -227,7 +227,7 @@ class Printed:
 
     def surely(self, rows: Doubles, ids: "np.ndarray[Any, Any]") -> Bools:
         """Where the condition of a row's number surely holds."""
-        found, formulas = np.zeros(len(rows), np.bool_), {}
+        found, formulas = np.zeros(len(rows), np.bool_), dict[int, Formula]()
         for group, case in zip(self.groups, self.cases, strict=True):
             formulas |= dict(zip(group, case, strict=True))
         for number in set(ids.tolist()) & formulas.keys():

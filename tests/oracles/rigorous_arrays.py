@@ -135,7 +135,7 @@ def _joined(join: Any, children: Sequence[Formula], env: Environment, size: int)
 def _held(op: Comparison, a: Doubles, b: Doubles) -> Bools:
     compare: dict[Comparison, Callable[..., Any]] = {
         "=": np.equal,
-        "!=": lambda x, y: (x < y) | (x > y),
+        "!=": np.not_equal,
         "<": np.less,
         "<=": np.less_equal,
         ">": np.greater,
