@@ -46,7 +46,9 @@ def function(head: str, body: Iterable[str], about: str = "") -> str:
     lines += [
         _signature(head),
         "{",
-        *textwrap.wrap(" ".join(idle), WIDTH, initial_indent="  ", subsequent_indent="  "),
+        *textwrap.wrap(
+            " ".join(idle), WIDTH, initial_indent="  ", subsequent_indent="  ", break_long_words=False
+        ),
     ]
     lines += [f"  {line}" if line else "" for line in listed]
     return "\n".join([*lines, "}"]) + "\n"
@@ -116,10 +118,12 @@ def wrapped(statement: str) -> list[str]:
 
 def enumeration(entries: Sequence[str], size: str, about: str) -> str:
     """`enum { A, B, SIZE };`"""
-    return (
-        textwrap.fill(f"enum {{ {', '.join([*entries, size])} }};", WIDTH, subsequent_indent="       ")
-        + f" {comment(about)}\n"
-    )
+    return filled(f"enum {{ {', '.join([*entries, size])} }};", WIDTH, " " * 7) + f" {comment(about)}\n"
+
+
+def filled(code: str, width: int, indent: str = "") -> str:
+    """C in lines no longer than that, but no name is ever broken: names may be longer."""
+    return textwrap.fill(code, width, subsequent_indent=indent, break_long_words=False)
 
 
 def row(values: Iterable[object]) -> str:

@@ -1,10 +1,9 @@
 """The header of one environment: indices of its variables, and the sizes of everything."""
 
-import textwrap
 from collections import Counter
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import LICENCE, comment, enumeration
+from dl2c.emit.cfile import LICENCE, comment, enumeration, filled
 from dl2c.emit.inputs_c import critical_count
 from dl2c.emit.judge_c import fact_names, observed
 from dl2c.emit.names import file_stem, index
@@ -53,7 +52,7 @@ def _indices(environment: Environment) -> str:
 def _starts(environment: Environment) -> str:
     """Indices of what is computed where a flow begins, behind the constants."""
     places = [index(s) + " = NP" * (k == 0) for k, s in enumerate(start_symbols(environment))]
-    return textwrap.fill(f"enum {{ {', '.join(places)} }};", 96) + "\n" if places else ""
+    return filled(f"enum {{ {', '.join(places)} }};", 96) + "\n" if places else ""
 
 
 def _sizes(environment: Environment) -> str:
@@ -86,7 +85,7 @@ def _sizes(environment: Environment) -> str:
     }
     kind = "float" if environment.options.obs_dtype == "float32" else "double"
     return (
-        textwrap.fill(f"enum {{ {', '.join(f'{k} = {v}' for k, v in sizes.items())} }};", 96)
+        filled(f"enum {{ {', '.join(f'{k} = {v}' for k, v in sizes.items())} }};", 96)
         + "\n"
         + f"#define DL2C_LANE_FLOW ({next((p.flow for p in paths.paths if p.flow is not None), -1)})\n"
         + f"#define DL2C_FLOWS_IN_LANES {int(flows_in_lanes(environment))}\n"

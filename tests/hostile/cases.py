@@ -110,6 +110,7 @@ NAMES = (
         Case(f"predicate_{word}", model(safe=word), "builds")
         for word in ("precondition", "postcondition", "flow0", "F", "model", "int")
     ),
+    Case("names_long", model(x="x" * 300, v="v" * 5000, safe="s" * 300), "builds"),
     Case("variable_runtime", model(x="dl2c_x"), "bad-name"),
     Case("variable_type", model(x="int8_t"), "bad-name"),
     Case("variable_suffix", model(x="X_v"), "bad-name"),
