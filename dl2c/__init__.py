@@ -8,6 +8,11 @@ A model is named by a path, by its text, or as `example:NAME`; `options` are tho
 `dl2c.options.Options`. All of these raise `CompileError` for a mistake in the model.
 """
 
+from dl2c import interruption as _interruption
+
+if _interruption.is_command():
+    _interruption.end_at_once()  # before all that takes long to import
+
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 

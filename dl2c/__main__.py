@@ -2,16 +2,23 @@
 
 import sys
 
+from dl2c.interruption import INTERRUPTED, end_at_once, raise_again
+
 
 def main() -> None:
     """Run the command line. Raises `SystemExit`."""
+    end_at_once()
     try:
         from dl2c.cli import main as command
 
+        raise_again()
         command()
     except KeyboardInterrupt:
+        end_at_once()
         print("interrupted", file=sys.stderr)
-        raise SystemExit(130) from None
+        raise SystemExit(INTERRUPTED) from None
+    finally:
+        end_at_once()
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ import typer
 from dl2c.commands.arguments import Model, Seed
 from dl2c.commands.cache import app as cache_app
 from dl2c.commands.completion import words
-from dl2c.commands.failures import INTERRUPTED, as_json, report, show, to_json
+from dl2c.commands.failures import as_json, report, show, to_json
 from dl2c.commands.falsify import falsify
 from dl2c.commands.flags import Json, model_options
 from dl2c.commands.monitor import monitor
@@ -28,6 +28,7 @@ from dl2c.commands.study import study
 from dl2c.commands.train import train
 from dl2c.commands.verbosity import begin, quiet, talkative
 from dl2c.commands.waiting import working
+from dl2c.interruption import INTERRUPTED
 from dl2c.outputs import output_folder, write_output
 from dl2c.version import __version__
 

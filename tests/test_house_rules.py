@@ -16,6 +16,7 @@ LAYERS = (
     *(
         "version",
         "code",
+        "interruption",
         "inputs",
         "outputs",
         "source",

@@ -23,8 +23,8 @@ from dl2c.training.policies import PolicyError
 from dl2c.training.run import TrainingError
 from dl2c.version import __version__
 
-USER, BUG, INTERRUPTED = 1, 70, 130
-"""Exit codes; 70 is EX_SOFTWARE of sysexits.h, 130 what a shell says of Ctrl-C."""
+USER, BUG = 1, 70
+"""Exit codes; 70 is EX_SOFTWARE of sysexits.h."""
 
 COLOURS = {"error": "bold red", "warning": "bold yellow", "note": "cyan", "help": "green"}
 
