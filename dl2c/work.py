@@ -73,7 +73,8 @@ def at_place(span: Span) -> None:
 
 @contextmanager
 def budgeted() -> Generator[None]:
-    """Work within the budget that is running, or a new one. Raises `CompileError` where it is used up."""
+    """Work within the budget that is running, or a new one. Raises `CompileError` where it is used up,
+    and where terms have become so deep that Python gives up."""
     if _RUNNING.get() is not None:
         yield
         return
@@ -83,6 +84,8 @@ def budgeted() -> Generator[None]:
         yield
     except OutOfWork as used:
         raise CompileError(_too_much(budget, str(used))) from None
+    except RecursionError:
+        raise CompileError(_too_deep(budget)) from None
     finally:
         _RUNNING.reset(token)
 
@@ -91,6 +94,14 @@ def _too_much(budget: _Budget, used: str) -> Diagnostic:
     label = f"given up while {budget.stage}, after {used}"
     advice = "leave out or divide what is largest: choices in a row, assumptions on many names, long terms"
     return error("too-much-work", "this model takes too much work to compile", budget.span, label, advice)
+
+
+def _too_deep(budget: _Budget) -> Diagnostic:
+    label = f"given up while {budget.stage}"
+    advice = "every assignment that uses the one before nests its value: let a flow or the loop come between"
+    return error(
+        "too-deep", "terms of this model are nested too deeply to compile", budget.span, label, advice
+    )
 
 
 def _memory() -> int:
