@@ -126,7 +126,7 @@ NESTED = (
     ("long_sum", "a := A" + "+A" * 5000 + ";", "too-deep"),
     ("long_sequence", "a := A;" * 5000, "too-deep"),
     ("long_choice", "{a := A;" + "++ a := -A;" * 5000 + "}", "too-deep"),
-    ("long_values", "a := x;" + ("{" + "a := a * 0.5 + x;" * 50 + "}") * 20, "too-deep"),
+    ("long_values", "a := x;" + ("{" + "a := a * 0.5 + x;" * 50 + "}") * 20 + "?a <= 9;", "too-deep"),
     ("many_paths", "{a := A; ++ a := -A;}" * 40, "too-many-paths"),
     ("many_branches", "if (x > 0) {a := A;} else {a := -A;}" * 40, "too-many-paths"),
     ("many_alternatives", "{a := A;" + "++ a := -A;" * 150 + "}", "builds"),
