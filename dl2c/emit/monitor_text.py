@@ -58,8 +58,8 @@ def conditions_json(unit: Unit) -> str:
 
 
 def _as_data(unit: Unit, check: Check, case: Case, condition: Condition) -> dict[str, Any]:
-    """`evaluated` is over the state before, and `x_post` for that after; `roundings` is what the header
-    calls N, of sound monitors.
+    """`evaluated` is over the state before, and `x_post` for that after. Of a check, the conditions with one
+    `case_number` are joined by "and", cases by "or". `roundings` is what the header calls N, if it is sound.
     """
     span = condition.span
     place = None
@@ -70,6 +70,7 @@ def _as_data(unit: Unit, check: Check, case: Case, condition: Condition) -> dict
         "id": condition.number,
         "check": check.kind,
         "case": case.about,
+        "case_number": check.cases.index(case),
         "text": condition.about,
         "source": place and span.text,
         "span": place,

@@ -224,17 +224,22 @@ def with_term(term: Term, old: Term, new: Term) -> Term:
     """The term with every occurrence of a subterm replaced; numbers that meet are folded."""
     if term == old:
         return new
+    return folded(with_operands(term, tuple(with_term(t, old, new) for t in operands(term))))
+
+
+def with_operands(term: Term, parts: tuple[Term, ...]) -> Term:
+    """The term with other direct subterms. Nothing is folded."""
     match term:
         case Number() | Symbol():
             return term
-        case Neg(child):
-            return folded(Neg(with_term(child, old, new)))
-        case Pow(base, exponent):
-            return folded(Pow(with_term(base, old, new), exponent))
-        case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
-            return folded(type(term)(with_term(left, old, new), with_term(right, old, new)))
-        case Call(function, args):
-            return folded(Call(function, tuple(with_term(a, old, new) for a in args)))
+        case Neg():
+            return Neg(*parts)
+        case Pow(_, exponent):
+            return Pow(parts[0], exponent)
+        case Add() | Sub() | Mul() | Div():
+            return type(term)(*parts)
+        case Call(function):
+            return Call(function, parts)
         case _:
             assert_never(term)
 

@@ -34,6 +34,7 @@ from dl2c.ir.model import (
 )
 from dl2c.ir.printer import print_formula
 from dl2c.monitor.check import Case, Check, Condition, Tolerance, after
+from dl2c.monitor.parts import Parts
 from dl2c.paths.enumerate import Draft, control_drafts
 from dl2c.paths.path import END
 from dl2c.source import NOWHERE, Span
@@ -160,11 +161,13 @@ def tested(test: Formula, tolerance: Tolerance) -> Condition:
 
 def without_hidden(control: Control, formula: Formula) -> Formula:
     """The formula for some values of the hidden inputs. Raises `CompileError` where that has no answer."""
+    parts = Parts(frozenset(Symbol(key, "input") for key in control.hidden))
+    formula = parts.named(formula)
     for key in reversed(control.hidden):
         span = control.draft.place_of(key)
         name = key.removeprefix("assign_")
         formula = eliminated(Quantifier(False, name, Symbol(key, "input"), False, span), formula)
-    return formula
+    return parts.put_back(formula)
 
 
 def place_of(formula: Formula) -> Span:
