@@ -38,11 +38,13 @@ test-slow: $(READY)
 # Random flows and programs against oracles that share no code with what they judge: half an hour or so on two
 # cores. DL2C_FLOWS, DL2C_PROGRAMS and DL2C_SEED say how many and which; each test prints them.
 test-events: $(READY)
-	$(BIN)/python -m pytest -n $(WORKERS) -q -rP -m slow tests/campaigns --ignore tests/campaigns/test_mutations.py
+	$(BIN)/python -m pytest -n $(WORKERS) -q -rP -m slow tests/campaigns $(addprefix --ignore ,$(filter tests/campaigns/%,$(HOSTILE)))
 
-# Hostile models and files, 100 000 mutations of every format, killed builds, threads: two hours or so on two cores.
-HOSTILE := tests/campaigns/test_mutations.py tests/test_hostile.py tests/test_builds_survive.py tests/test_endurance.py \
-  tests/regression/test_handles.py tests/regression/test_processes.py tests/regression/test_reliability.py
+# Hostile models and files, 100 000 mutations of every format, killed builds, threads, interruptions, and exported
+# monitors against oracles: some hours on two cores. DL2C_STATES says how many states of a model monitors judge.
+HOSTILE := tests/campaigns/test_mutations.py tests/campaigns/test_controller_relation.py \
+  tests/test_monitor_functions.py tests/test_monitor_sound.py tests/test_interrupted.py tests/test_hostile.py \
+  tests/test_builds_survive.py tests/test_endurance.py tests/regression/test_handles.py tests/regression/test_processes.py tests/regression/test_reliability.py
 test-hostile: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q $(HOSTILE)
 
