@@ -20,6 +20,7 @@ from dl2c.parse import tree as ast
 from dl2c.parse.recovery import Recovery
 from dl2c.parse.syntax import Node
 from dl2c.source import Source, Span
+from dl2c.work import spend
 
 Child: TypeAlias = Node | Token | None
 
@@ -70,6 +71,7 @@ def nodes(children: Sequence[Child]) -> list[Node]:
 
 def term(node: Node, read: Reading) -> ast.Term:
     """Read `node` as a term."""
+    spend()
     span = read.span(node)
     match str(node.data), parts(node):
         case "number", [Token() as digits]:
@@ -284,6 +286,7 @@ def value(node: Node, read: Reading) -> ast.Term | ast.Formula:
 
 def program(node: Node, read: Reading) -> ast.Program:
     """Read `node` as a program."""
+    spend()
     span = read.span(node)
     match str(node.data), parts(node):
         case "choice", alternatives:

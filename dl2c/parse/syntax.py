@@ -116,6 +116,7 @@ def _check_depth(tree: Node, code: Code) -> None:
     """Refuse text whose syntax tree would be too deep; in a chain every operand is a level."""
     stack = [(tree, 1)]
     while stack:
+        spend()
         node, depth = stack.pop()
         if depth > MAX_DEPTH:
             raise CompileError(errors.too_deep(code.span(node.meta.start_pos, node.meta.end_pos), MAX_DEPTH))

@@ -11,6 +11,7 @@ from typing import Literal, TypeAlias, assert_never
 from dl2c.diagnostics import Diagnostic
 from dl2c.parse import tree
 from dl2c.resolve import errors
+from dl2c.work import spend
 
 BUILTINS: dict[str, int] = {
     "abs": 1,
@@ -175,6 +176,7 @@ def nodes(expression: Node | None) -> Iterator[Node]:
     """The expression and everything in it, outermost first, left to right."""
     stack: list[Node] = [] if expression is None else [expression]
     while stack:
+        spend()
         node = stack.pop()
         yield node
         stack.extend(reversed(children(node)))
@@ -237,6 +239,7 @@ def children(node: Node) -> tuple[Node, ...]:
 
 def uses(node: Node, local: frozenset[str] = frozenset()) -> Iterator[tuple[str, Node]]:
     """Every name of a number that is used, but for `local` ones, with the node that does."""
+    spend()
     match node:
         case tree.Forall(name, child) | tree.Exists(name, child):
             yield from uses(child, local | {name})
