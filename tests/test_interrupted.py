@@ -36,7 +36,7 @@ COMMANDS = {
 LONG = {
     "train": ("train", MODEL, "--steps", "2000", "--n-envs", "2", "-o", "trained"),
     "paper": ("paper", "--quick", "-o", "paper"),
-    "study": ("study", "waypoint"),
+    "study": ("study", "acc"),
     "demo": ("demo",),
 }
 """Those that save what they have."""
