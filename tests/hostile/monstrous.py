@@ -31,6 +31,11 @@ def way_of(number: int) -> str:
     return ways[number % len(ways)]
 
 
+def _about(rng: Random, size: int) -> int:
+    """A size near this one, no less than 1."""
+    return max(1, round(size * rng.uniform(0.75, 1.25)))
+
+
 # Length and depth --------------------------------------------------------------
 
 
@@ -48,7 +53,7 @@ def _statements(rng: Random, size: int) -> str:
 
 
 def _deep(rng: Random, size: int) -> str:
-    depth = (190, 2000, 100_000)[size]
+    depth = _about(rng, (190, 2000, 100_000)[size])
     opening, closing = rng.choice((("(", ")"), ("{", "}"), ("(-(", "))"), ("if (x > 0) {", "}")))
     inner = "A" if closing[0] == ")" else "a := A;"
     text = opening * depth + inner + closing * depth
@@ -73,7 +78,7 @@ def _domains(rng: Random, size: int) -> str:
 
 
 def _implications(rng: Random, size: int) -> str:
-    depth = (60, 180, 20_000)[size]
+    depth = _about(rng, (60, 180, 20_000)[size])
     sign = rng.choice(("->", "<->"))
     return model(start=f"& (x <= 1 {sign} (" + f"x <= 2 {sign} (" * depth + "v >= 0" + ")" * depth + "))")
 
@@ -82,22 +87,26 @@ def _implications(rng: Random, size: int) -> str:
 
 
 def _recursive(rng: Random, size: int) -> str:
-    count = (1, 20, 400)[size]
+    count = _about(rng, (1, 20, 400)[size])
     kind = rng.choice(("Real", "Bool", "HP"))
     match kind:
         case "Real":
-            lines = [f"Real f{k}(Real y) = f{(k + 1) % count}(y) + 1;" for k in range(count)]
+            lines = [
+                f"Real f{k}(Real y) = f{(k + 1) % count}(y) + {rng.randint(1, 99)};" for k in range(count)
+            ]
             return model(extra="\n".join(lines), control="a := f0(x);")
         case "Bool":
-            lines = [f"Bool f{k}(Real y) <-> f{(k + 1) % count}(y + 1);" for k in range(count)]
+            lines = [
+                f"Bool f{k}(Real y) <-> f{(k + 1) % count}(y + {rng.randint(1, 99)});" for k in range(count)
+            ]
             return model(extra="\n".join(lines), control="?f0(x); a := A;")
         case _:
             lines = [f"HP f{k} ::= {{ f{(k + 1) % count}; }};" for k in range(count)]
-            return model(extra="\n".join(lines), control="f0;")
+            return model(extra="\n".join(lines), control=f"f0; a := {rng.randint(1, 99)};")
 
 
 def _doubling(rng: Random, size: int) -> str:
-    times = (8, 13, 100)[size]
+    times = _about(rng, (8, 13, 100)[size])
     first, following, use = rng.choice(
         (
             ("Real d0(Real y) = y + v;", "Real d%0(Real y) = d%1(y) * d%1(y + 1);", f"a := d{times}(x);"),
@@ -110,18 +119,18 @@ def _doubling(rng: Random, size: int) -> str:
             ("HP d0 ::= { a := a + x; };", "HP d%0 ::= { d%1; if (a > 1) { d%1; } };", f"d{times};"),
         )
     )
-    return model(extra=doubling(first, following, times), control=use)
+    return model(extra=doubling(first, following, times), control=f"{use} a := a + {rng.randint(1, 999)};")
 
 
 def _declarations(rng: Random, size: int) -> str:
-    count = (500, 990, 20_000)[size]
+    count = _about(rng, (500, 990, 20_000)[size])
     if rng.random() < 0.5:
         return model(extra="\n".join(f"Real c{k};" for k in range(count)))
     return model(extra="Real " + ", ".join(f"c{k}" for k in range(count)) + ";")
 
 
 def _annotations(rng: Random, size: int) -> str:
-    count = (500, 4000, 50_000)[size]
+    count = _about(rng, (500, 4000, 50_000)[size])
     if rng.random() < 0.5:
         return model(extra="".join(f"/* @unknown{k}: x=1 */\n" for k in range(count)))
     return model(const=f"/* @const: {', '.join(f'a{k}=1' for k in range(count))} */")
@@ -141,12 +150,14 @@ def _quantifiers(rng: Random, size: int) -> str:
 
 
 def _exponents(rng: Random, size: int) -> str:
-    power = (64, 1000, 10**9)[size]
+    power = _about(rng, (64, 1000, 10**9)[size])
     text = rng.choice(
         (f"(x + v + A)^{power}", f"(x^{power} + v^{power})^{power}", f"2^{power}^x", f"x^-{power}")
     )
     place = rng.choice(("control", "domain", "start"))
-    return model(**{place: f"a := {text};" if place == "control" else f"& {text} <= 1000"})
+    return model(
+        **{place: f"a := {text};" if place == "control" else f"& {text} <= {rng.randint(100, 9999)}"}
+    )
 
 
 def _equalities(rng: Random, size: int) -> str:
@@ -176,7 +187,7 @@ def _equations(rng: Random, size: int) -> str:
 
 
 def _paths(rng: Random, size: int) -> str:
-    count = (5, 9, 40)[size]
+    count = _about(rng, (5, 9, 40)[size])
     part = rng.choice(
         (
             "{ a := A; ++ a := -A; ++ a := x; }",
@@ -184,12 +195,12 @@ def _paths(rng: Random, size: int) -> str:
             "{ ?x > a; a := a + v; ++ ?x <= a; }",
         )
     )
-    return model(control="a := A; " + part * count)
+    return model(control=f"a := A + {rng.randint(1, 999)}; " + part * count)
 
 
 def _loops(rng: Random, size: int) -> str:
-    depth = (2, 5, 30)[size]
-    return model(control="a := A; " + "{ ?x > 0; a := a - 1; " * depth + "}*" * depth)
+    depth = _about(rng, (2, 5, 30)[size])
+    return model(control="a := A; " + f"{{ ?x > 0; a := a - {rng.randint(1, 999)}; " * depth + "}*" * depth)
 
 
 def _wrong(rng: Random, size: int) -> str:
@@ -203,7 +214,9 @@ def _wrong(rng: Random, size: int) -> str:
 
 
 def _entries(rng: Random, size: int) -> str:
-    return "\n".join(model(name=f"M{k}") for k in range((2, 40, 499)[size])) + model() * rng.randint(0, 1)
+    return "\n".join(
+        model(name=f"M{k}") for k in range(_about(rng, (4, 40, 420)[size]))
+    ) + model() * rng.randint(0, 1)
 
 
 WAYS: dict[str, Monster] = {
