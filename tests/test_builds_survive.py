@@ -14,7 +14,7 @@ import pytest
 from hostile.cases import model
 
 from dl2c.native.binding import load_library
-from dl2c.native.cache import cache_dir, cache_entries
+from dl2c.native.cache import SEAL, cache_dir, cache_entries
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -43,10 +43,15 @@ def own_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("CFLAGS", "-O0 -DDL2C_NO_TARGET_CLONES")
 
 
-def builder(path: Path, before: str = "", group: bool = False) -> subprocess.Popen[str]:
+def builder(
+    path: Path, before: str = "", group: bool = False, cache: Path | None = None
+) -> subprocess.Popen[str]:
     pipe = subprocess.PIPE
     command = [sys.executable, "-c", before + BUILD, str(path)]
-    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, cwd=ROOT, start_new_session=group)
+    environment = os.environ if cache is None else {**os.environ, "DL2C_CACHE_DIR": str(cache)}
+    return subprocess.Popen(
+        command, stdout=pipe, stderr=pipe, text=True, cwd=ROOT, start_new_session=group, env=environment
+    )
 
 
 def result(process: subprocess.Popen[str]) -> list[object]:
@@ -74,36 +79,76 @@ def test_processes_that_build_at_once_build_once(monkeypatch: pytest.MonkeyPatch
     assert sum("-c Plain.c" in command for command in commands) == 1
 
 
-def check_kills(folder: Path, kills: int, seed: int) -> None:
-    """Kill a build with all its compilers at some moment; the next one is right and tidy."""
+def example(name: str) -> str:
+    return (ROOT / "examples" / f"{name}.kyx").read_text(encoding="utf-8")
+
+
+def check_kills(folder: Path, texts: list[str], kills: int, seed: int) -> None:
+    """Kill a build with all its compilers at some moment; the next one is right and tidy.
+
+    It has the files and the trajectory of a build of the same text that nothing
+    disturbed, in a cache of its own.
+    """
     rng = Random(seed)
-    start = time.monotonic()
-    expected = result(builder(written(folder, model())))[1:]
-    whole = time.monotonic() - start
-    interrupted = 0
+    interrupted, fastest = 0, [60.0] * len(texts)
     for k in range(kills):
-        path = written(folder, f"/* number {k} */\n" + model())
+        which = k % len(texts)
+        path = written(folder, f"/* number {k} */\n{texts[which]}")
+        own = folder / "undisturbed" / str(k)
+        start = time.monotonic()
+        original, *expected = result(builder(path, cache=own))
+        fastest[which] = min(fastest[which], time.monotonic() - start)
         victim = builder(path, group=True)
-        time.sleep(rng.uniform(0.1, 1.0) * whole)
+        time.sleep(rng.uniform(0.1, 1.0) * fastest[which])
         interrupted += victim.poll() is None
         with suppress(ProcessLookupError):
             os.killpg(victim.pid, signal.SIGKILL)
         victim.communicate()
         directory, *found = result(builder(path))
         assert found == expected
+        assert texts_in(Path(str(directory))) == texts_in(Path(str(original)))
         load_library(Path(str(directory)))
         assert not list(cache_dir().glob("*.tmp")), "what a killed build left is gone"
     assert interrupted > 0
-    assert len(cache_entries()) == kills + 1
+    assert len(cache_entries()) == kills
+
+
+def texts_in(folder: Path) -> dict[str, str]:
+    """All that a build holds but its seal and its library, which names the place where it was compiled."""
+    paths = [path for path in folder.iterdir() if path.suffix != ".so" and path.name != SEAL]
+    return {path.name: path.read_text(encoding="utf-8") for path in paths}
 
 
 def test_killed_builds_leave_nothing_broken(tmp_path: Path) -> None:
-    check_kills(tmp_path, 6, 1)
+    check_kills(tmp_path, [model(), example("watertank")], 6, 1)
 
 
 @pytest.mark.slow
 def test_many_killed_builds_leave_nothing_broken(tmp_path: Path) -> None:
-    check_kills(tmp_path, 50, 2)
+    names = ("waypoint", "watertank", "passive_safety", "dubins", "pendulum")
+    check_kills(tmp_path, [model(), *map(example, names)], 60, 2)
+
+
+def check_at_once(folder: Path, texts: list[str], processes: int) -> None:
+    """Builds of the same and of different models in one cache: each is built once and is right."""
+    paths: list[Path] = []
+    for k, text in enumerate(texts):
+        (folder / str(k)).mkdir()
+        paths.append(written(folder / str(k), text))
+    results = [result(b) for b in [builder(paths[k % len(paths)]) for k in range(processes)]]
+    alone = [result(builder(path, cache=folder / "alone")) for path in paths]
+    for k, (_, *found) in enumerate(results):
+        assert found == alone[k % len(paths)][1:]
+    assert len(cache_entries()) == len(texts) and not list(cache_dir().glob("*.tmp"))
+
+
+def test_different_models_are_built_at_once(tmp_path: Path) -> None:
+    check_at_once(tmp_path, [model(), model(name="Other", x="y1")], 4)
+
+
+@pytest.mark.slow
+def test_many_models_are_built_at_once(tmp_path: Path) -> None:
+    check_at_once(tmp_path, [model(), *map(example, ("waypoint", "watertank", "dubins"))], 8)
 
 
 @pytest.mark.parametrize("room", [0, 1000, 20_000])

@@ -34,6 +34,9 @@ EXTRA: dict[str | None, str] = {
 }
 """Which extra installs an optional library."""
 
+STARVED = ("failed to map segment", "cannot allocate memory", "can't start new thread")
+"""How a library that finds no room, or a thread, says so."""
+
 
 class CommandError(Exception):
     """Something a command cannot do; the message says why."""
@@ -56,6 +59,9 @@ def report(failure: BaseException) -> int:
             return USER
         case MemoryError():
             _line("out of memory")
+            return USER
+        case ImportError() | RuntimeError() if any(words in str(failure).lower() for words in STARVED):
+            _line(f"out of memory: {failure}")
             return USER
         case ModuleNotFoundError(name=name) if name in EXTRA:
             _line(f"this needs {name}; install it with `pip install dl2c[{EXTRA[name]}]`")

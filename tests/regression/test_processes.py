@@ -57,7 +57,12 @@ print("well")
 """
 
 
-def test_builds_are_loaded_while_the_cache_is_cleared(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("seconds", "processes", "times"), [(20, 2, 4), pytest.param(150, 4, 30, marks=pytest.mark.slow)]
+)
+def test_builds_are_loaded_while_the_cache_is_cleared(
+    seconds: int, processes: int, times: int, tmp_path: Path
+) -> None:
     environment = {
         **os.environ,
         "PYTHONPATH": str(ROOT),
@@ -65,12 +70,12 @@ def test_builds_are_loaded_while_the_cache_is_cleared(tmp_path: Path) -> None:
         "CFLAGS": "-O0 -DDL2C_NO_TARGET_CLONES",
     }
     pipe = subprocess.PIPE
-    clearing = subprocess.Popen([sys.executable, "-c", CLEARING, "20"], env=environment)
+    clearing = subprocess.Popen([sys.executable, "-c", CLEARING, str(seconds)], env=environment)
     loading = [
         subprocess.Popen(
-            [sys.executable, "-c", LOADING, "4"], env=environment, stdout=pipe, stderr=pipe, text=True
+            [sys.executable, "-c", LOADING, str(times)], env=environment, stdout=pipe, stderr=pipe, text=True
         )
-        for _ in range(2)
+        for _ in range(processes)
     ]
     for process in loading:
         said, wrong = process.communicate(timeout=280)
