@@ -48,7 +48,7 @@ def spoiled(rows: Rows, values: list[float]) -> Rows:
 
 @pytest.mark.parametrize(("example", "real"), [FIRST, *ALL])
 def test_what_is_no_number_is_never_satisfied(example: str, real: str, tmp_path: Path) -> None:
-    for sound in (False, True)[: 1 if example == "pendulum" else 2]:
+    for sound in (False, True):
         unit = unit_of(f"example:{example}", {}, real=real, sound=sound)
         asked = on_host(unit, tmp_path / str(sound), *SANITIZED)
         none, odd = special(np.float32 if unit.single else np.float64)
@@ -58,14 +58,14 @@ def test_what_is_no_number_is_never_satisfied(example: str, real: str, tmp_path:
             assert (ids == OUT_OF_RANGE).all() and (sound or missed.all())
             rows = spoiled(starts, odd)
             ids, unknown = verdicts_of(asked, check, rows)
-            if sound:
+            if sound and example in EXAMPLES:
                 holds = exact_check(unit.monitor.model, check)
                 decided = (ids != OUT_OF_RANGE) & ~unknown
                 assert ((ids == 0) == [holds(row) for row in rows.tolist()])[decided].all()
 
 
 @pytest.mark.parametrize("real", ["double", "float"])
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize("example", [*EXAMPLES, "pendulum"])
 def test_of_usual_states_hardly_any_is_unknown(example: str, real: str, tmp_path: Path) -> None:
     unit = unit_of(f"example:{example}", {}, real=real, sound=True)
     asked = on_host(unit, tmp_path)
