@@ -68,7 +68,7 @@ def test_no_variable_is_a_macro() -> None:
 
 
 def test_no_model_hides_a_header_of_the_runtime() -> None:
-    headers = {path.stem for path in cgen_dir().rglob("*.h")}
+    headers = {path.stem for folder in ("include", "runtime") for path in (cgen_dir() / folder).glob("*.h")}
     assert headers == names.RUNTIME_FILES
     assert not {names.file_stem(stem).lower() for stem in (*headers, *map(str.upper, headers))} & headers
 
@@ -107,7 +107,7 @@ def test_compilers_run_for_a_limited_time(monkeypatch: pytest.MonkeyPatch, tmp_p
     endless = tmp_path / "endless-cc"
     endless.write_text("#!/bin/sh\nsleep 0.2\nwhile :; do :; done\n", encoding="utf-8")
     endless.chmod(0o755)
-    with pytest.raises(CompilerFailed, match="too large"):
+    with pytest.raises(CompilerFailed, match="too large|did not end within"):
         toolchain.run((str(endless), "-c"), tmp_path)
 
 
