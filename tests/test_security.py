@@ -107,7 +107,7 @@ def test_compilers_run_for_a_limited_time(monkeypatch: pytest.MonkeyPatch, tmp_p
     endless = tmp_path / "endless-cc"
     endless.write_text("#!/bin/sh\nsleep 0.2\nwhile :; do :; done\n", encoding="utf-8")
     endless.chmod(0o755)
-    with pytest.raises(CompilerFailed, match="too large|did not end within"):
+    with pytest.raises(CompilerFailed, match=r"too large|did not end within"):
         toolchain.run((str(endless), "-c"), tmp_path)
 
 

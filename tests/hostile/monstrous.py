@@ -156,7 +156,11 @@ def _exponents(rng: Random, size: int) -> str:
     )
     place = rng.choice(("control", "domain", "start"))
     return model(
-        **{place: f"a := {text};" if place == "control" else f"& {text} <= {rng.randint(100, 9999)}"}
+        **{
+            place: f"a := {text} - {rng.randint(1, 99)};"
+            if place == "control"
+            else f"& {text} <= {rng.randint(100, 9999)}"
+        }
     )
 
 
