@@ -40,11 +40,13 @@ test-slow: $(READY)
 test-events: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q -rP -m slow tests/campaigns $(addprefix --ignore ,$(filter tests/campaigns/%,$(HOSTILE)))
 
-# Hostile models and files, 100 000 mutations of every format, killed builds, threads, interruptions, and exported
-# monitors against oracles: some hours on two cores. DL2C_STATES says how many states of a model monitors judge.
-HOSTILE := tests/campaigns/test_mutations.py tests/campaigns/test_controller_relation.py \
-  tests/test_monitor_functions.py tests/test_monitor_sound.py tests/test_interrupted.py tests/test_hostile.py \
-  tests/test_builds_survive.py tests/test_endurance.py tests/regression/test_handles.py tests/regression/test_processes.py tests/regression/test_reliability.py
+# 500 hostile models, hostile files, 100 000 mutations of every format, killed builds, Ctrl-C in every command, little
+# memory, reports in a browser, threads, sanitizers, and exported monitors against oracles: some hours on two cores.
+# DL2C_STATES says how many states of a model monitors judge, DL2C_HOSTILE=100:120 which models are built.
+HOSTILE := $(addprefix tests/campaigns/test_,mutations.py controller_relation.py hostile_models.py) \
+  $(addprefix tests/test_,hostile.py builds_survive.py endurance.py interrupted.py memory_limits.py) \
+  $(addprefix tests/test_,report_in_browser.py sanitized_handles.py monitor_functions.py monitor_sound.py) \
+  $(addprefix tests/regression/test_,handles.py processes.py reliability.py)
 test-hostile: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q $(HOSTILE)
 
