@@ -256,7 +256,7 @@ def exact(term: Term, env: dict[Symbol, Any]) -> Fraction:
     return Fraction(evaluate(term, env, exact=True))
 
 
-@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("real", ["double", pytest.param("float", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("example", MODELS)
 def test_what_is_undecided_is_as_close_as_the_header_says(example: str, real: str, tmp_path: Path) -> None:
     unit = unit_of(MODELS[example], {}, real=real, sound=True)
@@ -267,7 +267,7 @@ def test_what_is_undecided_is_as_close_as_the_header_says(example: str, real: st
     seen = 0
     for check in unit.monitor.checks:
         found = [random_row(check, rng.choice(check.cases), unit, rng, k % 2 == 0) for k in range(60)]
-        good = [row for row in found if exactly(check, row)][:6]
+        good = [row for row in found if exactly(check, row)][:3]
         rows = [near for row in good for near in (row, *boundaries(row, check, rng))]
         rows = list(map(to_single, rows)) if unit.single else rows
         for row, (number, unknown) in zip(rows, program.verdicts(check.kind, rows), strict=True):
