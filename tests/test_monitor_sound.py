@@ -56,10 +56,7 @@ Row = list[State]
 
 def exactly(check: Check, row: Row) -> bool:
     """What a check is of exact numbers."""
-    env: dict[Symbol, Any] = {Symbol(x, "variable"): Fraction(v) for x, v in row[0].items()}
-    env |= {Symbol(c, "constant"): Fraction(v) for c, v in row[-1].items()}
-    if check.transition:
-        env |= {after(x): Fraction(v) for x, v in row[1].items()}
+    env = environment(row)
     return any(all(truth(c.formula, env, exact=True) for c in case.conditions) for case in check.cases)
 
 

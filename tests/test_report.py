@@ -2,13 +2,13 @@
 
 import json
 import shutil
-import subprocess
 from dataclasses import asdict
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import needs_browser, visited
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -195,20 +195,11 @@ def test_pictures_while_learning(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@needs_browser
 def test_a_browser_shows_the_page(written: str, tmp_path: Path) -> None:
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    if chromium is None:
-        pytest.skip("chromium is not installed")
-    (tmp_path / "page.html").write_text(written, encoding="utf-8")
     shot = tmp_path / "shot.png"
-    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1200,3000"]
-    subprocess.run(
-        [chromium, *flags, f"--screenshot={shot}", f"--user-data-dir={tmp_path / 'profile'}",
-         (tmp_path / "page.html").as_uri()],
-        check=True,
-        capture_output=True,
-        timeout=120,
-    )  # fmt: skip
+    done = visited(written, tmp_path, "--hide-scrollbars", "--window-size=1200,3000", f"--screenshot={shot}")
+    assert done.returncode == 0, done.stderr
     from matplotlib.image import imread
 
     pixels = imread(shot)[:, :, :3]

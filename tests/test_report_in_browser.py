@@ -2,8 +2,6 @@
 
 import json
 import re
-import shutil
-import subprocess
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -12,6 +10,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+from browser import needs_browser, visited
 from test_report import run_folder
 
 from dl2c.env.opening import source_of
@@ -21,14 +20,7 @@ from dl2c.report.trained import read_trained
 
 pytest.importorskip("matplotlib")
 
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
-
-FLAGS = (
-    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage"),
-    *("--virtual-time-budget=2000", "--enable-logging=stderr", "--dump-dom"),
-)
+pytestmark = needs_browser
 
 OWNED = "document.title='owned'"
 ATTACKS = (
@@ -87,12 +79,7 @@ class Elements(HTMLParser):
 
 def opened(page: str, folder: Path) -> tuple[str, str]:
     """The document as it is after its scripts, if any, have run; and what the console said."""
-    assert BROWSER is not None
-    folder.mkdir(exist_ok=True)
-    path = folder / "page.html"
-    path.write_text(page, encoding="utf-8")
-    command = [BROWSER, *FLAGS, f"--user-data-dir={folder / 'profile'}", path.as_uri()]
-    done = subprocess.run(command, capture_output=True, timeout=120, check=False)
+    done = visited(page, folder, "--virtual-time-budget=2000", "--enable-logging=stderr", "--dump-dom")
     assert done.returncode == 0 and b"<body" in done.stdout, done.stderr[-2000:]
     lines = done.stderr.decode("utf-8", "replace").splitlines()
     return done.stdout.decode("utf-8", "replace"), "\n".join(line for line in lines if "CONSOLE" in line)

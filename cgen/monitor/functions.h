@@ -117,9 +117,11 @@ static inline iv_pair iv_wave(iv_pair r, int first)
   return first == 2 ? iv_product(r, sum) : sum;
 }
 
+static inline long iv_quarter(long quarters) { return (quarters % 4 + 4) % 4; }
+
 static inline iv_pair iv_sine_at(iv_angle a, long turned)
 {
-  const long quarter = ((a.quarters + turned) % 4 + 4) % 4;
+  const long quarter = iv_quarter(a.quarters + turned);
   const iv_pair value = iv_wave(a.rest, quarter % 2 == 0 ? 2 : 1);
   return quarter < 2 ? value : iv_negative(value);
 }
@@ -136,7 +138,7 @@ static inline iv_pair iv_sine_turned(iv_pair a, long turned)
   iv_pair found = iv_between(iv_smaller(low.lo, high.lo), iv_larger(low.hi, high.hi));
   const long first = from.quarters + (from.rest.lo > 0), last = to.quarters - (to.rest.hi < 0);
   for (long k = first; a.lo < a.hi && k <= last && k < first + 4; k++) {
-    const long quarter = ((k + turned) % 4 + 4) % 4;
+    const long quarter = iv_quarter(k + turned);
     if (quarter == 1)
       found.hi = 1;
     if (quarter == 3)

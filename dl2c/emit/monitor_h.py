@@ -11,8 +11,8 @@ from dl2c.emit.cfile import LICENCE, comment, place
 from dl2c.emit.names import file_stem, member
 from dl2c.emit.roundings import explained, roundings
 from dl2c.ir.doubles import rounded_down, rounded_up
-from dl2c.ir.logic import mapped, substituted
-from dl2c.ir.model import LARGEST_STATE, Bound, Constant, Formula, Number, Symbol, Term, Variable
+from dl2c.ir.logic import fixed_values, mapped, substituted
+from dl2c.ir.model import LARGEST_STATE, Bound, Constant, Formula, Variable
 from dl2c.ir.printer import print_formula, print_number
 from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition, Monitor
 from dl2c.monitor.runs import Controller
@@ -288,17 +288,13 @@ def evaluation(condition: Condition) -> str | None:
 
 def with_fixed(unit: Unit, formula: Formula) -> Formula:
     """The formula with the values of the constants that the caller does not give."""
-    fixed: dict[Symbol, Term] = {
-        Symbol(c.name, "constant"): Number(c.value)
-        for c in unit.monitor.model.constants
-        if c.value is not None
-    }
+    fixed = fixed_values(unit.monitor.model)
     return mapped(formula, lambda term: substituted(term, fixed))
 
 
-def roundings_of(unit: Unit, condition: Condition) -> int:
-    """How close to its boundary a sound monitor leaves a condition undecided; 0 where others do not."""
-    return roundings(with_fixed(unit, condition.formula), unit.single) if unit.sound else 0
+def roundings_of(unit: Unit, condition: Condition) -> int | None:
+    """How close to its boundary a sound monitor leaves a condition undecided; None of others."""
+    return roundings(with_fixed(unit, condition.formula), unit.single) if unit.sound else None
 
 
 def _safe(text: str) -> str:

@@ -75,7 +75,7 @@ def _as_data(unit: Unit, check: Check, case: Case, condition: Condition) -> dict
         "source": place and span.text,
         "span": place,
         "evaluated": print_formula(condition.formula),
-        "roundings": roundings_of(unit, condition) if unit.sound else None,
+        "roundings": roundings_of(unit, condition),
         "same_as": condition.first if condition.first != condition.number else None,
     }
 

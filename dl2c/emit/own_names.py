@@ -23,12 +23,8 @@ def with_own_names(text: str, stem: str) -> str:
     for found in DEFINED.finditer(text):
         listed = found["constants"] or ""
         names = [part.split("=")[0].strip() for part in listed.split(",")]
-        own |= {
-            *filter(
-                None,
-                (*names, found["function"], found["table"], found["alias"], found["type"], found["macro"]),
-            )
-        }
+        whole = found.groupdict() | {"constants": None}
+        own |= {*filter(None, (*names, *whole.values()))}
     renamed = {name: f"{stem}_{name}" for name in own if not name.startswith(f"{stem}_")}
     there = set(re.findall(r"\b[A-Za-z_]\w*", text))
     assert not there & set(renamed.values()), "a name of the model's begins like one of its monitor"

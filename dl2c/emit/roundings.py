@@ -79,8 +79,8 @@ def _of_function(function: Function, args: list[int]) -> int:
 
 def explained(single: bool) -> str:
     """What a header says of conditions with a number of roundings."""
-    epsilon = "FLT_EPSILON" if single else "DBL_EPSILON"
-    angle = precision_of(single).angle_most
+    precision = precision_of(single)
+    epsilon, angle = f"{precision.kind}_EPSILON", precision.angle_most
     return (
         "`unknown within N`: a comparison in it is decided unless its sides differ by at most N * "
         f"{epsilon} * (size of the left side + size of the right side), or a divisor, an argument of sqrt, "

@@ -27,7 +27,7 @@ from dl2c.emit.monitor_c import (
 from dl2c.emit.monitor_h import Unit, head, title_of, with_fixed
 from dl2c.emit.own_names import with_own_names
 from dl2c.ir.logic import symbols
-from dl2c.ir.model import Formula, Symbol
+from dl2c.ir.model import Formula
 from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition
 
 
@@ -84,8 +84,7 @@ def _called(unit: Unit, check: Check, condition: Condition) -> str:
 
 
 def _call(unit: Unit, name: str, formula: Formula, read: Place) -> str:
-    fixed = {Symbol(c.name, "constant") for c in unit.monitor.model.constants if c.value is not None}
-    used = sorted(symbols(formula) - fixed, key=order_of(unit))
+    used = sorted(symbols(with_fixed(unit, formula)), key=order_of(unit))
     return f"{name}({', '.join(map(read, used))})"
 
 

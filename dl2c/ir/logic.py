@@ -21,6 +21,7 @@ from dl2c.ir.model import (
     Div,
     Flow,
     Formula,
+    Model,
     Mul,
     Neg,
     Number,
@@ -218,6 +219,11 @@ def substituted(term: Term, values: Mapping[Symbol, Term]) -> Term:
             return Call(function, tuple(substituted(a, values) for a in args))
         case _:
             assert_never(term)
+
+
+def fixed_values(model: Model) -> dict[Symbol, Term]:
+    """The constants of a model that have one value."""
+    return {Symbol(c.name, "constant"): Number(c.value) for c in model.constants if c.value is not None}
 
 
 def with_term(term: Term, old: Term, new: Term) -> Term:

@@ -11,7 +11,7 @@ from fractions import Fraction
 from dl2c.diagnostics import CompileError
 from dl2c.interval.arithmetic import INF, Box, Interval, enclosure, truth
 from dl2c.interval.contract import contract
-from dl2c.ir.logic import atoms, conjunction, disjunction, mapped, operands
+from dl2c.ir.logic import atoms, conjunction, disjunction, fixed_values, mapped, operands
 from dl2c.ir.model import (
     And,
     Bound,
@@ -73,9 +73,7 @@ def _items(model: Model) -> dict[Symbol, Variable | Constant]:
 
 def _precondition(model: Model, items: Items) -> Formula:
     """P with fixed constants replaced, and an equality for every bound that is a single number."""
-    fixed: dict[Symbol, Term] = {
-        Symbol(c.name, "constant"): Number(c.value) for c in model.constants if c.value is not None
-    }
+    fixed = fixed_values(model)
     formula = mapped(model.precondition, lambda t: replaced(t, fixed))
     points = [
         Compare("=", s, Number(item.bound.low), span=item.span)

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import shared
+from conftest import REPOSITORY, shared
 from oracles.controller_relation import FALSE_, TRUE, UNDECIDED, Relation
 from oracles.near_states import States
 from oracles.one_unknown import satisfiable
@@ -27,7 +27,6 @@ from oracles.printed_conditions import Printed, judged, read
 from oracles.rigorous_arrays import Doubles
 
 from dl2c.commands.monitor import unit_of
-from dl2c.diagnostics import CompileError
 from dl2c.emit.monitor_text import monitor_files
 from dl2c.ir.model import Model
 from dl2c.native.program import answers, compile_program
@@ -44,21 +43,7 @@ UNDECIDED_SHARE = 0.001
 UNITS = {"double": Fraction(1, 2**53), "float": Fraction(1, 2**24)}
 TOLERANCES = {"double": 1e-9, "float": 1e-5}
 
-EXAMPLES = (
-    "acc",
-    "bouncing_ball",
-    "dubins",
-    "etcs",
-    "evasion",
-    "forced_acceleration",
-    "passive_safety",
-    "pendulum",
-    "static_safety",
-    "static_safety_line",
-    "thermostat",
-    "watertank",
-    "waypoint",
-)
+EXAMPLES = sorted(path.stem for path in (REPOSITORY / "examples").glob("*.kyx"))
 RELEASE = "LS-Lab__KeYmaeraX-release/keymaerax-webui/src"
 CASES = f"{RELEASE}/main/resources/examples/casestudies"
 COMPONENTS = f"{RELEASE}/test/resources/examples/casestudies/components"
@@ -133,16 +118,11 @@ def text_of(name: str) -> str:
 
 @cache
 def subject(name: str, real: str = "double", sound: bool = False, eps: tuple[str, ...] = ()) -> Subject:
-    """A model's monitor; skips where a function of it has no enclosure in intervals."""
+    """A model's monitor."""
     options = {"default_bound": "-10:10"} if name in PUBLIC or name in FOUND else {}
     unit = unit_of(text_of(name), options, ("controller",), real, sound, eps)
     model = unit.monitor.model
-    try:
-        files = dict(monitor_files(unit))
-    except CompileError as refused:
-        if [d.code for d in refused.diagnostics] != ["no-enclosure"]:
-            raise
-        pytest.skip("a function without enclosure")
+    files = dict(monitor_files(unit))
     relation = Relation(model)
     after = [f"{x}_post" for x in relation.variables]
     printed = Printed(files, "controller", [*relation.variables, *after, *relation.parameters])

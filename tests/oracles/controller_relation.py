@@ -42,6 +42,7 @@ from dl2c.ir.model import (
     Symbol,
     Term,
     Test,
+    Truth,
 )
 
 Simple = Assign | AssignAny | Test
@@ -241,10 +242,13 @@ def _partly(formula: Formula, env: Mapping[Symbol, Value]) -> bool | Formula | N
             except Unclear:
                 return None
         case And(children) | Or(children):
-            parts = [_partly(c, env) for c in children]
-            if None in parts:
-                return None
-            formulas = tuple((And(()) if p else FALSE) if isinstance(p, bool) else p for p in parts)
-            return And(formulas) if isinstance(formula, And) else Or(formulas)  # type: ignore[arg-type]
+            formulas: list[Formula] = []
+            for part in [_partly(c, env) for c in children]:
+                if part is None:
+                    return None
+                formulas.append(part if not isinstance(part, bool) else And(()) if part else FALSE)
+            return type(formula)(tuple(formulas))
+        case Truth():
+            raise AssertionError("a truth value has no hidden input")
         case _:
-            assert_never(formula)  # type: ignore[arg-type]
+            assert_never(formula)

@@ -7,7 +7,8 @@ try. Roots are numbers a + b*sqrt(d), which compute and compare exactly. Where t
 answer is None.
 """
 
-from collections.abc import Iterator, Sequence
+import operator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cmp_to_key
@@ -51,7 +52,7 @@ class Surd:
     a: Fraction
     b: Fraction
     d: Fraction
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None  # type: ignore[assignment]  # numbers that are equal have several forms
 
     def _with(self, other: Union["Surd", Fraction, int]) -> "Surd":
         return other if isinstance(other, Surd) else Surd(Fraction(other), Fraction(0), self.d)
@@ -218,6 +219,14 @@ def _replaced(formula: Formula, found: dict[Symbol, Term]) -> Formula:
             return formula
 
 
+OPERATIONS: dict[type[Term], Callable[[Fraction, Fraction], Fraction]] = {
+    Add: operator.add,
+    Sub: operator.sub,
+    Mul: operator.mul,
+    Div: lambda a, b: a / b,
+}
+
+
 def folded(term: Term, found: dict[Symbol, Term]) -> Term:
     """The term with terms for symbols, and numbers for sums and products of numbers."""
     match term:
@@ -226,22 +235,13 @@ def folded(term: Term, found: dict[Symbol, Term]) -> Term:
         case Neg(a):
             a = folded(a, found)
             return Number(-a.value) if isinstance(a, Number) else Neg(a)
-        case Add(a, b):
+        case Add(a, b) | Sub(a, b) | Mul(a, b) | Div(a, b):
             a, b = folded(a, found), folded(b, found)
-            both = isinstance(a, Number) and isinstance(b, Number)
-            return Number(a.value + b.value) if both else Add(a, b)  # type: ignore[union-attr]
-        case Sub(a, b):
-            a, b = folded(a, found), folded(b, found)
-            both = isinstance(a, Number) and isinstance(b, Number)
-            return Number(a.value - b.value) if both else Sub(a, b)  # type: ignore[union-attr]
-        case Mul(a, b):
-            a, b = folded(a, found), folded(b, found)
-            both = isinstance(a, Number) and isinstance(b, Number)
-            return Number(a.value * b.value) if both else Mul(a, b)  # type: ignore[union-attr]
-        case Div(a, b):
-            a, b = folded(a, found), folded(b, found)
-            both = isinstance(a, Number) and isinstance(b, Number) and b.value != 0
-            return Number(a.value / b.value) if both else Div(a, b)  # type: ignore[union-attr]
+            match a, b:
+                case Number(p), Number(q) if q != 0 or not isinstance(term, Div):
+                    return Number(OPERATIONS[type(term)](p, q))
+                case _:
+                    return type(term)(a, b)
         case Pow(a, n):
             a = folded(a, found)
             return Number(a.value**n) if isinstance(a, Number) else Pow(a, n)
