@@ -10,7 +10,7 @@ from fractions import Fraction
 from math import isqrt
 from typing import Any, assert_never
 
-import mpmath
+from mpmath.ctx_iv import MPIntervalContext
 
 from dl2c.ir.model import (
     Add,
@@ -37,7 +37,7 @@ Value = Any
 DIGITS = (30, 100, 400)
 """Of intervals, as long as they decide nothing."""
 
-iv: Any = mpmath.iv
+iv: Any = MPIntervalContext()
 Interval: Any = iv.mpf(0).__class__
 
 

@@ -10,10 +10,11 @@ from typing import Any, cast
 
 import mpmath
 from mpmath import mpf
+from mpmath.ctx_iv import MPIntervalContext
 
 high: Any = mpmath.mp.clone()
 high.dps = 40
-rounded: Any = mpmath.iv
+rounded: Any = MPIntervalContext()
 """Intervals that contain whatever doubles make of a term, in any order of rounding."""
 rounded.prec = 53
 
