@@ -20,11 +20,9 @@ from dl2c.commands.failures import as_json, report, show, to_json
 from dl2c.commands.falsify import falsify
 from dl2c.commands.flags import Json, model_options
 from dl2c.commands.monitor import monitor
-from dl2c.commands.paper import paper
 from dl2c.commands.replay import replay
 from dl2c.commands.report import report as report_command
 from dl2c.commands.rollout import rollout
-from dl2c.commands.study import study
 from dl2c.commands.train import train
 from dl2c.commands.verbosity import begin, quiet, talkative
 from dl2c.commands.waiting import working
@@ -263,46 +261,7 @@ app.command()(replay)
 app.command("report")(report_command)
 
 
-@app.command()
-@model_options
-def bench(
-    model: Model,
-    seconds: Annotated[float, typer.Option(min=0, help="CPU seconds to measure for, in all.")] = 20.0,
-    require: Annotated[
-        list[str] | None,
-        typer.Option(metavar="ROW[/ROW]=RATIO", help="Exit with 1 if a row is slower than this."),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="Draw the table, and how speed grows.")
-    ] = None,
-    json: Json = False,
-    *,
-    options: Mapping[str, Any],
-) -> None:
-    """Compare the speed of a model in C with scipy's solve_ivp and others, as ratios."""
-    from dl2c.commands.bench import compare, comparison_data, draw_comparison, show_comparison
-
-    with working(f"measuring {model}") as note:
-        comparison = compare(model, options, seconds, require or (), note, plot is not None)
-    print(to_json(comparison_data(comparison))) if json else show_comparison(comparison)
-    if plot is not None:
-        draw_comparison(comparison, plot)
-    if not all(map(comparison.met, comparison.requirements)):
-        raise typer.Exit(1)
-
-
 app.command()(model_options(monitor))
-app.command()(talkative(paper))
-app.command()(study)
-
-
-@app.command()
-@talkative
-def demo() -> None:
-    """Train on the waypoint example and compare with policies that do not learn (some minutes)."""
-    from dl2c.training.demo import main as run
-
-    run()
 
 
 def _compile(model: str, options: Mapping[str, Any]) -> "Compiled":

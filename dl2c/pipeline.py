@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 from dl2c.configuration import configured
 from dl2c.diagnostics import CompileError, Diagnostic, as_stored, error, in_source_order, restored, warning
 from dl2c.inputs import checked_input, read_json
-from dl2c.ir.lints import program_warnings
-from dl2c.ir.lower import lower
 from dl2c.ir.model import LARGEST_STATE, TRUE
 from dl2c.ir.printer import print_model
+from dl2c.lower.doubts import program_warnings
+from dl2c.lower.problem import lower
 from dl2c.native.cache import build_key, cached
 from dl2c.options import DEPRECATED, Options, UnknownOption, under, with_options
 from dl2c.parse.annotations import EpisodeAnnotation
@@ -32,9 +32,9 @@ from dl2c.version import __version__
 from dl2c.work import at_place, budgeted
 
 if TYPE_CHECKING:
-    from dl2c.emit.monitor_h import Unit
+    from dl2c.emit.monitor.monitor_h import Unit
     from dl2c.emit.plan import Environment
-    from dl2c.ir.kernel import FlowPlan, Refused
+    from dl2c.flows.kernel import FlowPlan, Refused
     from dl2c.ir.model import Model
     from dl2c.native.binding import Library
     from dl2c.paths.path import Paths
@@ -165,16 +165,16 @@ def emit(source: Source, stage: str, options: Options, pure_python: bool = False
         return print_paths(environment.paths)
     if stage == "gym":
         return _gymnasium_module(source, environment, pure_python)
-    from dl2c.emit.model_c import model_sources
+    from dl2c.emit.simulator.model_c import model_sources
 
     return "\n".join(model_sources(environment).values())
 
 
 def _gymnasium_module(source: Source, environment: "Environment", pure_python: bool) -> str:
     """The module of an environment, over its library or in plain Python."""
-    from dl2c.emit.gym_pure import pure_module
-    from dl2c.emit.gym_py import gym_module
-    from dl2c.emit.gym_refusal import refusals
+    from dl2c.emit.python.module import gym_module
+    from dl2c.emit.python.pure import pure_module
+    from dl2c.emit.python.refusal import refusals
 
     if not pure_python:
         return gym_module(environment, source)
@@ -313,9 +313,9 @@ def _environment(
 
 def _plans(model: "Model", paths: "Paths", options: Options) -> tuple["FlowPlan", ...]:
     """How every flow is followed. Raises `CompileError` for those that cannot be, as asked."""
-    from dl2c.ir.kernel import Refused, plan_flow
-    from dl2c.ir.starts import equalities_of
-    from dl2c.ir.watch import watches_along
+    from dl2c.flows.kernel import Refused, plan_flow
+    from dl2c.flows.starts import equalities_of
+    from dl2c.flows.watch import watches_along
     from dl2c.paths.stiffness import with_solver
 
     others = (options.integrator, equalities_of(model), model.tolerance)
@@ -334,8 +334,8 @@ def _monitor(
     if not options.monitor_every_step:
         return None, ()
     say("making the monitor")
-    from dl2c.emit.monitor_h import Unit
-    from dl2c.ir.invariant import invariant
+    from dl2c.emit.monitor.monitor_h import Unit
+    from dl2c.lower.invariant import invariant
     from dl2c.monitor.build import monitor_of
 
     proved = invariant(problem) or TRUE
@@ -377,8 +377,8 @@ def _refused(refused: "Refused") -> Diagnostic:
 
 def _build(problem: Problem, options: Options, key: str, folder: Path, say: Progress) -> None:
     """Fill a folder with everything that `dl2c build` writes."""
-    from dl2c.emit.model_c import model_sources
     from dl2c.emit.names import file_stem
+    from dl2c.emit.simulator.model_c import model_sources
     from dl2c.native.compile import compile_library
     from dl2c.native.describe import manifest_of
     from dl2c.native.host import host

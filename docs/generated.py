@@ -14,9 +14,9 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from dl2c.cli import app as command_line
 from dl2c.commands.check import table_of_codes
 from dl2c.commands.flags import HELP
+from dl2c.experiments.commands import app as command_line
 from dl2c.options import Options
 
 

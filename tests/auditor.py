@@ -27,7 +27,7 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
-from dl2c.sampling.root_of import RootOf
+from dl2c.sampling.equalities.root_of import RootOf
 
 BITS = 200
 SOLVED = Fraction(1, 2**120)

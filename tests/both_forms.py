@@ -16,11 +16,11 @@ import numpy as np
 
 import dl2c
 from dl2c.env.opening import source_of
-from dl2c.ir.follow import follow
-from dl2c.ir.interp import Interpreter
-from dl2c.ir.kernel import FlowPlan, plan_flow
-from dl2c.ir.transition import Request, Start, Step
-from dl2c.ir.watch import watches_along
+from dl2c.flows.kernel import FlowPlan, plan_flow
+from dl2c.flows.watch import watches_along
+from dl2c.interp.follow import follow
+from dl2c.interp.step import Interpreter
+from dl2c.interp.transition import Request, Start, Step
 from dl2c.pipeline import resolve_options, step_model
 
 

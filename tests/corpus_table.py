@@ -17,7 +17,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from dl2c.diagnostics import CompileError
-from dl2c.emit.model_c import model_sources
+from dl2c.emit.simulator.model_c import model_sources
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.tree import Entry

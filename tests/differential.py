@@ -22,18 +22,18 @@ from streams import Stream
 
 from dl2c.code import cgen_dir
 from dl2c.diagnostics import CompileError
-from dl2c.emit.model_c import model_sources
 from dl2c.emit.names import file_stem
 from dl2c.emit.plan import Environment
+from dl2c.emit.simulator.model_c import model_sources
+from dl2c.flows.exact import Motion
+from dl2c.flows.kernel import FlowPlan, plan_flow
+from dl2c.flows.watch import watches_along
+from dl2c.interp.follow import follow
+from dl2c.interp.step import Interpreter
+from dl2c.interp.transition import Openings, Request, Settings, Start, Step
 from dl2c.ir import model as ir
 from dl2c.ir.evaluate import evaluate
-from dl2c.ir.exact import Motion
-from dl2c.ir.follow import follow
-from dl2c.ir.interp import Interpreter
-from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.logic import operands
-from dl2c.ir.transition import Openings, Request, Settings, Start, Step
-from dl2c.ir.watch import watches_along
 from dl2c.native.binding import Batch, Library, Sizes
 from dl2c.native.compile import declarations
 from dl2c.native.describe import manifest_of

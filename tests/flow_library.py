@@ -11,12 +11,12 @@ from typing import Any
 from random_odes import Start
 
 from dl2c.code import cgen_dir
-from dl2c.emit.model_c import model_sources
 from dl2c.emit.names import file_stem
 from dl2c.emit.plan import Environment
-from dl2c.ir.kernel import FlowPlan, Integrator, plan_flow
+from dl2c.emit.simulator.model_c import model_sources
+from dl2c.flows.kernel import FlowPlan, Integrator, plan_flow
+from dl2c.flows.watch import watches_along
 from dl2c.ir.model import Model
-from dl2c.ir.watch import watches_along
 from dl2c.native.binding import Batch, Library, Sizes
 from dl2c.native.compile import declarations
 from dl2c.native.describe import manifest_of

@@ -5,8 +5,8 @@ from fractions import Fraction
 from typing import Any
 
 from dl2c.diagnostics import CompileError
-from dl2c.ir.lower import lower
 from dl2c.ir.model import Model
+from dl2c.lower.problem import lower
 from dl2c.parse import tree
 from dl2c.parse.parser import parse_archive
 from dl2c.paths.enumerate import enumerate_paths

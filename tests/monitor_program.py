@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dl2c.emit.monitor_h import Unit
-from dl2c.emit.monitor_text import monitor_files
+from dl2c.emit.monitor.files import monitor_files
+from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.monitor.check import Kind
 from dl2c.native.program import answers, compile_program
 

@@ -12,10 +12,10 @@ from functools import cached_property
 
 from auditor import verdict
 
-from dl2c.ir.invariant import invariant
 from dl2c.ir.logic import atoms, conjunction, operands
 from dl2c.ir.model import TRUE, Call, Formula, Model, Symbol, Term
 from dl2c.ir.slack import relaxed
+from dl2c.lower.invariant import invariant
 from dl2c.pipeline import Checked
 
 ULPS = Fraction(1, 2**50)

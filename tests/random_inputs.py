@@ -7,7 +7,6 @@ from random import Random
 
 from random_models import CLOCK, ORDERS, Builder, finished, grid, variable
 
-from dl2c.ir.leading import leading
 from dl2c.ir.logic import conjunction, disjunction
 from dl2c.ir.model import (
     ONE,
@@ -31,6 +30,7 @@ from dl2c.ir.model import (
     Term,
     Test,
 )
+from dl2c.lower.leading import leading
 
 NAMES = ("u", "z", "y")
 

@@ -10,7 +10,6 @@ from random import Random
 
 from random_slack import relaxations
 
-from dl2c.ir.leading import leading
 from dl2c.ir.logic import conjunction, disjunction, negation
 from dl2c.ir.model import (
     FALSE,
@@ -50,6 +49,7 @@ from dl2c.ir.model import (
     Variable,
     While,
 )
+from dl2c.lower.leading import leading
 
 VARIABLES = ("x", "y", "z", "u")
 CLOCK = "t"

@@ -20,7 +20,8 @@ from dl2c.ir.printer import print_formula
 from dl2c.parse.parser import parse_archive
 from dl2c.pipeline import drawn_model_of
 from dl2c.sampling.draw import draw_many
-from dl2c.sampling.plan import SamplingPlan, plan_sampling
+from dl2c.sampling.plan import plan_sampling
+from dl2c.sampling.tables import SamplingPlan
 from dl2c.smt.precondition import Satisfiable, decide
 from dl2c.source import Source
 from tests.auditor import audited, audited_witness, definitions_of

@@ -15,8 +15,8 @@ from conftest import REPOSITORY
 from monitor_program import Values
 from numpy.typing import NDArray
 
-from dl2c.emit.monitor_h import Unit
-from dl2c.emit.monitor_text import monitor_files
+from dl2c.emit.monitor.files import monitor_files
+from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.monitor.check import KINDS, Kind
 from dl2c.native.toolchain import EXACT_FLAGS, STRICT_FLAGS
 

@@ -20,14 +20,14 @@ from kyx_builder import lowered
 from random_inputs import input_test, random_unions
 
 from dl2c.code import cgen_dir
-from dl2c.emit.model_c import model_sources
-from dl2c.ir.admission import Unresolved
+from dl2c.emit.simulator.model_c import model_sources
+from dl2c.interp.inputs import Inputs, nearest, spread
+from dl2c.interp.straight import planned
 from dl2c.ir.evaluate import truth
-from dl2c.ir.inputs import Inputs, nearest, spread
 from dl2c.ir.logic import atoms
 from dl2c.ir.model import AssignAny, Symbol, Test
-from dl2c.ir.straight import planned
 from dl2c.native.binding import Batch
+from dl2c.paths.admission import Unresolved
 
 AUDITED = 4000
 TINY = Fraction(1, 10**12)

@@ -15,13 +15,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dl2c
-import dl2c.bench.rows
-import dl2c.bench.sizes
 import dl2c.cli
-from dl2c.bench.hand_written import HandWritten, is_there
-from dl2c.bench.measure import growth, measure
-from dl2c.bench.python_source import NAMESPACE, formula_source, term_source
-from dl2c.bench.rows import (
+import dl2c.experiments.commands  # adds its commands
+import dl2c.experiments.bench.rows
+import dl2c.experiments.bench.sizes
+from dl2c.env.opening import batch_options, source_of
+from dl2c.env.single import Dl2cEnv
+from dl2c.experiments.bench.hand_written import HandWritten, is_there
+from dl2c.experiments.bench.measure import growth, measure
+from dl2c.experiments.bench.python_source import NAMESPACE, formula_source, term_source
+from dl2c.experiments.bench.rows import (
     BASELINE,
     EmptyEnv,
     Row,
@@ -37,9 +40,7 @@ from dl2c.bench.rows import (
     starts,
     subject,
 )
-from dl2c.bench.sizes import vehicles
-from dl2c.env.opening import batch_options, source_of
-from dl2c.env.single import Dl2cEnv
+from dl2c.experiments.bench.sizes import vehicles
 from dl2c.ir.evaluate import Undefined, evaluate, truth
 from dl2c.ir.model import Add, And, Call, Compare, Div, Formula, Mul, Neg, Number, Or, Sub, Symbol, Term
 from dl2c.native.single import single_step
@@ -175,7 +176,7 @@ def test_hand_written_loop_begins_admissible_episodes(waypoint: Subject) -> None
 
 
 def test_rows_agree_on_their_keys_and_order(waypoint: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dl2c.bench.rows, "find_spec", lambda _: None)
+    monkeypatch.setattr(dl2c.experiments.bench.rows, "find_spec", lambda _: None)
     found, notes = rows(waypoint)
     assert [note for note in notes if "Stable-Baselines3" in note]
     results = measure(found, 0.5, rounds=3)
@@ -253,7 +254,7 @@ def test_baseline_row_goes_through_episodes(waypoint: Subject) -> None:
 def bench(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
     """Exit code, stdout and stderr of `dl2c bench example:waypoint` without Stable-Baselines3."""
     with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as end:
-        patch.setattr(dl2c.bench.rows, "find_spec", lambda _: None)
+        patch.setattr(dl2c.experiments.bench.rows, "find_spec", lambda _: None)
         patch.setattr(sys, "argv", ["dl2c", "bench", WAYPOINT, "--seconds", "0.1", *arguments])
         dl2c.cli.main()
     out, err = capsys.readouterr()
@@ -274,7 +275,7 @@ def test_bench_draws_its_table_and_how_speed_grows(
     capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("matplotlib")
-    monkeypatch.setattr(dl2c.bench.sizes, "SIZES", (1, 3))
+    monkeypatch.setattr(dl2c.experiments.bench.sizes, "SIZES", (1, 3))
     picture = tmp_path / "speed.png"
     code, out, err = bench(capsys, "--plot", str(picture), "--json")
     sizes = json.loads(out)["sizes"]

@@ -12,6 +12,7 @@ import pytest
 from toy_library import ToyLibrary, toy_manifest
 
 import dl2c.cli
+import dl2c.experiments.commands  # adds its commands
 from dl2c.commands.flags import HELP, UNFLAGGED
 from dl2c.diagnostics import CompileError, error, warning
 from dl2c.native.errors import CompilerMissing

@@ -21,12 +21,12 @@ from taylor_series import Singular
 
 from dl2c.diagnostics import CompileError
 from dl2c.emit.plan import Environment
-from dl2c.ir.exact import Motion
-from dl2c.ir.follow import follow
-from dl2c.ir.interp import Interpreter
-from dl2c.ir.kernel import FlowPlan, plan_flow
+from dl2c.flows.exact import Motion
+from dl2c.flows.kernel import FlowPlan, plan_flow
+from dl2c.interp.follow import follow
+from dl2c.interp.step import Interpreter
+from dl2c.interp.transition import Request, Settings, Start
 from dl2c.ir.model import Symbol
-from dl2c.ir.transition import Request, Settings, Start
 from dl2c.native.binding import Batch
 from dl2c.native.errors import ResetFailed
 from dl2c.parse.parser import parse_archive

@@ -19,7 +19,7 @@ from test_flow_agreement import difference, horizon
 from test_flow_laws import FLOWS, starts
 
 import dl2c
-from dl2c.ir.kernel import FlowPlan, plan_flow
+from dl2c.flows.kernel import FlowPlan, plan_flow
 from dl2c.ir.model import Flow, Symbol
 from dl2c.ir.printer import print_flow
 from dl2c.native import cgen_dir

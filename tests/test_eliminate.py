@@ -16,13 +16,13 @@ from kyx_builder import codes, lowered, model_text, resolved
 
 from dl2c.diagnostics import CompileError
 from dl2c.env.single import Dl2cEnv
-from dl2c.ir.eliminate import Quantifier, eliminated
 from dl2c.ir.evaluate import truth
 from dl2c.ir.logic import atoms, symbols
-from dl2c.ir.lower_terms import lower_formula, lower_predicate
 from dl2c.ir.model import Add, And, Call, Compare, Div, Formula, Mul, Neg, Number, Or, Sub, Symbol, Term
 from dl2c.ir.printer import print_formula
+from dl2c.lower.terms import lower_formula, lower_predicate
 from dl2c.parse.parser import parse_formula
+from dl2c.quantifiers.eliminate import Quantifier, eliminated
 from dl2c.smt.terms import condition, z3
 from dl2c.source import NOWHERE
 

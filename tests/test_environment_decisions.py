@@ -13,9 +13,9 @@ from streams import Stream
 
 from dl2c.env.single import Dl2cEnv
 from dl2c.env.vector import Dl2cVectorEnv
-from dl2c.ir.leading import leading
 from dl2c.ir.model import ONE, TRUE, Assign, AssignAny, Choice, Evolve, Test
 from dl2c.ir.printer import print_block
+from dl2c.lower.leading import leading
 
 WALK = Path(__file__).parent / "good" / "walk.kyx"
 

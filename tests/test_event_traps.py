@@ -16,11 +16,11 @@ from flow_library import Arrival, Compiled, compiled
 from ir_builder import formula, term
 from random_odes import Start, flows_model
 
+from dl2c.flows.kernel import FlowPlan, plan_flow
+from dl2c.flows.watch import Watch
 from dl2c.ir.evaluate import truth
-from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.logic import conjunction
 from dl2c.ir.model import FALSE, ONE, TRUE, Compare, Flow, Horizon, Symbol
-from dl2c.ir.watch import Watch
 
 KERNELS = ("exact", "linear", "cvodes", "dopri5")
 CONSTANTS = {"a": 1.0, "c": 0.3, "d": 2.0}

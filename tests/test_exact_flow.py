@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dl2c.flows.exact import ExactPlan, Motion, NotExact, advance, exit_time, plan
+from dl2c.flows.kernel import FlowPlan, plan_flow
+from dl2c.interp.follow import follow
 from dl2c.ir.evaluate import truth
-from dl2c.ir.exact import ExactPlan, Motion, NotExact, advance, exit_time, plan
-from dl2c.ir.follow import follow
-from dl2c.ir.kernel import FlowPlan, plan_flow
-from dl2c.ir.lower_flow import lower_flow
 from dl2c.ir.model import Flow, Symbol
+from dl2c.lower.flow import lower_flow
 from dl2c.options import Options
 from dl2c.parse.parser import parse_program
 from dl2c.parse.tree import ODESystem

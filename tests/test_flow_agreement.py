@@ -12,7 +12,7 @@ from flow_oracle import Singular, Verdict, atoms_of, judge, moved, value
 from random_odes import VARIABLES, Start, flows_model, random_flow
 from test_flow_laws import FLOWS, KERNELS, integrator, library, starts
 
-from dl2c.ir.kernel import FlowPlan, Kernel, plan_flow
+from dl2c.flows.kernel import FlowPlan, Kernel, plan_flow
 from dl2c.ir.logic import operands
 from dl2c.ir.model import Call, Compare, Flow, Neg, Symbol, Term
 from dl2c.ir.printer import print_flow

@@ -10,7 +10,7 @@ from flow_library import Arrival, Compiled, compiled
 from flow_oracle import inside
 from random_odes import Kind, Start, flows_model, random_flow, random_start
 
-from dl2c.ir.kernel import FlowPlan, Integrator, Kernel, plan_flow
+from dl2c.flows.kernel import FlowPlan, Integrator, Kernel, plan_flow
 from dl2c.ir.model import Flow
 from dl2c.ir.printer import print_flow
 

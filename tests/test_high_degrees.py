@@ -12,7 +12,7 @@ from differential import pair_of
 from kyx_builder import codes, paths_of
 
 from dl2c.diagnostics import CompileError
-from dl2c.ir.zeros import zeros
+from dl2c.paths.zeros import zeros
 
 VARIABLES = "/* @var: bound=[-3:3] */ Real v;\n/* @var: bound=[-9:9] */ Real x;"
 

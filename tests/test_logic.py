@@ -9,8 +9,8 @@ from ir_builder import formula as ir_formula
 from ir_builder import term as ir_term
 from ir_oracle import SYMBOLS, X, exact, formulas, fractions, holds, leaves, terms
 
+from dl2c.flows.solution import NotPolynomial, Solution, solve
 from dl2c.ir.evaluate import Undefined, evaluate, truth
-from dl2c.ir.flow import NotPolynomial, Solution, solve
 from dl2c.ir.logic import (
     always_defined,
     atoms,

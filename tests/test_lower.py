@@ -11,9 +11,9 @@ from test_resolve import BODIES, expansion, formulas, points
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.evaluate import truth
-from dl2c.ir.lower_terms import lower_formula
 from dl2c.ir.model import Assign, AssignAny, Block, Choice, If, Number, Symbol, Test
 from dl2c.ir.printer import print_block, print_formula, print_term
+from dl2c.lower.terms import lower_formula
 from dl2c.parse import tree
 
 SCOPE = {"x": Symbol("x", "variable"), "v": Symbol("v", "variable"), "A": Symbol("A", "constant")}

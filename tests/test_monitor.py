@@ -17,8 +17,8 @@ from dl2c import cli
 from dl2c.commands.monitor import unit_of
 from dl2c.commands.trace import replayed, rows_of, unseen
 from dl2c.diagnostics import CompileError
-from dl2c.emit.monitor_h import Unit
-from dl2c.emit.monitor_text import monitor_files
+from dl2c.emit.monitor.files import monitor_files
+from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.monitor.build import monitor_of
 from dl2c.monitor.check import Kind
 from dl2c.native.toolchain import EXACT_FLAGS, STRICT_FLAGS

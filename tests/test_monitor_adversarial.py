@@ -14,7 +14,7 @@ from test_target import steps
 
 from dl2c.commands.monitor import unit_of
 from dl2c.commands.trace import questions
-from dl2c.emit.monitor_h import Unit
+from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.monitor.check import KINDS, OUT_OF_RANGE, Check
 
 EXAMPLES = sorted(set(MODELS) - {"operations", "functions", "pendulum"})

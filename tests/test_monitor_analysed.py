@@ -25,8 +25,8 @@ from target_program import needed
 
 from dl2c.commands.monitor import unit_of
 from dl2c.emit import names
-from dl2c.emit.monitor_h import Unit
-from dl2c.emit.monitor_text import monitor_files
+from dl2c.emit.monitor.files import monitor_files
+from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.ir.model import UNBOUNDED, Bound
 from dl2c.monitor.check import Check
 

@@ -10,7 +10,7 @@ from conftest import REPOSITORY
 import dl2c
 from dl2c.commands.monitor import unit_of
 from dl2c.diagnostics import CompileError
-from dl2c.emit.monitor_text import monitor_files
+from dl2c.emit.monitor.files import monitor_files
 from dl2c.native.errors import MonitorViolated
 from dl2c.pipeline import emit, resolve_options
 from dl2c.source import Source
@@ -98,7 +98,7 @@ Problem x = 0 & y = 0 -> [{ {?y >= 0; y := 2 * y + 1; ++ y := 0;} {x' = 1, y' = 
 
 def broken(monkeypatch: pytest.MonkeyPatch, old: str, new: str) -> None:
     """Compiles another model than the one that the monitor is made of."""
-    from dl2c.emit import model_c
+    from dl2c.emit.simulator import model_c
 
     original = model_c.model_c
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dl2c.emit.interval_c import FUNCTIONS, TABLES, prelude
+from dl2c.emit.monitor.interval_c import FUNCTIONS, TABLES, prelude
 from dl2c.ir.model import LARGEST_STATE, Function
 from dl2c.native.toolchain import EXACT_FLAGS, find_compiler, warning_flags
 

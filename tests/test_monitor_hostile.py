@@ -11,7 +11,7 @@ from test_monitor_adversarial import EXAMPLES, Rows, verdicts_of
 from test_monitor_sound import random_row
 
 from dl2c.commands.monitor import unit_of
-from dl2c.emit.monitor_h import Unit
+from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.monitor.check import OUT_OF_RANGE, Check
 
 SANITIZED = ("-fsanitize=undefined,float-divide-by-zero,float-cast-overflow", "-fno-sanitize-recover=all")

@@ -19,8 +19,8 @@ from conftest import REPOSITORY
 from monitor_program import Program, Values, program_of
 
 from dl2c.commands.monitor import unit_of
+from dl2c.flows.solution import Solution, solve
 from dl2c.ir.evaluate import Undefined, evaluate, truth
-from dl2c.ir.flow import Solution, solve
 from dl2c.ir.logic import conjunction, conjuncts, disjunction, folded, mapped, operands, with_term
 from dl2c.ir.model import (
     ONE,

@@ -17,8 +17,8 @@ from conftest import REPOSITORY
 from target_program import CORTEX_M4, CROSS, HARD, needed
 
 from dl2c.commands.monitor import unit_of
-from dl2c.emit.monitor_h import Unit
-from dl2c.emit.monitor_text import monitor_files
+from dl2c.emit.monitor.files import monitor_files
+from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.native.toolchain import EXACT_FLAGS
 
 EXAMPLES = sorted(p.stem for p in (REPOSITORY / "examples").glob("*.kyx"))

@@ -14,8 +14,8 @@ from conftest import REPOSITORY
 from monitor_program import program_of
 
 from dl2c.commands.monitor import unit_of
-from dl2c.emit.interval_c import COMPARISONS, FUNCTIONS, enclosing, prelude
-from dl2c.emit.monitor_h import Unit, roundings_of, with_fixed
+from dl2c.emit.monitor.interval_c import COMPARISONS, FUNCTIONS, enclosing, prelude
+from dl2c.emit.monitor.monitor_h import Unit, roundings_of, with_fixed
 from dl2c.ir.evaluate import evaluate, truth
 from dl2c.ir.logic import atoms, operands
 from dl2c.ir.model import Add, Call, Compare, Div, Formula, Mul, Neg, Number, Pow, Sub, Symbol, Term

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dl2c import make
-from dl2c.ir.lower import lower
 from dl2c.ir.model import Symbol
+from dl2c.lower.problem import lower
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive
 from dl2c.pipeline import compile_model

@@ -7,11 +7,11 @@ from random import Random
 import pytest
 from ir_builder import term
 
-from dl2c.ir.conserved import is_darboux, is_invariant
+from dl2c.flows.conserved import is_darboux, is_invariant
 from dl2c.ir.evaluate import evaluate
-from dl2c.ir.lower_flow import lower_flow
 from dl2c.ir.model import Add, And, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
 from dl2c.ir.normal import Normal, normal_form
+from dl2c.lower.flow import lower_flow
 from dl2c.options import Options
 from dl2c.parse.parser import parse_program
 from dl2c.parse.tree import ODESystem

@@ -10,11 +10,11 @@ from random_models import variable
 from test_symbolic import FLOW, INCLUDES, SYMBOLS, expressions, leaves_of, place, run, unit
 
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.ode_c import ORDERS, jacobian_function, lie_function
 from dl2c.emit.plan import Environment
+from dl2c.emit.simulator.ode_c import ORDERS, jacobian_function, lie_function
 from dl2c.ir.evaluate import Undefined, evaluate
-from dl2c.ir.lower import lower
 from dl2c.ir.model import Add, Call, Mul, Number, Pow, Sub, Symbol, Term
+from dl2c.lower.problem import lower
 from dl2c.native.toolchain import CODE_FLAGS, EXACT_FLAGS, STRICT_FLAGS
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dl2c import cli
-from dl2c.paper.closed_forms import Course, fastest_time, guarded_drive, violation_time
-from dl2c.paper.statistics import mean_over_seeds, rate_over_seeds
+from dl2c.experiments.paper.closed_forms import Course, fastest_time, guarded_drive, violation_time
+from dl2c.experiments.paper.statistics import mean_over_seeds, rate_over_seeds
 
 POSITIVE = st.floats(0.1, 10)
 COURSES = st.tuples(st.floats(0.01, 100), st.floats(0.1, 0.5), POSITIVE, POSITIVE, st.floats(2, 30))
@@ -87,14 +87,14 @@ def test_a_missed_criterion_is_a_failure(
     capsys: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     pytest.importorskip("sb3_contrib")
-    from dl2c.paper import criteria
+    from dl2c.experiments.paper import criteria
 
     missed = criteria.Criterion("this", "that", "nothing", False)
     monkeypatch.setattr(criteria, "criteria", lambda results, proper: [missed])
-    monkeypatch.setattr("dl2c.paper.experiments.experiments", lambda *_: None)
-    monkeypatch.setattr("dl2c.paper.table.data", lambda *_: {})
-    monkeypatch.setattr("dl2c.paper.table.markdown", lambda *_: "")
-    monkeypatch.setattr("dl2c.paper.figures.figures", lambda *_: [])
+    monkeypatch.setattr("dl2c.experiments.paper.experiments.experiments", lambda *_: None)
+    monkeypatch.setattr("dl2c.experiments.paper.table.data", lambda *_: {})
+    monkeypatch.setattr("dl2c.experiments.paper.table.markdown", lambda *_: "")
+    monkeypatch.setattr("dl2c.experiments.paper.figures.figures", lambda *_: [])
     monkeypatch.setattr("sys.argv", ["dl2c", "paper", "-o", str(tmp_path)])
     with pytest.raises(SystemExit) as end:
         cli.main()

@@ -11,7 +11,7 @@ import pytest
 import dl2c
 from dl2c.commands.monitor import unit_of
 from dl2c.commands.policy import policy_for
-from dl2c.emit.monitor_text import monitor_files
+from dl2c.emit.monitor.files import monitor_files
 from dl2c.native.program import answers, compile_program
 
 sb3 = pytest.importorskip("stable_baselines3")

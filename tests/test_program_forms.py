@@ -186,7 +186,7 @@ def test_one_of_several_loops_is_chosen() -> None:
 
 
 def _with_loop(number: int) -> Any:
-    from dl2c.ir.lower import lower
+    from dl2c.lower.problem import lower
     from dl2c.parse.parser import parse_archive
     from dl2c.resolve.problem import resolve
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from dl2c.cli import app
+from dl2c.experiments.commands import app
 from dl2c.options import Options
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -23,8 +23,7 @@ from dl2c.report.listing import listing
 from dl2c.report.markup import image, page, table, tag
 from dl2c.report.page import report
 from dl2c.report.trained import RunError, Trained, read_trained
-from dl2c.training.evaluation import Estimate, Evaluation
-from dl2c.training.run import Point, Settings
+from dl2c.training.run import Estimate, Evaluation, Point, Settings
 
 pytest.importorskip("matplotlib")
 

@@ -9,10 +9,10 @@ import sturm
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from dl2c.ir.events import Crossing, Events, Exit
-from dl2c.ir.events import first_exit as exit_of_events
-from dl2c.ir.roots import Curve, crossings, curve_at, curve_of, sign_after
-from dl2c.ir.roots_exact import simplest
+from dl2c.flows.events import Crossing, Events, Exit
+from dl2c.flows.events import first_exit as exit_of_events
+from dl2c.flows.roots import Curve, crossings, curve_at, curve_of, sign_after
+from dl2c.flows.roots_exact import simplest
 
 Atom = tuple[int, str]
 """A margin and what it must be: `>=`, `>`, `=` or `!=` zero."""

@@ -15,13 +15,14 @@ import pytest
 
 import dl2c
 from dl2c.diagnostics import render
-from dl2c.ir.enabled import enabling
 from dl2c.ir.model import Model
 from dl2c.ir.printer import print_formula
 from dl2c.options import Options
+from dl2c.paths.enabled import enabling
 from dl2c.pipeline import drawn_model
 from dl2c.sampling.draw import draw_many
-from dl2c.sampling.plan import NoSampler, SamplingPlan, plan_sampling
+from dl2c.sampling.plan import NoSampler, plan_sampling
+from dl2c.sampling.tables import SamplingPlan
 from dl2c.source import Source
 from tests.ir_builder import model
 

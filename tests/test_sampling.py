@@ -20,7 +20,8 @@ from dl2c.ir.model import Compare, Div, Neg, Number, Symbol
 from dl2c.sampling.acceptance import NoErrorBound, acceptance, error_bound
 from dl2c.sampling.arrays import holds as holds_on_arrays
 from dl2c.sampling.draw import draw, draw_many
-from dl2c.sampling.plan import NoSampler, SamplingPlan, plan_sampling
+from dl2c.sampling.plan import NoSampler, plan_sampling
+from dl2c.sampling.tables import SamplingPlan
 from tests.auditor import audited, audited_witness, definitions_of
 from tests.ir_builder import PAPER, formula, model, term
 from tests.ir_oracle import SYMBOLS, exact, formulas, holds, terms

@@ -11,7 +11,7 @@ from differential import environment_of
 from random_models import random_model
 
 import dl2c
-from dl2c.emit.model_c import model_sources
+from dl2c.emit.simulator.model_c import model_sources
 from dl2c.native import cgen_dir
 from dl2c.native.toolchain import EXACT_FLAGS
 from dl2c.pipeline import emit, resolve_options

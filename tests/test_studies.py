@@ -8,10 +8,10 @@ import pytest
 from conftest import REPOSITORY
 from typer.testing import CliRunner
 
-from dl2c.cli import app
+from dl2c.experiments.commands import app
+from dl2c.experiments.studies.catalogue import STUDIES, Study
+from dl2c.experiments.studies.page import ANNOTATED, annotations, problem
 from dl2c.pipeline import resolve_options, step_model
-from dl2c.studies.catalogue import STUDIES, Study
-from dl2c.studies.page import ANNOTATED, annotations, problem
 
 PREDICATE = re.compile(r"Bool (\w+)")
 

@@ -19,8 +19,8 @@ from random_models import CLOCK, CONSTANTS, VARIABLES, Builder, random_model, ra
 
 from dl2c.code import cgen_dir
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.model_c import model_c, model_sources
 from dl2c.emit.plan import Environment
+from dl2c.emit.simulator.model_c import model_c, model_sources
 from dl2c.ir.evaluate import Undefined, evaluate, truth
 from dl2c.ir.logic import atoms
 from dl2c.ir.margins import margin_of

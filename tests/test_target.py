@@ -12,7 +12,7 @@ from target_program import CROSS, HARD, QEMU, SOFT, Records, needed, on_host, on
 
 from dl2c.commands.monitor import unit_of
 from dl2c.commands.trace import questions
-from dl2c.emit.monitor_h import Unit
+from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.monitor.check import KINDS
 from dl2c.training.rollout import rollout
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dl2c import make, make_vec
-from dl2c.emit.sampler_c import alias_table
+from dl2c.emit.simulator.sampler_c import alias_table
 from dl2c.options import Options, UnknownOption
 from dl2c.pipeline import compile_model, drawn_model
 from dl2c.sampling.arrays import holds

@@ -13,8 +13,8 @@ import mpmath
 import pytest
 
 from dl2c.code import cgen_dir
-from dl2c.ir import hull, taylor
-from dl2c.ir.enclosed import Enclosed, in_doubles
+from dl2c.flows import hull, taylor
+from dl2c.flows.enclosed import Enclosed, in_doubles
 from dl2c.ir.evaluate import Undefined, evaluate
 from dl2c.ir.logic import operands
 from dl2c.ir.model import Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term

@@ -4,8 +4,8 @@ import pytest
 from both_forms import Both, theorem
 from kyx_builder import lowered
 
+from dl2c.flows.watch import watches_along
 from dl2c.ir.model import TRUE, Model
-from dl2c.ir.watch import watches_along
 
 UP_AND_DOWN = "t := 0; {x' = v, v' = a, t' = 1 & t <= 1}"
 """From x = 0, v = 1 with a = -2: x = t - t^2, which is 3/16 at t = 1/4 and 3/4, 1/4 at t = 1/2, 0 at 1."""

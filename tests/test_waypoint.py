@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dl2c.flows.kernel import FlowPlan, plan_flow
+from dl2c.flows.watch import watches_of
+from dl2c.interp.follow import follow
+from dl2c.interp.step import Interpreter
+from dl2c.interp.transition import Request, Start
 from dl2c.ir.evaluate import evaluate
-from dl2c.ir.follow import follow
-from dl2c.ir.interp import Interpreter
-from dl2c.ir.kernel import FlowPlan, plan_flow
 from dl2c.ir.logic import atoms
-from dl2c.ir.lower import lower
 from dl2c.ir.model import Model
-from dl2c.ir.transition import Request, Start
-from dl2c.ir.watch import watches_of
+from dl2c.lower.problem import lower
 from dl2c.native.binding import Batch, Library
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive

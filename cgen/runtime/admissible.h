@@ -5,7 +5,7 @@
  * A value of an input passes where its tests hold and every later input that shares tests with it
  * still has a value that passes. Over the reals that only changes at the roots that model_criticals
  * gives: one value between each two neighbours speaks for all, and the ends of what passes are
- * then found by bisection over doubles. The same operations in the same order as dl2c/ir/inputs.py.
+ * then found by bisection over doubles. The same operations in the same order as dl2c/interp/inputs.py.
  */
 #ifndef DL2C_ADMISSIBLE_H
 #define DL2C_ADMISSIBLE_H

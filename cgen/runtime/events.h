@@ -4,7 +4,7 @@
  *
  * Formulas of a flow are over the signs of its margins; formula 0 is the domain, then three for
  * each watch: what must stay, what is due, and the goal. The same operations in the same order
- * as dl2c/ir/events.py.
+ * as dl2c/flows/events.py.
  */
 #ifndef DL2C_EVENTS_H
 #define DL2C_EVENTS_H

@@ -3,7 +3,7 @@
  * flow_exact.h -- when a polynomial motion leaves its domain.
  *
  * The margin of a condition is c0 + c1*tau + c2*tau^2, inside at tau = 0. The same
- * operations in the same order as dl2c/ir/exact.py.
+ * operations in the same order as dl2c/flows/exact.py.
  */
 #ifndef DL2C_FLOW_EXACT_H
 #define DL2C_FLOW_EXACT_H

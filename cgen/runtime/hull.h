@@ -6,7 +6,7 @@
  * direction is needed. Functions of libm, which may be a unit off, are widened. Ends are finite; where
  * a value between them may be undefined or infinite both are NaN, for which no condition holds.
  * dl2c_hull_out makes an enclosure of the real values of it. The same operations in the same order as
- * dl2c/ir/hull.py.
+ * dl2c/flows/hull.py.
  */
 #ifndef DL2C_HULL_H
 #define DL2C_HULL_H

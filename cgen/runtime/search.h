@@ -2,7 +2,7 @@
 /*
  * search.h -- the search along a track for where a flow ends, stretch by stretch.
  *
- * The same operations in the same order as dl2c/ir/search.py.
+ * The same operations in the same order as dl2c/flows/search.py.
  */
 #ifndef DL2C_SEARCH_H
 #define DL2C_SEARCH_H

@@ -12,7 +12,7 @@
  * Rounding: sums and products of n terms are off by less than n*2^-53 of the sum of their sizes,
  * which DL2C_SLOP covers for all operations here; functions of libm by 2^-50 of their value at most.
  * Beyond that numbers below 2^-900 count as zero. The same operations in the same order as
- * dl2c/ir/taylor.py.
+ * dl2c/flows/taylor.py.
  */
 #ifndef DL2C_TAYLOR_H
 #define DL2C_TAYLOR_H

@@ -2,7 +2,7 @@
 /*
  * taylor_functions.h -- quotients, roots and functions of libm of Taylor models.
  *
- * The same operations in the same order as dl2c/ir/taylor.py.
+ * The same operations in the same order as dl2c/flows/taylor.py.
  */
 #ifndef DL2C_TAYLOR_FUNCTIONS_H
 #define DL2C_TAYLOR_FUNCTIONS_H

@@ -4,7 +4,7 @@
  *
  * Simple flows have straight-line motion (model_motion), whose end is a root of degree two at most.
  * Where that root is in doubt, and for all other flows, motion is followed track by track and
- * searched (numeric.h, search.h). The same operations in the same order as dl2c/ir/follow.py for
+ * searched (numeric.h, search.h). The same operations in the same order as dl2c/interp/follow.py for
  * flows with a solution in closed form.
  */
 #ifndef DL2C_TRAVEL_H

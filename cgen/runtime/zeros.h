@@ -4,7 +4,7 @@
  *
  * Of degree 1 and 2 by formula. Of higher degrees between the turning points, which are the zeros of
  * the derivative, by bisection over doubles: the same operations in the same order as
- * dl2c/ir/zeros.py.
+ * dl2c/paths/zeros.py.
  */
 #ifndef DL2C_ZEROS_H
 #define DL2C_ZEROS_H

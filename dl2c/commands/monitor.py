@@ -17,7 +17,7 @@ from dl2c.work import budgeted
 
 if TYPE_CHECKING:
     from dl2c.commands.trace import Violation
-    from dl2c.emit.monitor_h import Unit
+    from dl2c.emit.monitor.monitor_h import Unit
     from dl2c.monitor.check import Tolerance
     from dl2c.policy.network import NetworkPolicy
 
@@ -113,10 +113,10 @@ def unit_of(
     eps: tuple[str, ...] = (),
 ) -> "Unit":
     """The monitor of a model, as it is to be written. Raises `CommandError`, `CompileError`."""
-    from dl2c.emit.monitor_h import Real, Unit
+    from dl2c.emit.monitor.monitor_h import Real, Unit
     from dl2c.env.opening import source_of
-    from dl2c.ir.invariant import invariant
     from dl2c.ir.model import TRUE
+    from dl2c.lower.invariant import invariant
     from dl2c.monitor.build import monitor_of
     from dl2c.monitor.check import KINDS, Kind
     from dl2c.pipeline import lowered_model, resolve_options, resolved
@@ -162,7 +162,7 @@ def _tolerance(eps: tuple[str, ...], names: set[str], single: bool) -> "Toleranc
 
 @budgeted()
 def _written(unit: "Unit", output: Path, policy: "NetworkPolicy | None") -> dict[str, Any]:
-    from dl2c.emit.monitor_text import monitor_files
+    from dl2c.emit.monitor.files import monitor_files
     from dl2c.outputs import output_folder
 
     files = monitor_files(unit, policy)

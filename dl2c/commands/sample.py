@@ -18,7 +18,7 @@ from dl2c.outputs import output_file
 
 if TYPE_CHECKING:
     from dl2c.ir.model import Formula
-    from dl2c.sampling.plan import SamplingPlan
+    from dl2c.sampling.tables import SamplingPlan
     from dl2c.smt.coverage import Region
 
 LARGEST_BATCH = 4096

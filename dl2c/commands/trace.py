@@ -17,8 +17,8 @@ from typing import Any
 from dl2c.commands.failures import CommandError
 from dl2c.diagnostics import Diagnostic, warning
 from dl2c.emit.cfile import place
-from dl2c.emit.monitor_h import Unit
-from dl2c.emit.monitor_text import monitor_files
+from dl2c.emit.monitor.files import monitor_files
+from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.inputs import MALFORMED, read_text, reason
 from dl2c.ir.evaluate import Undefined, evaluate
 from dl2c.ir.logic import symbols

@@ -17,7 +17,7 @@ from dl2c.commands.waiting import progress
 from dl2c.training.run import ALGORITHMS, Algorithm, Run, Settings
 
 if TYPE_CHECKING:
-    from dl2c.training.evaluation import Evaluation
+    from dl2c.training.run import Evaluation
 
 OUTPUT = Path("build/train")
 

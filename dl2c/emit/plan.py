@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from dl2c.emit.monitor_h import Unit
-from dl2c.ir.kernel import FlowPlan
+from dl2c.emit.monitor.monitor_h import Unit
+from dl2c.flows.kernel import FlowPlan
 from dl2c.ir.model import Model
 from dl2c.options import Options
 from dl2c.paths.path import Paths
-from dl2c.sampling.plan import SamplingPlan
+from dl2c.sampling.tables import SamplingPlan
 
 
 @dataclass(frozen=True, slots=True)

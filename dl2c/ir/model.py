@@ -320,6 +320,19 @@ class Predicate:
     span: Span = _span()
 
 
+Rank: TypeAlias = tuple[int, int, int, bool]
+
+
+def rank(k: int, predicate: Predicate, trigger: Trigger) -> Rank:
+    """The place of an ending of predicate k among all that fire at once; the least wins (semantics 6).
+
+    Of one predicate both may fire: an obligation that failed on the way, met in the end.
+    """
+    status = ("failure", "success", "none").index(trigger.status)
+    category = ("safety", "progress", "stability").index(predicate.category)
+    return status, category, k, trigger != predicate.on_failure
+
+
 @dataclass(frozen=True, slots=True)
 class Bound:
     """A closed interval of exact decimals; None is unbounded on that side."""

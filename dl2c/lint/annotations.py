@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 from dl2c.diagnostics import Diagnostic, warning
-from dl2c.emit.judge_c import observed
+from dl2c.emit.simulator.judge_c import observed
+from dl2c.flows.kernel import constant_along
 from dl2c.interval.arithmetic import WHOLE, Interval, enclosure, evaluate
 from dl2c.interval.bounded import initial_box
-from dl2c.ir.kernel import constant_along
 from dl2c.ir.liveness import read_first
 from dl2c.ir.logic import conjuncts, symbols
 from dl2c.ir.model import ONE, ZERO, Bound, Compare, Flow, Formula, Model, Number, Predicate, Symbol, Term

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 from fractions import Fraction
 
 from dl2c.diagnostics import Diagnostic, warning
-from dl2c.ir.invariant import invariant
 from dl2c.ir.liveness import statements
 from dl2c.ir.logic import conjunction, disjunction, domain_at_end, negation, symbols
 from dl2c.ir.model import TRUE, Assign, AssignAny, Choice, Compare, Flow, Formula, Model, Number
 from dl2c.lint.world import bounds_of, rigid_facts
+from dl2c.lower.invariant import invariant
 from dl2c.options import Options
 from dl2c.paths.path import END, Path, Paths
 from dl2c.resolve.problem import Problem

@@ -16,10 +16,10 @@ from fractions import Fraction
 from dl2c.interval.arithmetic import WHOLE, Interval, hull_of
 from dl2c.interval.bounded import Range, bounded, initial_box
 from dl2c.ir.liveness import read_first
-from dl2c.ir.lower import lower
 from dl2c.ir.model import Constant, Model, Symbol, Variable
 from dl2c.lint.edits import Edit
 from dl2c.lint.world import changing
+from dl2c.lower.problem import lower
 from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.scan import scan

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import accumulate
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from dl2c.ir.logic import folded, symbols
 from dl2c.ir.model import (
@@ -28,11 +28,10 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
+from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.slack import relaxed, sides_of
+from dl2c.paths.path import Decision, Input
 from dl2c.source import NOWHERE, Span
-
-if TYPE_CHECKING:
-    from dl2c.monitor.runs import Controller
 
 Kind: TypeAlias = Literal["init", "controller", "model", "safety"]
 KINDS: tuple[Kind, ...] = ("init", "controller", "model", "safety")
@@ -91,13 +90,56 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
+class Given:
+    """An input on a run. `admits` is what its value must satisfy, given those of earlier inputs; where that
+    may change are roots of `criticals`, polynomials in the value of degree 1 or 2.
+    """
+
+    input: Input
+    admits: Formula
+    criticals: tuple[Coefficients, ...]
+    span: Span = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A control path. `case` is its place among the cases of the controller's check, `taken` the alternative
+    of each of the agent's decisions, -1 where it does not meet it; `updates` are over the state before
+    and its inputs.
+    """
+
+    case: int
+    taken: tuple[int, ...]
+    given: tuple[Given, ...]
+    updates: tuple[tuple[str, Term], ...]
+    about: str
+    span: Span = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """All runs in program order, and the order in which a fallback tries them: those whose first decision
+    is marked `@fallback`, then program order. `decisions` are the agent's.
+    """
+
+    inputs: tuple[Input, ...]
+    decisions: tuple[Decision, ...]
+    runs: tuple[Run, ...]
+    preferred: tuple[int, ...]
+
+    def field(self, key: str) -> str:
+        """What an input is called: its variable, and a number where there are several of it."""
+        return key.removeprefix("assign_")
+
+
+@dataclass(frozen=True, slots=True)
 class Monitor:
     """Everything that code of a monitor is made of. `controller` where the controller is checked."""
 
     model: Model
     checks: tuple[Check, ...]
     tolerance: "Tolerance"
-    controller: "Controller | None" = None
+    controller: Controller | None = None
 
     @property
     def conditions(self) -> Iterator[tuple[Check, Case, Condition]]:

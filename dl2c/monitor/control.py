@@ -13,7 +13,6 @@ from fractions import Fraction
 from typing import assert_never
 
 from dl2c.diagnostics import CompileError, error
-from dl2c.ir.eliminate import Quantifier, eliminated
 from dl2c.ir.logic import atoms, conjunction, conjuncts, mapped, substituted, symbols
 from dl2c.ir.model import (
     Assign,
@@ -37,6 +36,7 @@ from dl2c.monitor.check import Case, Check, Condition, Tolerance, after
 from dl2c.monitor.parts import Parts
 from dl2c.paths.enumerate import Draft, control_drafts
 from dl2c.paths.path import END
+from dl2c.quantifiers.eliminate import Quantifier, eliminated
 from dl2c.source import NOWHERE, Span
 
 

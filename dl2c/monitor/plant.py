@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import reduce
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
-from dl2c.ir.flow import NotPolynomial, Solution, solve
+from dl2c.flows.solution import NotPolynomial, Solution, solve
 from dl2c.ir.logic import atoms, conjuncts, disjunction, folded, mapped, number, substituted
 from dl2c.ir.margins import margin_of
 from dl2c.ir.model import (

@@ -9,68 +9,24 @@ tests. Where that has no answer, later tests are not looked at: the run may then
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from fractions import Fraction
 
 from dl2c.diagnostics import CompileError
-from dl2c.ir.eliminate import Quantifier, eliminated
 from dl2c.ir.logic import atoms, conjunction, conjuncts, symbols
 from dl2c.ir.margins import TooManyCases, margin_of, smooth
-from dl2c.ir.model import LARGEST_STATE, ONE, ZERO, Compare, Formula, Model, Number, Symbol, Term
+from dl2c.ir.model import LARGEST_STATE, ONE, ZERO, Compare, Formula, Model, Number, Symbol
 from dl2c.ir.normal import normal_form
 from dl2c.ir.polynomial import Coefficients, polynomial
-from dl2c.monitor.check import Tolerance
+from dl2c.monitor.check import Controller, Given, Run, Tolerance
 from dl2c.monitor.control import Control
 from dl2c.paths.enumerate import assignments_of, decisions_of
 from dl2c.paths.limits import input_limits
 from dl2c.paths.path import Decision, Input
-from dl2c.source import NOWHERE, Span
+from dl2c.quantifiers.eliminate import Quantifier, eliminated
+from dl2c.source import NOWHERE
 
 ANY = (-LARGEST_STATE, LARGEST_STATE)
 """Limits of an input that nothing else limits."""
-
-
-@dataclass(frozen=True, slots=True)
-class Given:
-    """An input on a run. `admits` is what its value must satisfy, given those of earlier inputs; where that
-    may change are roots of `criticals`, polynomials in the value of degree 1 or 2.
-    """
-
-    input: Input
-    admits: Formula
-    criticals: tuple[Coefficients, ...]
-    span: Span = NOWHERE
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """A control path. `case` is its place among the cases of the controller's check, `taken` the alternative
-    of each of the agent's decisions, -1 where it does not meet it; `updates` are over the state before
-    and its inputs.
-    """
-
-    case: int
-    taken: tuple[int, ...]
-    given: tuple[Given, ...]
-    updates: tuple[tuple[str, Term], ...]
-    about: str
-    span: Span = NOWHERE
-
-
-@dataclass(frozen=True, slots=True)
-class Controller:
-    """All runs in program order, and the order in which a fallback tries them: those whose first decision
-    is marked `@fallback`, then program order. `decisions` are the agent's.
-    """
-
-    inputs: tuple[Input, ...]
-    decisions: tuple[Decision, ...]
-    runs: tuple[Run, ...]
-    preferred: tuple[int, ...]
-
-    def field(self, key: str) -> str:
-        """What an input is called: its variable, and a number where there are several of it."""
-        return key.removeprefix("assign_")
 
 
 def controller_of(

@@ -6,10 +6,10 @@ from fractions import Fraction
 from typing import Any
 
 from dl2c.emit.cfile import place
-from dl2c.emit.judge_c import observation_limits, observed
-from dl2c.emit.monitor_h import Unit
+from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.emit.plan import Environment
-from dl2c.ir.certainty import certainties
+from dl2c.emit.simulator.judge_c import observation_limits, observed
+from dl2c.flows.certainty import certainties
 from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import Bound, Constant, Role, Variable
 from dl2c.ir.printer import print_flow, print_number
@@ -25,7 +25,7 @@ from dl2c.native.manifest import (
 )
 from dl2c.options import Options
 from dl2c.paths.path import END
-from dl2c.sampling.plan import SamplingPlan
+from dl2c.sampling.tables import SamplingPlan
 
 ABI_VERSION = 4
 STREAM_VERSION = 4

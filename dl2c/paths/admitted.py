@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from typing import assert_never
 
 from dl2c.diagnostics import Diagnostic
-from dl2c.ir.admission import Admission, Problem, Unknown, Unresolved, admissions
 from dl2c.ir.logic import atoms, conjuncts, symbols
 from dl2c.ir.model import FALSE, Formula
 from dl2c.paths import errors
+from dl2c.paths.admission import Admission, Problem, Unknown, Unresolved, admissions
 from dl2c.paths.path import Input
 
 

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
-from dl2c.ir.admission import Admission
 from dl2c.ir.model import Formula, Role, Symbol, Term
+from dl2c.paths.admission import Admission
 from dl2c.source import NOWHERE, Span
 
 END = -1

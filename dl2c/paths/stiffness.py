@@ -9,8 +9,8 @@ no more.
 from collections.abc import Mapping
 from dataclasses import replace
 
+from dl2c.flows.kernel import FlowPlan
 from dl2c.interval.arithmetic import INF, WHOLE, Interval, enclosure, evaluate
-from dl2c.ir.kernel import FlowPlan
 from dl2c.ir.logic import substituted, symbols
 from dl2c.ir.model import ONE, ZERO, Bound, Flow, Model, Sub, Symbol, Term
 from dl2c.ir.polynomial import polynomial

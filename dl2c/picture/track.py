@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dl2c.flows.watch import flows_come_last
 from dl2c.ir.evaluate import Undefined, evaluate
 from dl2c.ir.model import Model, Symbol
-from dl2c.ir.watch import flows_come_last
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,8 @@ from dl2c.report.listing import listing
 from dl2c.report.markup import Markup, image, page, section, table, tag
 from dl2c.report.pictures import curves_figure, episodes_of, track_of
 from dl2c.report.trained import Trained
-from dl2c.training.evaluation import FIRST_SEED, Estimate, Evaluation, evaluate
+from dl2c.training.evaluation import FIRST_SEED, evaluate
+from dl2c.training.run import Estimate, Evaluation
 from dl2c.version import __version__
 
 STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")

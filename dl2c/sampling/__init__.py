@@ -1,0 +1,1 @@
+"""Initial states, drawn uniformly from the set that a precondition describes."""

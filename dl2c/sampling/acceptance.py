@@ -39,8 +39,8 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
+from dl2c.sampling.equalities.root_of import Definition, RootOf
 from dl2c.sampling.grid import Grid, granule
-from dl2c.sampling.root_of import Definition, RootOf
 from dl2c.sampling.running import NoErrorBound, running_error
 
 Errors: TypeAlias = Mapping[Symbol, float]

@@ -28,7 +28,7 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
-from dl2c.sampling.root_of import Definition, RootOf
+from dl2c.sampling.equalities.root_of import Definition, RootOf
 
 Floats: TypeAlias = NDArray[np.float64]
 Bools: TypeAlias = NDArray[np.bool_]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from dl2c.ir.logic import conjunction, conjuncts, symbols
 from dl2c.ir.model import Compare, Formula, Symbol
-from dl2c.sampling.algebra import is_affine
+from dl2c.sampling.equalities.algebra import is_affine
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,7 +44,7 @@ from dl2c.ir.model import (
     Truth,
 )
 from dl2c.ir.normal import Monomial, normal_form, powers
-from dl2c.sampling.algebra import term_of
+from dl2c.sampling.equalities.algebra import term_of
 
 Conjuncts: TypeAlias = tuple[Formula, ...]
 Key: TypeAlias = tuple[str, frozenset[tuple[Monomial, Fraction]]]

@@ -17,13 +17,13 @@ from dl2c.ir.model import ZERO, Bound, Compare, Constant, Formula, Number, Sub, 
 from dl2c.ir.normal import normal_form
 from dl2c.ir.slack import relaxed, sides_of
 from dl2c.sampling.acceptance import LARGEST
-from dl2c.sampling.algebra import term_of
 from dl2c.sampling.cases import Conjuncts, TooMany, alternatives
-from dl2c.sampling.equalities import Elimination, Unsolved, eliminate
-from dl2c.sampling.linear import replaced
-from dl2c.sampling.measure import Measure, TooEntangled, measure_of
+from dl2c.sampling.equalities.algebra import term_of
+from dl2c.sampling.equalities.linear import replaced
+from dl2c.sampling.equalities.measure import Measure, TooEntangled, measure_of
+from dl2c.sampling.equalities.root_of import Definition, RootOf
+from dl2c.sampling.equalities.solve import Elimination, Unsolved, eliminate
 from dl2c.sampling.refusal import beyond_doubles, entangled, unsolved, without_sample
-from dl2c.sampling.root_of import Definition, RootOf
 
 Items: TypeAlias = Mapping[Symbol, Variable | Constant]
 """The names to sample, in the order of `Model.sampled`, with their declarations."""

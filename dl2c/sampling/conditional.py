@@ -18,10 +18,10 @@ from dl2c.interval.rounding import div_down
 from dl2c.ir.logic import conjunction, conjuncts, minus, plus, symbols, times
 from dl2c.ir.model import ZERO, Add, Call, Compare, Div, Formula, Mul, Neg, Number, Sub, Symbol, Term
 from dl2c.ir.normal import divided, normal_form
-from dl2c.sampling.algebra import size_of, term_of
 from dl2c.sampling.charts import Chart
-from dl2c.sampling.linear import linear_parts, replaced
-from dl2c.sampling.root_of import RootOf
+from dl2c.sampling.equalities.algebra import size_of, term_of
+from dl2c.sampling.equalities.linear import linear_parts, replaced
+from dl2c.sampling.equalities.root_of import RootOf
 
 MOST = 12
 """Names of a chart that are drawn in this way."""

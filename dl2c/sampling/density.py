@@ -14,7 +14,7 @@ from dl2c.interval.nodes import Graph, Node
 from dl2c.interval.rounding import add_up, div_up, mul_down, mul_up
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import Symbol
-from dl2c.sampling.measure import Entries, Entry, Measure, at
+from dl2c.sampling.equalities.measure import Entries, Entry, Measure, at
 
 Slope: TypeAlias = tuple[float, tuple[Node, ...]]
 """A factor, and terms of which each bounds what it multiplies."""

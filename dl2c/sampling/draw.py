@@ -1,26 +1,22 @@
 """Draw initial states from a plan in Python: the reference for the generated sampler."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dl2c.sampling.arrays import Floats, completed, holds, uniform
-from dl2c.sampling.tested import SampleChart, by_chance
-
-if TYPE_CHECKING:
-    from dl2c.sampling.plan import SampleBlock, SamplingPlan
+from dl2c.sampling.tables import SampleBlock, SampleChart, SamplingPlan, by_chance
 
 LARGEST_BATCH = 2**16
 
 
-def draw(plan: "SamplingPlan", rng: np.random.Generator) -> dict[str, float]:
+def draw(plan: SamplingPlan, rng: np.random.Generator) -> dict[str, float]:
     """One initial state: a double for each of `plan.names`."""
     return {name: float(column[0]) for name, column in draw_many(plan, rng, 1).items()}
 
 
-def draw_many(plan: "SamplingPlan", rng: np.random.Generator, count: int) -> dict[str, Floats]:
+def draw_many(plan: SamplingPlan, rng: np.random.Generator, count: int) -> dict[str, Floats]:
     """`count` initial states: for each of `plan.names` an array of shape (count,)."""
     columns: dict[str, Floats] = {}
     for block in plan.blocks:
@@ -29,7 +25,7 @@ def draw_many(plan: "SamplingPlan", rng: np.random.Generator, count: int) -> dic
 
 
 def _of_block(
-    block: "SampleBlock", wanted: Sequence[str], rng: np.random.Generator, count: int
+    block: SampleBlock, wanted: Sequence[str], rng: np.random.Generator, count: int
 ) -> dict[str, Floats]:
     first = block.charts[0]
     names = [n for n in (*first.free, *dict(first.between), *dict(first.definitions)) if n in wanted]
@@ -44,7 +40,7 @@ def _of_block(
 
 
 def _accepted(
-    block: "SampleBlock", names: Sequence[str], rng: np.random.Generator, count: int
+    block: SampleBlock, names: Sequence[str], rng: np.random.Generator, count: int
 ) -> dict[str, Floats]:
     """What is accepted of `count` tries."""
     weights = np.array([box.weight for box in block.boxes])
@@ -60,7 +56,7 @@ def _accepted(
 
 
 def _of_chart(
-    block: "SampleBlock", chart: SampleChart, chosen: NDArray[np.int64], rng: np.random.Generator
+    block: SampleBlock, chart: SampleChart, chosen: NDArray[np.int64], rng: np.random.Generator
 ) -> dict[str, Floats]:
     """What is accepted of one try in each of the chosen boxes."""
     boxes, count = [block.boxes[int(k)] for k in chosen], len(chosen)

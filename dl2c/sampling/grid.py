@@ -13,7 +13,7 @@ from typing import TypeAlias
 from dl2c.interval.arithmetic import Box, Interval, evaluate, magnitude
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import Add, Call, Compare, Div, Mul, Neg, Number, Sub, Symbol, Term
-from dl2c.sampling.root_of import Definition, RootOf, names_of
+from dl2c.sampling.equalities.root_of import Definition, RootOf, names_of
 
 Grid: TypeAlias = Mapping[Symbol, int]
 """Exponents: a name is a multiple of two to this power."""

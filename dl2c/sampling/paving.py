@@ -16,7 +16,7 @@ from dl2c.interval.arithmetic import Box, Interval
 from dl2c.interval.contract import Contractor
 from dl2c.ir.logic import atoms, symbols
 from dl2c.ir.model import Formula, Symbol
-from dl2c.sampling.algebra import size_of
+from dl2c.sampling.equalities.algebra import size_of
 from dl2c.work import spend
 
 ENOUGH = 0.95

@@ -8,31 +8,39 @@ over the reals; only solved equalities can be off, by `error_bound`.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Literal
 
 import numpy as np
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import Box, hull_of
 from dl2c.interval.contract import contractor
-from dl2c.ir.enabled import enabling
 from dl2c.ir.logic import atoms, conjunction, conjuncts, symbols
-from dl2c.ir.model import ONE, TRUE, Formula, Model
-from dl2c.sampling.algebra import size_of
+from dl2c.ir.model import TRUE, Formula, Model
+from dl2c.paths.enabled import enabling
 from dl2c.sampling.arrays import completed, holds, uniform
 from dl2c.sampling.charts import Chart, inward
 from dl2c.sampling.conditional import conditional
 from dl2c.sampling.density import density_bound
 from dl2c.sampling.draw import draw_many
+from dl2c.sampling.equalities.algebra import size_of
+from dl2c.sampling.equalities.root_of import RootOf
 from dl2c.sampling.paving import Leaf, Root, pave
 from dl2c.sampling.problem import Problem, is_algebraic, problem_of
 from dl2c.sampling.refusal import imprecise, too_long, unbounded_density, without_sample
-from dl2c.sampling.root_of import RootOf
 from dl2c.sampling.running import NoErrorBound
-from dl2c.sampling.tested import SampleChart, by_chance, is_short, named, tested
+from dl2c.sampling.tables import (
+    SampleBlock,
+    SampleBox,
+    SampleChart,
+    SamplingPlan,
+    by_chance,
+    is_short,
+    named,
+    tested,
+)
 from dl2c.smt.precondition import Decision, Unknown, decide, diagnose
 
 SEED = 20240229
@@ -52,70 +60,6 @@ PAVING_S = 2.0
 
 COORDINATES = 2**24
 """Numbers that all these points may have together: states of many names get fewer points."""
-
-
-@dataclass(frozen=True, slots=True)
-class SampleBox:
-    """Limits of the free names of a chart of its block, in their order, its probability, and the largest
-    value of the chart's `squared_density` in it."""
-
-    chart: int
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    weight: float
-    squared_density: float
-
-
-@dataclass(frozen=True, slots=True)
-class SampleBlock:
-    """Names that are drawn apart from all others, and the part of their draws that is kept."""
-
-    charts: tuple[SampleChart, ...]
-    boxes: tuple[SampleBox, ...]
-    estimated_acceptance: float
-
-
-@dataclass(frozen=True, slots=True)
-class SamplingPlan:
-    """How to draw a state in which `precondition` holds: for each block in turn, until a draw is accepted,
-
-    choose a box by weight; draw each free name of its chart as `low + u * (high - low)`, u uniform on
-    [0, 1), not above `high`, and round it to the chart's grid; compute the definitions; where the plan is
-    weighted, draw another u and start again unless `u * u * box.squared_density <= chart.squared_density`;
-    accept if the chart's `acceptance` holds in doubles, where an atom with an undefined subterm is false;
-    else start again.
-    `names` are all names of the state, `Model.sampled`. `certificate` is "exact" where the doubles
-    satisfy the whole precondition, "witness" where a state does whose defined names differ by at most
-    `error_bound`.
-    """
-
-    names: tuple[str, ...]
-    precondition: Formula
-    blocks: tuple[SampleBlock, ...]
-    certificate: Literal["exact", "witness"]
-    error_bound: float
-    around: Mapping[str, tuple[float, float]]
-    """The doubles inside the bounds of each free name, where it has any."""
-
-    @property
-    def estimated_acceptance(self) -> float:
-        """The part of draws that is kept, of the block of which least is."""
-        return min((b.estimated_acceptance for b in self.blocks), default=1.0)
-
-    @property
-    def charts(self) -> tuple[SampleChart, ...]:
-        """Those of all blocks."""
-        return tuple(c for block in self.blocks for c in block.charts)
-
-    @property
-    def boxes(self) -> tuple[SampleBox, ...]:
-        """Those of all blocks."""
-        return tuple(b for block in self.blocks for b in block.boxes)
-
-    @property
-    def weighted(self) -> bool:
-        """Whether draws are kept by chance."""
-        return any(c.squared_density != ONE for c in self.charts)
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ from dl2c.ir.model import (
 from dl2c.sampling.blocks import groups_of
 from dl2c.sampling.cases import resolved
 from dl2c.sampling.charts import Chart, Items, charts_of, without_numbers
-from dl2c.sampling.linear import replaced
+from dl2c.sampling.equalities.linear import replaced
 from dl2c.sampling.refusal import transcendental, unbounded
 from dl2c.smt.precondition import Decision, Satisfiable, Unsatisfiable, diagnose, parts
 

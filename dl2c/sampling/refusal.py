@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from dl2c.diagnostics import Diagnostic, error
 from dl2c.ir.model import Call, Compare, Constant, Formula, Variable
-from dl2c.ir.zeros import MAX_DEGREE
+from dl2c.paths.zeros import MAX_DEGREE
 from dl2c.smt.precondition import span_of, text_of
 from dl2c.source import NOWHERE, Span
 

@@ -14,37 +14,13 @@ from dl2c.env.opening import Model, open_library, source_of
 from dl2c.env.vector import Dl2cVectorEnv
 from dl2c.native.manifest import Manifest
 from dl2c.training.policies import Policy, policy_of
+from dl2c.training.run import Estimate, Evaluation
 
 NORMAL = 1.959963984540054
 """Half the width of a two-sided 95 % interval of the standard normal distribution."""
 
 FIRST_SEED = 10**6
 """Episode k of an evaluation is seeded with this plus k: far from the seeds one trains with."""
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A value with its 95 % interval; all NaN if there is nothing to estimate from."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, slots=True)
-class Evaluation:
-    """What a policy achieved. `success`, `violations` and `blocked` are fractions of the episodes.
-
-    A violation is an episode in which a @safety predicate failed; blocked is one that a request
-    without a run ended. `travel_time` is the mean duration of the successful episodes in seconds.
-    """
-
-    episodes: int
-    success: Estimate
-    violations: Estimate
-    blocked: Estimate
-    travel_time: Estimate
-    episode_return: Estimate
 
 
 @dataclass(frozen=True, slots=True)

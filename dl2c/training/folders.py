@@ -24,7 +24,7 @@ from dl2c.inputs import checked_input, read_json
 from dl2c.outputs import output_folder
 from dl2c.policy.files import write_policy
 from dl2c.source import Source
-from dl2c.training.evaluation import Estimate, Evaluation, evaluate
+from dl2c.training.evaluation import evaluate
 from dl2c.training.hyper import constructor
 from dl2c.training.run import (
     ALGORITHMS,
@@ -32,6 +32,8 @@ from dl2c.training.run import (
     RUN,
     TEXT,
     Checked,
+    Estimate,
+    Evaluation,
     Given,
     Point,
     Run,

@@ -3,17 +3,15 @@
 Imports torch: import this module only where training happens.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from dl2c.env.actions import action_space
@@ -24,35 +22,11 @@ from dl2c.training.callbacks import Every, Watch
 from dl2c.training.folders import Training, opened
 from dl2c.training.hyper import complete, constructor
 from dl2c.training.run import Algorithm, Given, Progress, Run, Settings, TrainingError
+from dl2c.training.standardised import Standardised
 from dl2c.training.stopping import stoppable
 
 SAMPLED_STEPS = 200
 """Steps of every environment from which observations are standardised."""
-
-
-class Standardised(BaseFeaturesExtractor):
-    """Observations shifted by `center` and divided by `scale`, one number of each per entry.
-
-    Part of the policy, so that a saved policy takes the environment's own observations.
-    """
-
-    def __init__(
-        self, observation_space: spaces.Box, center: Sequence[float], scale: Sequence[float]
-    ) -> None:
-        super().__init__(  # pyright: ignore[reportUnknownMemberType] # Space without its parameter
-            observation_space, len(center)
-        )
-        self._center = torch.as_tensor(center, dtype=torch.float32)
-        self._scale = torch.as_tensor(scale, dtype=torch.float32)
-
-    @property
-    def moments(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Center and scale."""
-        return self._center, self._scale
-
-    def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Standardised observations, of the same shape."""
-        return (observations - self._center) / self._scale
 
 
 def train(

@@ -3,10 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
-
-if TYPE_CHECKING:
-    from dl2c.training.evaluation import Evaluation
+from typing import Any, Literal, TypeAlias, get_args
 
 Algorithm: TypeAlias = Literal["ppo", "maskable-ppo", "sac"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
@@ -61,11 +58,36 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
+class Estimate:
+    """A value with its 95 % interval; all NaN if there is nothing to estimate from."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What a policy achieved. `success`, `violations` and `blocked` are fractions of the episodes.
+
+    A violation is an episode in which a @safety predicate failed; blocked is one that a request
+    without a run ended. `travel_time` is the mean duration of the successful episodes in seconds.
+    """
+
+    episodes: int
+    success: Estimate
+    violations: Estimate
+    blocked: Estimate
+    travel_time: Estimate
+    episode_return: Estimate
+
+
+@dataclass(frozen=True, slots=True)
 class Checked:
     """An evaluation during the training, after so many steps."""
 
     steps: int
-    found: "Evaluation"
+    found: Evaluation
 
 
 @dataclass(frozen=True, slots=True)

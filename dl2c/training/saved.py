@@ -198,7 +198,7 @@ def _network(policy: Any) -> tuple[list[Scaling], tuple[Layer, ...], bool]:
 def _extracted(extractor: Any) -> list[Scaling]:
     from stable_baselines3.common.torch_layers import FlattenExtractor
 
-    from dl2c.training.learning import Standardised
+    from dl2c.training.standardised import Standardised
 
     match extractor:
         case Standardised():

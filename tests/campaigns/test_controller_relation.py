@@ -27,7 +27,7 @@ from oracles.printed_conditions import Printed, judged, read
 from oracles.rigorous_arrays import Doubles
 
 from dl2c.commands.monitor import unit_of
-from dl2c.emit.monitor_text import monitor_files
+from dl2c.emit.monitor.files import monitor_files
 from dl2c.ir.model import Model
 from dl2c.native.program import answers, compile_program
 

@@ -12,8 +12,8 @@ from conftest import shared
 from monitor_program import program_of
 
 from dl2c.commands.monitor import unit_of
-from dl2c.emit.monitor_h import Unit
-from dl2c.emit.monitor_text import monitor_files
+from dl2c.emit.monitor.files import monitor_files
+from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.ir.printer import print_formula
 from dl2c.native.program import answers
 

@@ -12,12 +12,12 @@ from both_forms import Both, theorem
 from conftest import shared
 
 import dl2c
+from dl2c.flows.watch import watches_of
 from dl2c.ir.evaluate import truth
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import Compare, Symbol
 from dl2c.ir.printer import print_term
 from dl2c.ir.slack import relaxed, terms_of
-from dl2c.ir.watch import watches_of
 from dl2c.pipeline import emit, resolve_options, step_model
 from dl2c.source import Source
 from tests.ir_builder import formula

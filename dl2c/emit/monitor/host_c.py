@@ -1,0 +1,194 @@
+"""A program for the host around an exported monitor: reads lines of numbers, prints what they lead to."""
+
+from dl2c.emit import names
+from dl2c.emit.cfile import function
+from dl2c.emit.monitor.monitor_h import Unit, title_of
+from dl2c.monitor.check import Check
+
+ABOUT = (
+    "Reads lines of a word and numbers, as `--help` lists them, and prints for each what it asks for. Exits "
+    "with 2 at the first line that is none of these."
+)
+
+READING = """\
+static const real *numbers_of(char *text, int *count)
+{
+  static real numbers[MOST];
+  *count = 0;
+  for (char *part = strtok(text, BLANK); part != NULL; part = strtok(NULL, BLANK)) {
+    char *end;
+    if (*count == MOST)
+      return NULL;
+    numbers[(*count)++] = STRTOREAL(part, &end);
+    if (*end != '\\0')
+      return NULL;
+  }
+  return numbers;
+}
+
+static int refuse(long number, const char *why)
+{
+  fprintf(stderr, "line %ld: %s; a line is one of\\n%s", number, why, USAGE);
+  return 2;
+}
+"""
+
+
+def main_c(unit: Unit, policy: bool = False) -> str:
+    """The whole file; with a policy beside the monitor."""
+    model, stem, controller = unit.monitor.model, unit.stem, unit.monitor.controller
+    states = [names.member(v.name) for v in model.variables]
+    parameters = [names.member(c.name) for c in unit.parameters]
+    inputs = [unit.field(i.key) for i in controller.inputs] if controller is not None else []
+    functions = [_reading(unit, "state", states), _reading(unit, "parameters", parameters)]
+    sizes = {"state": len(states), "parameters": len(parameters), "input": len(inputs)}
+    lines = {c.kind: ["state"] * (1 + c.transition) + ["parameters"] for c in unit.monitor.checks}
+    choices = 0
+    if controller is not None:
+        choices = len(controller.decisions)
+        functions += [_reading(unit, "input", inputs), _printing(unit, states)]
+        functions.append(_controlling(unit, choices, policy))
+        answered = ["fallback", "run", *(["policy"] if policy else [])]
+        lines |= {kind: ["state", "parameters", "input"] for kind in answered}
+    counts = {k: sum(sizes[p] for p in parts) + choices * (k == "run") for k, parts in lines.items()}
+    listed = {"state": states, "parameters": parameters, "input": inputs}
+    usage = [_line(kind, parts, listed, choices * (kind == "run")) for kind, parts in lines.items()]
+    return "\n".join(
+        [
+            title_of(unit),
+            f'#include "{stem}_{"policy" if policy else "monitor"}.h"\n',
+            *(f"#include <{name}.h>" for name in ("stdio", "stdlib", "string")),
+            f"\ntypedef {unit.real} real;\n",
+            f"enum {{ MOST = {max(1, *counts.values())}, LENGTH = 64 * (MOST + 1) }};\n",
+            f"#define STRTOREAL {'strtof' if unit.single else 'strtod'}",
+            '#define BLANK " \\t\\r\\n"',
+            "#define USAGE \\\n" + " \\\n".join(f'  "  {text}\\n"' for text in usage) + "\n",
+            READING,
+            *functions,
+            function("static int expected(const char *word)", _expected(counts)),
+            function("static void answer(const char *word, const real *from)", _answer(unit)),
+            function("int main(int argc, char **argv)", MAIN.splitlines(), ABOUT),
+        ]
+    )
+
+
+MAIN = """\
+char line[LENGTH];
+if (argc > 1) {
+  fputs(USAGE, stdout);
+  return strcmp(argv[1], "--help") == 0 ? 0 : 2;
+}
+for (long number = 1; fgets(line, sizeof line, stdin) != NULL; number++) {
+  if (strchr(line, '\\n') == NULL && !feof(stdin))
+    return refuse(number, "too long");
+  char word[16] = "";
+  int length = 0, count = 0;
+  if (sscanf(line, "%15s%n", word, &length) != 1)
+    continue;
+  const real *const numbers = numbers_of(line + length, &count);
+  if (expected(word) < 0)
+    return refuse(number, "an unknown word");
+  if (numbers == NULL || count != expected(word))
+    return refuse(number, "other than the numbers that belong to its word");
+  answer(word, numbers);
+}
+return 0;
+"""
+
+
+def _line(kind: str, parts: list[str], listed: dict[str, list[str]], choices: int) -> str:
+    """The form of a line: the word and what its numbers are."""
+    named: list[str] = []
+    for k, part in enumerate(parts):
+        after = "'" if part == "state" and k else ""
+        named += [f"{name}{after}" for name in listed[part]]
+    return " ".join([kind, *named, *(f"choice_{k}" for k in range(choices))])
+
+
+def _expected(counts: dict[str, int]) -> list[str]:
+    tests = [(f'if (strcmp(word, "{kind}") == 0)', f"  return {count};") for kind, count in counts.items()]
+    return [*(line for pair in tests for line in pair), "return -1;"]
+
+
+def _answer(unit: Unit) -> list[str]:
+    stem = unit.stem
+    form, value = ("d %d", "verdict.unknown") if unit.sound else ("d %.17g", "(double)verdict.val")
+    both = any(check.transition for check in unit.monitor.checks)
+    lines: list[str] = []
+    if unit.monitor.controller is not None:
+        lines += ["if (controls(word, from))", "  return;"]
+    lines += [f"{stem}_state one{', two' * both};"]
+    lines += [f"{stem}_parameters parameters;"]
+    lines += [f"{stem}_verdict verdict = {{0, 0}};"]
+    for check in unit.monitor.checks:
+        lines += _asked(stem, check)
+    return [*lines, f'printf("%{form}\\n", verdict.id, {value});']
+
+
+def _asked(stem: str, check: Check) -> list[str]:
+    reads = ["from = read_state(&one, from);"]
+    reads += ["from = read_state(&two, from);"] if check.transition else []
+    called = f"{stem}_check_{check.kind}({'&one, &two' if check.transition else '&one'}, &parameters)"
+    return [
+        f'if (strcmp(word, "{check.kind}") == 0) {{',
+        *(f"  {line}" for line in reads),
+        "  (void)read_parameters(&parameters, from);",
+        f"  verdict = {called};",
+        "}",
+    ]
+
+
+def _controlling(unit: Unit, decisions: int, policy: bool) -> str:
+    """A function that answers lines about controllers."""
+    stem = unit.stem
+    known = ["!run", 'strcmp(word, "fallback") != 0', *(["!policy"] if policy else [])]
+    lines = [
+        f"{stem}_state state, post;",
+        f"{stem}_parameters parameters;",
+        f"{stem}_input input;",
+        f"int choices[{max(1, decisions)}] = {{0}};",
+        'const bool run = strcmp(word, "run") == 0;',
+        *(['const bool policy = strcmp(word, "policy") == 0;'] if policy else []),
+        f"if ({' && '.join(known)})",
+        "  return false;",
+        "from = read_state(&state, from);",
+        "from = read_parameters(&parameters, from);",
+        "from = read_input(&input, from);",
+        "post = state;",
+        "if (run) {",
+        *([f"  for (int k = 0; k < {decisions}; k++)"] if decisions else []),
+        *(["    choices[k] = (int)from[k];"] if decisions else []),
+        f'  printf("%d ", {stem}_run(state, &parameters, &input, choices, &post));',
+        *(["} else if (policy) {", *(f"  {line}" for line in _policy(unit))] if policy else []),
+        "} else {",
+        f"  post = {stem}_monitored_ctrl(state, &parameters, &input, 0, 0);",
+        "}",
+        "print_state(&post);",
+        'puts("");',
+        "return true;",
+    ]
+    return function("static bool controls(const char *word, const real *from)", lines)
+
+
+def _policy(unit: Unit) -> list[str]:
+    stem, upper = unit.stem, unit.stem.upper()
+    return [
+        f"{unit.real} observation[{upper}_OBSERVATIONS], output[{upper}_OUTPUTS];",
+        f"{stem}_policy_observe(state, &parameters, &input, observation);",
+        f"{stem}_policy_outputs(observation, output);",
+        f"post = {stem}_policy_monitored(state, &parameters, &input);",
+        f"for (int k = 0; k < {upper}_OUTPUTS; k++)",
+        '  printf("%.17g ", (double)output[k]);',
+    ]
+
+
+def _printing(unit: Unit, states: list[str]) -> str:
+    lines = [f'printf("%.17g ", (double)state->{name});' for name in states]
+    return function(f"static void print_state(const {unit.stem}_state *state)", lines)
+
+
+def _reading(unit: Unit, kind: str, members: list[str]) -> str:
+    """A function that takes the numbers of a struct and returns what follows them."""
+    lines = [f"{kind}->{name} = *from++;" for name in members] or [f"{kind}->none = 0;"]
+    signature = f"static const real *read_{kind}({unit.stem}_{kind} *{kind}, const real *from)"
+    return function(signature, [*lines, "return from;"])

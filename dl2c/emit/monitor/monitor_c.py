@@ -1,0 +1,313 @@
+"""An exported monitor as one C file that needs nothing of the runtime.
+
+Leaf functions are those of the simulator: the same printer, the same order of operations. A case is a
+range of numbers of conditions, and conditions that are the same formula are code only once. A check
+reports the condition of the case that came closest, or the room that the satisfied case with most of
+it leaves.
+"""
+
+import re
+import struct
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+
+from dl2c.emit import names
+from dl2c.emit.cfile import comment, function, place, wrapped
+from dl2c.emit.leaf import Leaves, Place
+from dl2c.emit.monitor.control_c import controller_functions, reading
+from dl2c.emit.monitor.monitor_h import Unit, head, title_of
+from dl2c.emit.monitor.own_names import with_own_names
+from dl2c.interval.arithmetic import Interval, enclosure
+from dl2c.ir.logic import delta
+from dl2c.ir.model import UNBOUNDED, Bound, Symbol
+from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition, after
+from dl2c.symbolic.terms import Builder
+
+LARGEST_SINGLE = 3.4e38
+
+RUNTIME = {
+    "dl2c_min": "static inline real dl2c_min(real a, real b) { return a < b ? a : b; }\n",
+    "dl2c_max": "static inline real dl2c_max(real a, real b) { return a > b ? a : b; }\n",
+}
+"""What leaf functions use of the runtime, as it is there."""
+
+
+def monitor_c(unit: Unit) -> str:
+    """The whole file."""
+    leaves = Leaves(builder_of(unit), order_of(unit), unit.single)
+    functions: list[str] = []
+    for check in unit.monitor.checks:
+        if check.cases:
+            functions += [_holds(unit, check, leaves), _case(unit, check)]
+            functions += [_margin(unit, check, leaves), _room(unit, check)]
+        functions.append(_check(unit, check))
+    if unit.monitor.controller is not None:
+        functions += controller_functions(unit, leaves, "CASE == 0", leaves.condition)
+    body = "\n".join([*leaves.texts, in_range(unit), *functions])
+    used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
+    smallest = "FLT_MIN" if unit.single else "DBL_MIN"
+    text = "\n".join(
+        [
+            f'{title_of(unit)}\n#include "{unit.stem}_monitor.h"\n',
+            f"#include <float.h>\n#include <math.h>\n\n{arithmetic(unit)}",
+            f"#define DL2C_SMALLEST {smallest}\n",
+            f"typedef {unit.real} real;\n",
+            *used,
+            body,
+        ]
+    )
+    return with_own_names(text, unit.stem)
+
+
+def arithmetic(unit: Unit) -> str:
+    """Refuses to be compiled for arithmetic that a monitor cannot rely on."""
+    wrong = "defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)"
+    allowed = "0" if unit.single else "0 && FLT_EVAL_METHOD != 1"
+    return f"""#if {wrong}
+#error "a monitor needs NaN and infinities: compile it without -ffast-math and -ffinite-math-only"
+#endif
+#if defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != {allowed}
+#error "a monitor needs arithmetic that rounds to {unit.real}: on x86 compile it with -mfpmath=sse -msse2"
+#endif
+"""
+
+
+def builder_of(unit: Unit) -> Builder:
+    """Conditions of definedness are left out where the ranges of all numbers prove them."""
+    constants = unit.monitor.model.constants
+    ranges = {Symbol(c.name, "constant"): _enclosed(unit, c.bound, c.value) for c in constants}
+    if unit.single:
+        limit = float(unit.largest)
+        return Builder(ranges, Interval(-limit, limit), LARGEST_SINGLE)
+    return Builder(ranges)
+
+
+def _enclosed(unit: Unit, bound: Bound, value: Fraction | None) -> Interval:
+    """What a constant is limited to, as the code has these limits."""
+    ends = _limits(unit, bound) if value is None else (value, value)
+    around = [_single(end) if unit.single else enclosure(end) for end in ends]
+    return Interval(around[0].low, around[1].high)
+
+
+def _limits(unit: Unit, bound: Bound) -> tuple[Fraction, Fraction]:
+    """A range, no wider than that of all numbers."""
+    low = -unit.largest if bound.low is None else max(bound.low, -unit.largest)
+    return low, unit.largest if bound.high is None else min(bound.high, unit.largest)
+
+
+def _single(value: Fraction) -> Interval:
+    """The nearest float."""
+    (nearest,) = struct.unpack("f", struct.pack("f", float(value)))
+    return Interval(nearest, nearest)
+
+
+def order_of(unit: Unit) -> Callable[[Symbol], int]:
+    """Parameters of leaf functions come in this order."""
+    model = unit.monitor.model
+    ranks = [Symbol(v.name, "variable") for v in model.variables]
+    ranks += [after(v.name) for v in model.variables]
+    if unit.monitor.controller is not None:
+        ranks += [i.symbol for i in unit.monitor.controller.inputs]
+    ranks += [Symbol(c.name, "constant") for c in model.constants]
+    return ranks.index
+
+
+def places(unit: Unit, check: Check) -> Place:
+    """Where a check reads the value of a symbol."""
+    return reading(unit, "after->", "before->" if check.transition else "state->")
+
+
+def arguments(unit: Unit, check: Check) -> str:
+    """The parameters of a check, as in its head."""
+    return head(unit, check).split("(", 1)[1]
+
+
+def passed(check: Check) -> str:
+    return "before, after, parameters" if check.transition else "state, parameters"
+
+
+def selected(check: Check, values: Mapping[int, str]) -> list[str]:
+    """A switch that returns what belongs to the condition `id`; `values` by numbers of first conditions."""
+    numbers: dict[int, list[int]] = {}
+    for condition in check.conditions:
+        numbers.setdefault(condition.first, []).append(condition.number)
+    body: list[str] = []
+    for first, value in values.items():
+        body += [*(f"case {n}:" for n in numbers[first]), *wrapped(f"  return {value};")]
+    return ["switch (id) {", *(f"  {b}" for b in body), "  default:", "    break;", "}"] if body else []
+
+
+def _holds(unit: Unit, check: Check, leaves: Leaves) -> str:
+    values = {c.first: _condition(unit, check, c, leaves) for c in check.conditions}
+    return function(
+        f"static bool {check.kind}_holds(int id, {arguments(unit, check)}",
+        [*selected(check, values), "return false;"],
+        "Whether a condition holds.",
+    )
+
+
+def _case(unit: Unit, check: Check) -> str:
+    return function(
+        f"static int {check.kind}_case(int first, int end, {arguments(unit, check)}",
+        [
+            "for (int id = first; id < end; id++) {",
+            f"  if (!{check.kind}_holds(id, {passed(check)}))",
+            "    return id;",
+            "}",
+            "return 0;",
+        ],
+        "The first of a case's conditions that does not hold, 0 for none.",
+    )
+
+
+def _condition(unit: Unit, check: Check, condition: Condition, leaves: Leaves) -> str:
+    """Conditions that are the same formula are one function, named by the first of them."""
+    about = f"{place(condition.span)}  {condition.about}".strip()
+    name = f"condition_n{condition.first}"
+    return leaves.condition(name, condition.formula, about, places(unit, check))
+
+
+def grouped(text: str) -> str:
+    """An expression that a prefix can stand before."""
+    return text if re.fullmatch(r"[\w.]+(->\w+)?(\([^()]*\))?", text) else f"({text})"
+
+
+def _margin(unit: Unit, check: Check, leaves: Leaves) -> str:
+    """How far a state is from satisfying a condition."""
+    values: dict[int, str] = {}
+    for condition in check.conditions:
+        if (term := delta(condition.formula)) is not None:
+            first = condition.first
+            about = f"The margin of condition {first}."
+            values[first] = leaves.term(f"margin_n{first}", term, about, places(unit, check))
+    return function(
+        f"static real {check.kind}_margin(int id, {arguments(unit, check)}",
+        [*selected(check, values), "return -DL2C_SMALLEST;"],
+        "The margin of a condition, negative where it is violated.",
+    )
+
+
+def _is_inequality(condition: Condition) -> bool:
+    return condition.gradual and delta(condition.formula) is not None
+
+
+def _room(unit: Unit, check: Check) -> str:
+    """How far a state that satisfies a case is from violating an inequality of it."""
+    conditions = check.conditions
+    lines = [f"real least = {unit.literal(unit.largest)};"]
+    counts = "margin < least"
+    if not all(map(_is_inequality, conditions)):
+        flags = [_is_inequality(c) for c in conditions]
+        octets = [sum(flag << i for i, flag in enumerate(flags[k : k + 8])) for k in range(0, len(flags), 8)]
+        listed = ", ".join(f"{octet:#04x}" for octet in octets)
+        lines = [*wrapped(f"static const unsigned char inequalities[{len(octets)}] = {{{listed}}};"), *lines]
+        bit = f"(id - {conditions[0].number})"
+        counts = f"(inequalities[{bit} / 8] >> {bit} % 8 & 1) != 0 && {counts}"
+    lines += [
+        "for (int id = first; id < end; id++) {",
+        f"  const real margin = {check.kind}_margin(id, {passed(check)});",
+        *(f"  {line}" for line in wrapped(f"if ({counts})")),
+        "    least = margin;",
+        "}",
+        "return least;",
+    ]
+    signature = f"static real {check.kind}_room(int first, int end, {arguments(unit, check)}"
+    return function(signature, lines, "How much room a satisfied case leaves in its inequalities.")
+
+
+def _check(unit: Unit, check: Check) -> str:
+    """A check, as the header declares it. A loop over the cases takes less code than one after another."""
+    verdict = f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, -DL2C_SMALLEST}};"
+    if not check.cases:
+        return function(head(unit, check), [verdict, "return verdict;"])
+    return function(
+        head(unit, check),
+        [
+            verdict,
+            *begun(check),
+            *refusal(check),
+            *(_one_case(check) if len(check.cases) == 1 else _any_case(check)),
+            f"const real margin = {check.kind}_margin(verdict.id, {passed(check)});",
+            "if (margin < verdict.val)",
+            "  verdict.val = margin;",
+            "return verdict;",
+        ],
+    )
+
+
+def begun(check: Check) -> list[str]:
+    """A table of where the conditions of each case begin and end, for a loop over several cases."""
+    if len(check.cases) < 2:
+        return []
+    bounds = check.bounds
+    kind = "unsigned char" if bounds[-1] < 256 else "short"
+    listed = ", ".join(map(str, bounds))
+    about = (
+        f"Where the conditions begin of {'; '.join(case.about for case in check.cases)}; and where they end."
+    )
+    return [
+        *comment(about).split("\n"),
+        *wrapped(f"static const {kind} firsts[{len(bounds)}] = {{{listed}}};"),
+    ]
+
+
+def refusal(check: Check) -> list[str]:
+    """The end of a check of numbers that are out of range."""
+    states = ("before", "after") if check.transition else ("state",)
+    usable = " && ".join([*(f"is_state({s})" for s in states), "are_parameters(parameters)"])
+    return [f"if (!({usable}))", "  return verdict;"]
+
+
+def _one_case(check: Check) -> list[str]:
+    case = f"({', '.join(map(str, check.bounds))}, {passed(check)})"
+    return [
+        f"verdict.id = {check.kind}_case{case};",
+        "if (verdict.id == 0) {",
+        f"  verdict.val = {check.kind}_room{case};",
+        "  return verdict;",
+        "}",
+    ]
+
+
+def _any_case(check: Check) -> list[str]:
+    case = f"(firsts[k], firsts[k + 1], {passed(check)})"
+    return [
+        "int closest = -1;",
+        f"for (int k = 0; k < {len(check.cases)}; k++) {{",
+        f"  const int id = {check.kind}_case{case};",
+        "  if (id == 0) {",
+        f"    const real room = {check.kind}_room{case};",
+        "    verdict.id = 0;",
+        "    if (room > verdict.val)",
+        "      verdict.val = room;",
+        "  } else if (verdict.id != 0 && id - firsts[k] > closest) {",
+        "    closest = id - firsts[k];",
+        "    verdict.id = id;",
+        "  }",
+        "}",
+        "if (verdict.id == 0)",
+        "  return verdict;",
+    ]
+
+
+def in_range(unit: Unit) -> str:
+    """The conditions under which numbers may be used at all; every comparison is false for a NaN."""
+    model = unit.monitor.model
+    limit = unit.literal(unit.largest)
+    magnitude = "fabsf" if unit.single else "fabs"
+
+    def bounded(value: str, bound: Bound) -> str:
+        if bound == UNBOUNDED and not unit.sound:
+            return f"{magnitude}({value}) <= {limit}"
+        low, high = map(unit.literal, _limits(unit, bound))
+        return f"{low} <= {value} && {value} <= {high}"
+
+    inside = [bounded(f"state->{names.member(v.name)}", UNBOUNDED) for v in model.variables]
+    allowed = [bounded(f"parameters->{names.member(c.name)}", c.bound) for c in unit.parameters]
+    checks = (("is_state", "state", inside), ("are_parameters", "parameters", allowed))
+    texts: list[str] = []
+    for name, kind, parts in checks:
+        condition = " && ".join(parts or ["true"])
+        signature = f"static bool {name}(const {unit.stem}_{kind} *{kind})"
+        texts.append(function(signature, wrapped(f"return {condition};")))
+    return "\n".join(texts)

@@ -1,0 +1,312 @@
+"""A trained policy as C beside an exported monitor: observation, network, action, and the monitor around it.
+
+What the policy asks for goes through `<model>_run`, so that values become admissible as in the environment.
+"""
+
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+
+import numpy as np
+
+from dl2c.diagnostics import CompileError, error
+from dl2c.emit.cfile import comment, function, table, wrapped
+from dl2c.emit.leaf import Leaves
+from dl2c.emit.monitor.control_c import reading
+from dl2c.emit.monitor.monitor_c import RUNTIME, builder_of, grouped, order_of
+from dl2c.emit.monitor.monitor_h import AFTER, BEFORE, Unit, title_of, wrapped_head
+from dl2c.emit.monitor.network_c import network_functions
+from dl2c.emit.monitor.own_names import with_own_names
+from dl2c.ir.model import Model, Symbol, Term
+from dl2c.monitor.check import Controller
+from dl2c.paths.enumerate import control_drafts
+from dl2c.policy.network import NetworkPolicy
+
+ABOUT = {
+    "observe": "What the policy observes.",
+    "outputs": "What its network makes of that.",
+    "ctrl": "What the policy does, whether or not the monitor accepts it.",
+    "monitored": "What the policy does where the monitor accepts it, else the fallback.",
+}
+
+
+def policy_files(unit: Unit, policy: NetworkPolicy) -> dict[str, str]:
+    """Both files by name. Raises `CompileError` for a model whose states do not show what is observed."""
+    assert unit.monitor.controller is not None
+    stem = unit.stem
+    return {f"{stem}_policy.h": _header(unit, policy), f"{stem}_policy.c": _source(unit, policy)}
+
+
+def declarations_of_policy(unit: Unit) -> dict[str, str]:
+    """Signatures by name, in order."""
+    stem = unit.stem
+    called = f"{stem}_state curr, const {stem}_parameters *params, const {stem}_input *input"
+    upper = stem.upper()
+    observed = f"{unit.real} observation[{upper}_OBSERVATIONS]"
+    return {
+        "observe": f"void {stem}_policy_observe({called}, {observed})",
+        "outputs": f"void {stem}_policy_outputs(const {observed}, {unit.real} output[{upper}_OUTPUTS])",
+        "ctrl": f"{stem}_state {stem}_policy_ctrl({called})",
+        "monitored": f"{stem}_state {stem}_policy_monitored({called})",
+    }
+
+
+def _header(unit: Unit, policy: NetworkPolicy) -> str:
+    stem, upper, io = unit.stem, unit.stem.upper(), policy.interface
+    listed = ", ".join(n for n, *_ in io.observations) or "nothing"
+    about = f"A policy trained on this model. It observes {listed}, and gives {_meaning(policy)}."
+    return "\n".join(
+        [
+            title_of(unit, "Policy"),
+            f"#ifndef {upper}_POLICY_H\n#define {upper}_POLICY_H\n",
+            f'#include "{stem}_monitor.h"\n',
+            BEFORE,
+            comment(about),
+            f"enum {{ {upper}_OBSERVATIONS = {len(io.observations)}, {upper}_OUTPUTS = {io.outputs} }};\n",
+            *(
+                f"{comment(ABOUT[name])}\n{wrapped_head(head)};\n"
+                for name, head in declarations_of_policy(unit).items()
+            ),
+            AFTER,
+            "#endif\n",
+        ]
+    )
+
+
+def _meaning(policy: NetworkPolicy) -> str:
+    io = policy.interface
+    masked = ", the largest of those that are possible" if policy.masked else ", the largest counts"
+    match io.kind:
+        case "none":
+            return "nothing that counts"
+        case "choice":
+            return f"a number for each alternative{masked}"
+        case "choices":
+            return f"a number for each alternative of each choice{masked}"
+        case "runs":
+            return f"a number for each control path{masked}"
+        case "box":
+            asked = [*io.inputs, *("a choice" for _ in io.counts)]
+            return "what it asks for: " + ", ".join(asked)
+
+
+def _source(unit: Unit, policy: NetworkPolicy) -> str:
+    leaves = Leaves(builder_of(unit), order_of(unit), unit.single)
+    observed = _observe(unit, policy, leaves)
+    size, signature = len(policy.interface.observations), declarations_of_policy(unit)["outputs"]
+    parts = [network_functions(unit, policy.network, size, signature), *_acting(unit, policy)]
+    body = "\n".join([*leaves.texts, observed, *parts])
+    used = [text for name, text in RUNTIME.items() if f"{name}(" in body]
+    clip = CLIP if "clipped(" in body else ""
+    text = "\n".join(
+        [
+            f'{title_of(unit, "Policy")}\n#include "{unit.stem}_policy.h"\n',
+            *(["#include <math.h>\n"] if re.search(LIBRARY, body) else []),
+            f"typedef {unit.real} real;\n",
+            *used,
+            *([clip] if clip else []),
+            body,
+        ]
+    )
+    return with_own_names(text, f"{unit.stem}_policy")
+
+
+LIBRARY = r"\b(fabs|sqrt|expm1|exp|rint|sin|cos|tanh|tan|asin|atan|pow|log)f?\(|\bisfinite\("
+"""Calls of <math.h>."""
+
+CLIP = """\
+static inline real clipped(real value, real low, real high)
+{
+  return value > low ? (value < high ? value : high) : low;
+}
+"""
+
+
+# Observations --------------------------------------------------------------------------------------
+
+
+def _observe(unit: Unit, policy: NetworkPolicy, leaves: Leaves) -> str:
+    values = _shown(unit.monitor.model)
+    read = reading(unit, "input->", "curr.", "params->")
+    lines: list[str] = []
+    for k, (name, low, high) in enumerate(policy.interface.observations):
+        value = leaves.term(f"shown_{name}", values[name], f"{name} as it is observed.", read)
+        narrowed = policy.interface.dtype == "float32" and not unit.single
+        if narrowed:
+            value = f"(real)(float){grouped(value)}"
+        if narrowed or np.isfinite([low, high]).any():
+            value = f"clipped({value}, {_end(unit, low)}, {_end(unit, high)})"
+        lines += wrapped(f"observation[{k}] = {value};")
+    return function(declarations_of_policy(unit)["observe"], lines)
+
+
+def _end(unit: Unit, end: float) -> str:
+    """A limit of an observation; what has none is limited as in the environment, by the largest float."""
+    largest = float(np.finfo(np.float32).max)
+    bounded = float(np.clip(end, -largest, largest))
+    return unit.literal(Fraction(bounded))
+
+
+def _shown(model: Model) -> dict[str, Term]:
+    """What an observation shows of each name: what the environment's first decisions make of it."""
+    shown: dict[str, Term] = {v.name: Symbol(v.name, "variable") for v in model.variables}
+    shown |= {c.name: Symbol(c.name, "constant") for c in model.constants}
+    if not model.lead:
+        return shown
+    drafts = control_drafts(model, model.lead)
+    if len(drafts) != 1:
+        title = "a policy for this model cannot be exported"
+        label = "the environment decides here before the policy observes, and its state does not show what"
+        advice = "let it give values to variables instead: `x := *`"
+        raise CompileError(error("policy-observation", title, drafts[0].span, label, advice))
+    return shown | dict(drafts[0].updates)
+
+
+# Actions -------------------------------------------------------------------------------------------
+
+
+def _acting(unit: Unit, policy: NetworkPolicy) -> Iterator[str]:
+    """From outputs to the state that they lead to."""
+    controller = unit.monitor.controller
+    assert controller is not None
+    stem, io = unit.stem, policy.interface
+    if io.kind in ("choice", "choices", "runs"):
+        yield LARGEST
+        if policy.masked:
+            yield _mask(unit, policy, controller)
+        if io.kind == "runs":
+            yield table("int", "PATHS", f"[{len(io.runs)}][{len(io.counts)}]", [_row(r) for r in io.runs])
+    heads = declarations_of_policy(unit)
+    lines = [
+        f"real observation[{stem.upper()}_OBSERVATIONS];",
+        f"real output[{stem.upper()}_OUTPUTS];",
+        f"{stem}_policy_observe(curr, params, input, observation);",
+        f"{stem}_policy_outputs(observation, output);",
+        f"{stem}_state post = curr;",
+        *_decided(unit, policy, controller),
+        f"(void){stem}_run(curr, params, {'&asked' if io.inputs else 'input'}, choices, &post);",
+        "return post;",
+    ]
+    yield function(heads["ctrl"], lines)
+    called = f"curr, params, input, {stem}_policy_ctrl, {stem}_fallback"
+    yield function(heads["monitored"], wrapped(f"return {stem}_monitored_ctrl({called});"))
+
+
+LARGEST = """\
+/* The first of the largest numbers that are open; all are where `open` is null. */
+static int largest(const real *values, const bool *open, int count)
+{
+  int best = -1;
+  for (int k = 0; k < count; k++) {
+    const bool allowed = open == 0 || open[k];
+    if (allowed && (best < 0 || values[k] > values[best]))
+      best = k;
+  }
+  return best < 0 ? 0 : best;
+}
+"""
+
+
+def _row(values: tuple[int, ...]) -> str:
+    return "{" + ", ".join(map(str, values)) + "}"
+
+
+def _mask(unit: Unit, policy: NetworkPolicy, controller: Controller) -> str:
+    """A function that finds which alternatives are possible, as the environment's mask."""
+    stem, io = unit.stem, policy.interface
+    vectors = list(dict.fromkeys(run.taken for run in controller.runs))
+    n = len(io.counts)
+    starts = [sum(io.counts[:k]) for k in range(n + 1)]
+    lines = [
+        f"{stem}_state post = curr;",
+        f"bool met[{n}] = {{false}};",
+        f"for (int k = 0; k < {starts[-1]}; k++)",
+        "  open[k] = false;",
+        f"for (int r = 0; r < {len(vectors)}; r++) {{",
+        f"  const bool possible = {stem}_run(curr, params, input, TAKEN[r], &post);",
+        f"  for (int c = 0; c < {n}; c++) {{",
+        "    if (possible && TAKEN[r][c] >= 0) {",
+        "      open[START[c] + TAKEN[r][c]] = true;",
+        "      met[c] = true;",
+        "    }",
+        "  }",
+        "}",
+        f"for (int c = 0; c < {n}; c++)",
+        "  for (int k = START[c]; k < START[c + 1]; k++)",
+        "    open[k] = open[k] || !met[c];",
+    ]
+    called = f"{stem}_state curr, const {stem}_parameters *params, const {stem}_input *input"
+    return "\n".join(
+        [
+            table("int", "TAKEN", f"[{len(vectors)}][{n}]", [_row(v) for v in vectors]),
+            table("int", "START", f"[{n + 1}]", [str(s) for s in starts]),
+            function(
+                f"static void mask({called}, bool open[{starts[-1]}])",
+                lines,
+                "Which alternatives are possible; all of a choice that no possible path meets.",
+            ),
+        ]
+    )
+
+
+def _decided(unit: Unit, policy: NetworkPolicy, controller: Controller) -> list[str]:
+    """`choices`, and in `asked` values of inputs, as the outputs say."""
+    io = policy.interface
+    masked = policy.masked and io.kind in ("choice", "choices", "runs")
+    lines = [f"bool open[{sum(io.counts)}];", "mask(curr, params, input, open);"] if masked else []
+    opened = "open" if masked else "0"
+    match io.kind:
+        case "none":
+            return ["(void)output;", "const int choices[1] = {0};"]
+        case "choice":
+            return [*lines, f"const int choices[1] = {{largest(output, {opened}, {io.counts[0]})}};"]
+        case "choices":
+            offsets = [sum(io.counts[:k]) for k in range(len(io.counts))]
+            calls = [
+                f"largest(output + {o}, {f'open + {o}' if masked else '0'}, {n})"
+                for o, n in zip(offsets, io.counts, strict=True)
+            ]
+            return [*lines, *wrapped(f"const int choices[{len(calls)}] = {{{', '.join(calls)}}};")]
+        case "runs":
+            if masked:
+                lines += _open_paths(io.runs)
+            call = f"largest(output, {'whole' if masked else '0'}, {len(io.runs)})"
+            return [*lines, f"const int *choices = PATHS[{call}];"]
+        case "box":
+            return _asked(unit, policy, controller)
+
+
+def _open_paths(runs: tuple[tuple[int, ...], ...]) -> list[str]:
+    return [
+        f"bool whole[{len(runs)}];",
+        f"for (int r = 0; r < {len(runs)}; r++) {{",
+        "  whole[r] = true;",
+        f"  for (int c = 0; c < {len(runs[0])}; c++)",
+        "    whole[r] = whole[r] && (PATHS[r][c] < 0 || open[START[c] + PATHS[r][c]]);",
+        "}",
+    ]
+
+
+def _asked(unit: Unit, policy: NetworkPolicy, controller: Controller) -> list[str]:
+    """Numbers inside the action space: values of inputs, and choices that are rounded. What is decided when
+    the motion has begun is not the controller's.
+    """
+    io = policy.interface
+    values: list[str] = []
+    for k, (low, high) in enumerate(zip(io.low, io.high, strict=True)):
+        first, last = unit.literal(Fraction(low)), unit.literal(Fraction(high))
+        given = f"output[{k}]"
+        if policy.network.bounded:
+            given = f"{first} + (output[{k}] + 1) / 2 * ({last} - {first})"
+        values.append(f"clipped({given}, {first}, {last})")
+    lines = [f"{unit.stem}_input asked = *input;"] if io.inputs else []
+    known = {i.key for i in controller.inputs}
+    for key, value in zip(io.inputs, values, strict=False):
+        if key not in known:
+            continue
+        lines += wrapped(f"asked.{unit.field(key)} = {value};")
+    choices: list[str] = []
+    for value, count in zip(values[len(io.inputs) :], io.counts, strict=True):
+        scaled = f"({value} + 1) / 2 * {count - 1}" if io.squash else value
+        choices.append(f"(int)rint{'f' if unit.single else ''}({scaled})")
+    return [*lines, *wrapped(f"const int choices[{max(1, len(choices))}] = {{{', '.join(choices) or '0'}}};")]

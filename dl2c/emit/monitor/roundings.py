@@ -1,0 +1,89 @@
+"""How close to a boundary a sound monitor may leave a comparison undecided.
+
+An enclosure (cgen/monitor) of a term is off its value by at most N times epsilon times the term's size,
+and N counts the roundings on the way. Sizes are what `SIZES` says, which the header of a monitor prints.
+A comparison is undecided only where its sides differ by no more than that.
+"""
+
+from typing import assert_never
+
+from dl2c.emit.monitor.interval_c import is_number_of_machine, precision_of
+from dl2c.ir.logic import atoms
+from dl2c.ir.model import Add, Call, Div, Formula, Function, Mul, Neg, Number, Pow, Sub, Symbol, Term
+
+ROOM = 3
+"""Of one operation, in multiples of epsilon: its rounding, and the room for it."""
+
+OWN: dict[Function, int] = {
+    "exp": 8,
+    "sin": 8,
+    "cos": 8,
+    "tanh": 8,
+    "arctan": 30,
+    "tan": 30,
+    "arcsin": 60,
+    "pow": 20,
+}
+"""How wide the enclosure of a function's value at a number is, in multiples of epsilon times its size."""
+
+SIZES = (
+    "The size of a number is its magnitude, of a sum or a difference the sum of both sizes, of a product "
+    "their product, of a/b size(a)*size(b)/b^2, of sqrt(a) size(a)/sqrt(a), of min and max the larger one, "
+    "of sin, cos, tanh and arctan 1 + size(a), of tan (1 + size(a))*(1 + tan(a)^2), of arcsin "
+    "1 + size(a)/sqrt(1 - a^2), of exp exp(a)*(1 + size(a)), of pow(a, b) "
+    "pow(a, b)*(1 + size(b)*(1 + abs(log(a)) + size(a)/a))."
+)
+
+
+def roundings(formula: Formula, single: bool) -> int:
+    """N for all comparisons of a formula; 0 where each is between numbers that are not computed."""
+    return max((_of(side, single) for a in atoms(formula) for side in (a.left, a.right)), default=0)
+
+
+def _of(term: Term, single: bool) -> int:
+    match term:
+        case Number(value):
+            return 0 if is_number_of_machine(value, single) else 1
+        case Symbol():
+            return 0
+        case Neg(child) | Pow(child, 1):
+            return _of(child, single)
+        case Add(left, right) | Sub(left, right):
+            return max(_of(left, single), _of(right, single)) + ROOM
+        case Mul(left, right):
+            return _of(left, single) + _of(right, single) + ROOM
+        case Div(left, right):
+            return 2 * (_of(left, single) + _of(right, single)) + 2 * ROOM
+        case Pow(base, exponent):
+            half = exponent - 1 if exponent % 2 else exponent // 2
+            return _of(Pow(base, half), single) + _of(Pow(base, exponent - half), single) + ROOM
+        case Call(function, args):
+            return _of_function(function, [_of(a, single) for a in args])
+        case _:
+            assert_never(term)
+
+
+def _of_function(function: Function, args: list[int]) -> int:
+    match function:
+        case "abs" | "min" | "max":
+            return max(args)
+        case "sqrt":
+            return args[0] + ROOM
+        case "sin" | "cos" | "tanh" | "arctan":
+            return args[0] + OWN[function]
+        case "exp" | "tan" | "arcsin" | "pow":
+            return 2 * (sum(args) + OWN[function])
+        case _:
+            assert_never(function)
+
+
+def explained(single: bool) -> str:
+    """What a header says of conditions with a number of roundings."""
+    precision = precision_of(single)
+    epsilon, angle = f"{precision.kind}_EPSILON", precision.angle_most
+    return (
+        "`unknown within N`: a comparison in it is decided unless its sides differ by at most N * "
+        f"{epsilon} * (size of the left side + size of the right side), or a divisor, an argument of sqrt, "
+        f"arcsin or pow is that close to where there is no value, or an angle is beyond {angle}, or numbers "
+        f"are too large. {SIZES}"
+    )

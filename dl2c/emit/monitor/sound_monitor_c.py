@@ -1,0 +1,158 @@
+"""A sound exported monitor: its verdicts hold over the reals, or say that they are not known.
+
+Every condition is evaluated in intervals (interval_c.py), its truth is one of three. A case is false
+where a condition is false, else not known where one is not known.
+"""
+
+import re
+
+from dl2c.emit import names
+from dl2c.emit.cfile import function, place, wrapped
+from dl2c.emit.leaf import Leaves, Place
+from dl2c.emit.monitor.control_c import Holds, controller_functions
+from dl2c.emit.monitor.interval_c import Statements, prelude
+from dl2c.emit.monitor.monitor_c import (
+    RUNTIME,
+    arguments,
+    arithmetic,
+    begun,
+    builder_of,
+    in_range,
+    order_of,
+    passed,
+    places,
+    refusal,
+    selected,
+)
+from dl2c.emit.monitor.monitor_h import Unit, head, title_of, with_fixed
+from dl2c.emit.monitor.own_names import with_own_names
+from dl2c.ir.logic import symbols
+from dl2c.ir.model import Formula
+from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition
+
+
+def sound_monitor_c(unit: Unit) -> str:
+    """The whole file."""
+    leaves = [_condition(unit, c) for _, _, c in unit.monitor.conditions if c.first == c.number]
+    functions: list[str] = []
+    for check in unit.monitor.checks:
+        if check.cases:
+            functions += [_truth_of(unit, check), _case(unit, check)]
+        functions.append(_check(unit, check))
+    plain = Leaves(builder_of(unit), order_of(unit), unit.single)
+    if unit.monitor.controller is not None:
+        functions += controller_functions(unit, plain, "CASE.id == 0", _surely(unit, plain.texts))
+    body = "\n".join([*leaves, *plain.texts, in_range(unit), *functions])
+    text = prelude(body, unit.single, unit.largest)
+    needs_math = re.search(LIBRARY, f"{text}{body}") is not None
+    used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
+    whole = "\n".join(
+        [
+            f'{title_of(unit)}\n#include "{unit.stem}_monitor.h"\n',
+            "#include <float.h>" + ("\n#include <math.h>" if needs_math else "") + f"\n\n{arithmetic(unit)}",
+            f"typedef {unit.real} real;\n",
+            text,
+            *used,
+            body,
+        ]
+    )
+    return with_own_names(whole, unit.stem)
+
+
+LIBRARY = r"\b(fabs|sqrt|exp|sin|cos|tan|asin|atan|tanh|pow|log|ldexp|frexp)f?\b|\bisfinite\("
+"""What is of <math.h>."""
+
+
+def _condition(unit: Unit, condition: Condition) -> str:
+    about = f"{place(condition.span)}  {condition.about}".strip()
+    return _truth(unit, f"condition_n{condition.number}", condition.formula, about)
+
+
+def _truth(unit: Unit, name: str, formula: Formula, about: str) -> str:
+    """The truth of a formula as a function of the numbers in it."""
+    formula = with_fixed(unit, formula)
+    statements = Statements(lambda s: names.local(s.name), unit.single)
+    result = statements.condition(formula)
+    used = sorted(symbols(formula), key=order_of(unit))
+    parameters = ", ".join(f"real {names.local(s.name)}" for s in used) or "void"
+    lines = [line for statement in statements.lines for line in wrapped(statement)]
+    return function(f"static int {name}({parameters})", [*lines, *wrapped(f"return {result};")], about)
+
+
+def _called(unit: Unit, check: Check, condition: Condition) -> str:
+    return _call(unit, f"condition_n{condition.first}", condition.formula, places(unit, check))
+
+
+def _call(unit: Unit, name: str, formula: Formula, read: Place) -> str:
+    used = sorted(symbols(with_fixed(unit, formula)), key=order_of(unit))
+    return f"{name}({', '.join(map(read, used))})"
+
+
+def _surely(unit: Unit, texts: list[str]) -> Holds:
+    """What judges tests of inputs: only what surely holds is chosen."""
+
+    def holds(name: str, formula: Formula, about: str, read: Place) -> str:
+        texts.append(_truth(unit, name, formula, about))
+        return f"{_call(unit, name, formula, read)} == IV_TRUE"
+
+    return holds
+
+
+def _truth_of(unit: Unit, check: Check) -> str:
+    values = {c.first: _called(unit, check, c) for c in check.conditions}
+    return function(
+        f"static int {check.kind}_truth(int id, {arguments(unit, check)}",
+        [*selected(check, values), "return IV_FALSE;"],
+        "Whether a condition holds.",
+    )
+
+
+def _case(unit: Unit, check: Check) -> str:
+    return function(
+        f"static {unit.stem}_verdict {check.kind}_case(int first, int end, {arguments(unit, check)}",
+        [
+            f"{unit.stem}_verdict verdict = {{0, false}};",
+            "for (int id = first; id < end; id++) {",
+            f"  const int truth = {check.kind}_truth(id, {passed(check)});",
+            "  if (truth == IV_FALSE || (truth == IV_UNKNOWN && verdict.id == 0)) {",
+            "    verdict.id = id;",
+            "    verdict.unknown = truth == IV_UNKNOWN;",
+            "  }",
+            "  if (truth == IV_FALSE)",
+            "    return verdict;",
+            "}",
+            "return verdict;",
+        ],
+        "The first of a case's conditions that does not hold, else the first that may not, 0 for none.",
+    )
+
+
+def _check(unit: Unit, check: Check) -> str:
+    """A check, as the header declares it: a case that may hold comes before those that do not."""
+    verdict = f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, false}};"
+    if not check.cases:
+        return function(head(unit, check), [verdict, "return verdict;"])
+    if len(check.cases) == 1:
+        case = f"{check.kind}_case({', '.join(map(str, check.bounds))}, {passed(check)})"
+        return function(head(unit, check), [verdict, *refusal(check), f"return {case};"])
+    better = "found.unknown == verdict.unknown && found.id - firsts[k] > closest"
+    return function(
+        head(unit, check),
+        [
+            verdict,
+            *begun(check),
+            *refusal(check),
+            "int closest = -1;",
+            f"for (int k = 0; k < {len(check.cases)}; k++) {{",
+            f"  const {unit.stem}_verdict found =",
+            f"      {check.kind}_case(firsts[k], firsts[k + 1], {passed(check)});",
+            "  if (found.id == 0)",
+            "    return found;",
+            *(f"  {line}" for line in wrapped(f"if ((found.unknown && !verdict.unknown) || ({better})) {{")),
+            "    closest = found.id - firsts[k];",
+            "    verdict = found;",
+            "  }",
+            "}",
+            "return verdict;",
+        ],
+    )

@@ -1,0 +1,1 @@
+"""Gymnasium modules: over the compiled library, and in plain Python."""

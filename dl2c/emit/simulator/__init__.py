@@ -1,0 +1,1 @@
+"""The C of an environment: control paths, flows, rewards, initial states."""

@@ -1,0 +1,69 @@
+"""Terms in C over what encloses the state: intervals (hull.h) or Taylor models (taylor.h).
+
+Printed from terms as they are written, each different subterm once. What does not move along a flow
+is computed in doubles. The operations are those of dl2c/flows/taylor.py and hull.py, in their order.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from dl2c.emit.cfile import wrapped
+from dl2c.emit.leaf import Leaves
+from dl2c.emit.names import index
+from dl2c.flows.enclosed import last_operation
+from dl2c.ir.model import Pow, Symbol, Term
+
+
+@dataclass(slots=True)
+class Enclosed:
+    """Statements that compute terms along one flow; `stem` begins the names of their leaf functions.
+
+    `kind` is the type without `dl2c_`: hulls go by value, Taylor models by address.
+    """
+
+    kind: str
+    stem: str
+    moves: Callable[[Term], bool]
+    leaves: Leaves
+    place: str
+    lines: list[str] = field(default_factory=list[str])
+    made: dict[Term, str] = field(default_factory=dict[Term, str])
+
+    def term(self, term: Term) -> str:
+        """The expression of a term: the name of what a statement made, or a variable's place."""
+        if isinstance(term, Symbol) and self.moves(term):
+            return f"z[{index(term)}]"
+        if term not in self.made:
+            text = self._text(term)
+            name = f"part{len(self.made)}"
+            self.lines += wrapped(f"const dl2c_{self.kind} {name} = {text};")
+            self.made[term] = name
+        return self.made[term]
+
+    def _text(self, term: Term) -> str:
+        if not self.moves(term):
+            return f"dl2c_{self.kind}_{'at' if self.kind == 'hull' else 'number'}({self._still(term)})"
+        if isinstance(term, Pow) and term.exponent == 1:
+            return self.term(term.base)
+        operation, args = last_operation(term)
+        still = [not self.moves(a) for a in args]
+        if self.kind == "taylor" and operation in ("add", "sub", "mul") and any(still):
+            return self._with_number(operation, args[still.index(False)], args[still.index(True)], still[0])
+        address = "" if self.kind == "hull" else "&"
+        return f"dl2c_{self.kind}_{operation}({', '.join(f'{address}{self.term(a)}' for a in args)})"
+
+    def _still(self, term: Term) -> str:
+        return self.leaves.term(f"{self.stem}_still{len(self.made)}", term, self.place)
+
+    def _with_number(self, operation: str, moving: Term, still: Term, first: bool) -> str:
+        """A sum or product of which one operand does not move; `first`: the first one."""
+        model, value = f"&{self.term(moving)}", self._still(still)
+        match operation, first:
+            case "mul", _:
+                return f"dl2c_taylor_times({model}, {value})"
+            case "sub", True:
+                return f"dl2c_taylor_from({value}, {model})"
+            case "sub", False:
+                return f"dl2c_taylor_plus({model}, {f'-({value})' if value.startswith('-') else f'-{value}'})"
+            case _:
+                return f"dl2c_taylor_plus({model}, {value})"

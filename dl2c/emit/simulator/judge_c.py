@@ -1,0 +1,264 @@
+"""Rewards, the end of episodes and observations in C (semantics 6 and 7).
+
+Sections: leaf functions of predicates, rewards, precondition and postcondition, then
+`model_judge`, `model_postcondition`, `model_precondition`, `model_observe`.
+"""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+
+from dl2c.emit.cexpr import number
+from dl2c.emit.cfile import LANES, each_flag, each_lane, function, place, wrapped
+from dl2c.emit.leaf import Leaves
+from dl2c.emit.names import lane
+from dl2c.emit.plan import Environment
+from dl2c.flows.watch import watches_of
+from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Rank, Symbol, Term, rank
+from dl2c.ir.printer import print_formula, print_term
+from dl2c.ir.slack import equalities_relaxed
+from dl2c.options import Options
+
+STATE = "const real *x, const real *p"
+STATUS = {"none": "DL2C_NONE", "success": "DL2C_SUCCESS", "failure": "DL2C_FAILURE"}
+ENDS = {"terminate": "DL2C_TERMINATE", "truncate": "DL2C_TRUNCATE"}
+
+
+def judge_functions(environment: Environment, leaves: Leaves) -> list[str]:
+    """All functions of this file."""
+    model = environment.model
+    return [
+        _facts(model, leaves),
+        _revise(model),
+        _judge(model, leaves),
+        _shapes(model, leaves),
+        _precondition(environment, leaves),
+        _observe(environment, leaves),
+    ]
+
+
+def fact_names(model: Model) -> list[str]:
+    """Enumerators of the conditions that every post-state is tested for."""
+    names = [f"F_{p.name}_holds" for p in model.predicates]
+    names += [f"F_{p.name}_due" for p in model.predicates if p.due is not None]
+    names += [f"F_{p.name}_failed" for p in model.predicates if p.category == "progress"]
+    return [*names, "F_postcondition"]
+
+
+def _precondition(environment: Environment, leaves: Leaves) -> str:
+    """What a given state must satisfy: P, equalities within the tolerance where doubles may miss them."""
+    plan, formula = environment.sampling, environment.model.precondition
+    rounded = plan is None or plan.certificate == "witness"
+    about = "The problem's P, strict."
+    if rounded:
+        formula = equalities_relaxed(formula, environment.options.tolerance)
+        about = "The problem's P, equalities within the tolerance, all else strict."
+    holds = leaves.condition("problem_precondition", formula, print_formula(formula))
+    return function(f"static inline bool model_precondition({STATE})", [f"return {holds};"], about)
+
+
+def _facts(model: Model, leaves: Leaves) -> str:
+    conditions: list[tuple[str, str]] = []
+
+    def add(fact: str, name: str, formula: Formula, about: str) -> None:
+        conditions.append((f"facts[{fact} * row + i]", leaves.condition(name, formula, about, lane)))
+
+    for predicate in model.predicates:
+        name, where = predicate.name, place(predicate.span)
+        about = f"{where}  @{predicate.category} {name}: {print_formula(predicate.formula)}, within tolerance"
+        add(f"F_{name}_holds", f"{name}_holds", predicate.relaxed, about)
+        if predicate.due is not None:
+            about = f"{where}  {name} is due: {print_formula(predicate.due)}"
+            add(f"F_{name}_due", f"{name}_due", predicate.due, about)
+    post = TRUE if model.postcondition is None else model.postcondition
+    add("F_postcondition", "problem_postcondition", post, f"the problem's Q: {print_formula(post)}")
+    return function(
+        f"DL2C_INLINE void model_facts({LANES}, int64_t row, uint8_t *restrict facts)",
+        each_flag(conditions),
+        "What a post-state is tested for.   facts: (NFACT, row)",
+    )
+
+
+def _revise(model: Model) -> str:
+    """What happened on the way, and that the time is up."""
+    watched = {watch.predicate: w for w, watch in enumerate(watches_of(model))}
+    body: list[str] = []
+    for k, predicate in enumerate(model.predicates):
+        holds = f"facts[F_{predicate.name}_holds * row + i]"
+        seen = f"watch[{watched[k]} * row + i]" if k in watched else ""
+        if predicate.category == "safety" and seen:
+            body += each_lane(holds, f"{holds} & ({seen} != DL2C_FAILED)")
+        if predicate.category == "progress":
+            due = "late[i]" if predicate.due is None else f"facts[F_{predicate.name}_due * row + i]"
+            failed = f"(!{holds}) & {due}"
+            if seen:
+                failed = f"({seen} == DL2C_FAILED) | ({failed} & ({seen} != DL2C_MET))"
+            body += each_lane(f"facts[F_{predicate.name}_failed * row + i]", failed)
+    return function(
+        "DL2C_INLINE void model_revise(int64_t count, const uint8_t *restrict watch, "
+        "const uint8_t *restrict late, int64_t row, uint8_t *restrict facts)",
+        body,
+        "Completes the facts of post-states by what happened in the step.   facts: (NFACT, row)   "
+        "watch: (NWATCH, row)   late: (count)",
+    )
+
+
+def _judge(model: Model, leaves: Leaves) -> str:
+    body = [
+        "for (int64_t i = 0; i < count; i++)",
+        "  judged->reward[i] = 0.0;",
+        "for (int64_t i = 0; i < count; i++) {",
+        "  judged->cost[i] = 0;",
+        "  judged->undefined[i] = 0;",
+        "}",
+    ]
+    for predicate in model.predicates:
+        body += _rewards(predicate, leaves)
+        if predicate.category == "safety":
+            good = f"facts[F_{predicate.name}_holds * row + i]"
+            body += each_lane("judged->cost[i]", f"judged->cost[i] + !{good}")
+    body += ["for (int64_t i = 0; i < count; i++) {", *(f"  {line}" for line in _endings(model)), "}"]
+    return function(
+        f"DL2C_INLINE void model_judge({LANES}, const uint8_t *restrict facts, int64_t row, "
+        "dl2c_judgement *restrict judged)",
+        body,
+        "Sums the rewards of all predicates; of those that end the episode the most important wins.",
+    )
+
+
+def _rewards(predicate: Predicate, leaves: Leaves) -> list[str]:
+    """Adds reward or penalty, then the shape."""
+    good = f"facts[F_{predicate.name}_holds * row + i]"
+    parts = (
+        ("reward", predicate.reward, good),
+        ("penalty", predicate.penalty, f"!{good}"),
+        ("shape", predicate.shape, "true"),
+    )
+    return [
+        line
+        for word, term, when in parts
+        if term is not None
+        for line in _reward(f"{predicate.name}_{word}", term, when, leaves)
+    ]
+
+
+def _reward(name: str, term: Term, when: str, leaves: Leaves) -> list[str]:
+    """Adds a reward term; one without a finite value adds nothing and says so."""
+    value = leaves.term(name, term, f"{name.replace('_', ' ')} = {print_term(term)}", lane)
+    defined = leaves.defined(f"{name}_defined", [term], "it has a value", lane)
+    if defined is None:
+        return each_lane("judged->reward[i]", f"judged->reward[i] + dl2c_select({when}, {value}, 0.0)")
+    return [
+        "for (int64_t i = 0; i < count; i++) {",
+        *(f"  {line}" for line in wrapped(f"const bool defined = {defined};")),
+        *(f"  {line}" for line in wrapped(f"const real value = {value};")),
+        f"  judged->reward[i] += dl2c_select({when} && defined, value, 0.0);",
+        f"  judged->undefined[i] |= (uint8_t)({when} & !defined);",
+        "}",
+    ]
+
+
+def _shapes(model: Model, leaves: Leaves) -> str:
+    """What a step without a run earns."""
+    body: list[str] = []
+    for predicate in model.predicates:
+        if predicate.shape is None:
+            continue
+        name = f"{predicate.name}_shape"
+        about = f"{name.replace('_', ' ')} = {print_term(predicate.shape)}"
+        value = leaves.term(name, predicate.shape, about)
+        defined = leaves.defined(f"{name}_defined", [predicate.shape], "it has a value")
+        added = value if defined is None else f"dl2c_select({defined}, {value}, 0.0)"
+        body += wrapped(f"sum = sum + {added};")
+    return function(
+        f"static inline real model_shapes({STATE})",
+        ["real sum = 0.0;", *body, "return sum;"] if body else ["return 0.0;"],
+        "The shapes of all predicates together.",
+    )
+
+
+def _endings(model: Model) -> list[str]:
+    """Triggers as selections, the least important first; a `continue` counts only where nothing ends."""
+    ending: list[tuple[Rank, str, str, str, str]] = []
+    going_on: list[tuple[Rank, str]] = []
+    for k, predicate in enumerate(model.predicates):
+        good = f"facts[F_{predicate.name}_holds * row + i]"
+        for trigger, when in ((predicate.on_success, good), (predicate.on_failure, _failed(predicate, good))):
+            if trigger is None:
+                continue
+            status = STATUS[trigger.status]
+            if trigger.action == "continue":
+                line = f"status = dl2c_pick({when}, {status}, status);"
+                going_on.append((rank(k, predicate, trigger), line))
+            else:
+                reason = f"DL2C_REASON_PREDICATE + {k}"
+                ending.append((rank(k, predicate, trigger), when, ENDS[trigger.action], status, reason))
+    lines = [
+        "int32_t end = DL2C_GOES_ON;",
+        "int32_t status = DL2C_NONE;",
+        "int32_t reason = DL2C_REASON_NONE;",
+    ]
+    lines += [line for _, line in sorted(going_on, reverse=True)]
+    for j, (_, when, action, status, reason) in enumerate(sorted(ending, reverse=True)):
+        lines += [
+            f"const int32_t fires{j} = {when};",
+            f"end = dl2c_pick(fires{j}, {action}, end);",
+            f"status = dl2c_pick(fires{j}, {status}, status);",
+            f"reason = dl2c_pick(fires{j}, {reason}, reason);",
+        ]
+    return [*lines, "judged->end[i] = end;", "judged->status[i] = status;", "judged->reason[i] = reason;"]
+
+
+def _failed(predicate: Predicate, good: str) -> str:
+    """When a predicate counts as failed; a progress predicate only once its obligation is due."""
+    return f"facts[F_{predicate.name}_failed * row + i]" if predicate.category == "progress" else f"!{good}"
+
+
+def observed(model: Model, options: Options) -> list[tuple[str, Symbol, Bound]]:
+    """The entries of an observation: observed variables, then sampled constants (semantics 7)."""
+    entries = [(v.name, Symbol(v.name, "variable"), v.bound) for v in model.variables if v.observed]
+    if options.observe_constants:
+        sampled = [c for c in model.constants if c.value is None and c.observed]
+        entries += [(c.name, Symbol(c.name, "constant"), c.bound) for c in sampled]
+    return entries
+
+
+def observation_limits(bound: Bound, options: Options) -> tuple[float, float]:
+    """The declared bound rounded outward to the observation's type; infinite where open or not wanted."""
+    if options.observation_bounds == "unbounded":
+        return -math.inf, math.inf
+    low = -math.inf if bound.low is None else _outward(bound.low, -1, options)
+    return low, math.inf if bound.high is None else _outward(bound.high, 1, options)
+
+
+def _outward(value: Fraction, direction: int, options: Options) -> float:
+    kind = np.float32 if options.obs_dtype == "float32" else np.float64
+    near = kind(float(value))
+    if (Fraction(float(near)) - value) * direction < 0:
+        near = np.nextafter(near, kind(direction * math.inf))
+    return float(near)
+
+
+def _observe(environment: Environment, leaves: Leaves) -> str:
+    kind = "float" if environment.options.obs_dtype == "float32" else "double"
+    suffix = "f" if kind == "float" else ""
+    body = ["for (int64_t i = 0; i < count; i++) {", "  int32_t clipped = 0;"]
+    for k, (_, symbol, bound) in enumerate(observed(environment.model, environment.options)):
+        low, high = observation_limits(bound, environment.options)
+        limits = f"{_limit(low, suffix)}, {_limit(high, suffix)}"
+        value = f"dl2c_observe_{kind}({lane(symbol)}, {limits}, &clipped)"
+        body += [f"  {line}" for line in wrapped(f"obs[{k} * row + i] = {value};")]
+    body += ["  saturated[i] = (uint8_t)clipped;", "}"]
+    return function(
+        f"DL2C_INLINE void model_observe({LANES}, int64_t row, dl2c_obs *restrict obs, "
+        "uint8_t *restrict saturated)",
+        body,
+        "Observed variables and constants, inside their declared bounds.   obs: (NOBS, row)",
+    )
+
+
+def _limit(value: float, suffix: str) -> str:
+    if math.isinf(value):
+        return "-INFINITY" if value < 0 else "INFINITY"
+    return number(value) + suffix

@@ -1,0 +1,110 @@
+"""One environment as one C file.
+
+The file has these sections: what it is, with its header (model_h.py); leaf functions, each below the
+dL text it stands for; functions of the flows, of the paths, of rewards and observations,
+of initial states; tables; the runtime, compiled with the model as one unit.
+"""
+
+from dl2c.emit.leaf import Leaves
+from dl2c.emit.monitor.files import monitor_sources
+from dl2c.emit.names import file_stem
+from dl2c.emit.plan import Environment
+from dl2c.emit.simulator.flow_c import flow_functions
+from dl2c.emit.simulator.inputs_c import input_functions
+from dl2c.emit.simulator.judge_c import judge_functions
+from dl2c.emit.simulator.judging_c import judging_functions
+from dl2c.emit.simulator.model_h import model_h, title_of
+from dl2c.emit.simulator.ode_c import jacobian_function, lie_function
+from dl2c.emit.simulator.paths_c import path_functions, path_tables
+from dl2c.emit.simulator.rates_c import rate_functions
+from dl2c.emit.simulator.sampler_c import sampler_functions, sampler_tables
+from dl2c.emit.simulator.start_c import start_functions
+from dl2c.emit.simulator.watch_c import watch_functions, watch_tables
+from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
+from dl2c.ir.model import Constant, Symbol
+from dl2c.symbolic.terms import Builder
+
+CLONED = 64
+"""A model with more paths, variables or predicates is compiled for one kind of processor only, to be
+compiled in reasonable time."""
+
+
+def model_sources(environment: Environment) -> dict[str, str]:
+    """The generated files by name: `<model>.h` and `<model>.c`, and those of a monitor of every step."""
+    stem = file_stem(environment.model.name)
+    files = {f"{stem}.h": model_h(environment), f"{stem}.c": model_c(environment)}
+    return files if environment.monitor is None else files | monitor_sources(environment.monitor)
+
+
+def model_c(environment: Environment) -> str:
+    """The whole C file."""
+    ranks = {symbol: k for k, symbol in enumerate(_symbols(environment))}
+    bounds = {Symbol(c.name, "constant"): _range(c) for c in environment.model.constants}
+    leaves = Leaves(Builder(bounds), lambda symbol: ranks.get(symbol, len(ranks)))
+    functions = [
+        *flow_functions(environment, leaves),
+        *watch_functions(environment, leaves),
+        *start_functions(environment, leaves),
+        *rate_functions(environment, leaves),
+        *_track_functions(environment, leaves),
+        *path_functions(environment, leaves),
+        *input_functions(environment, leaves),
+        *judge_functions(environment, leaves),
+        *sampler_functions(environment, leaves),
+        *(text for unit in [environment.monitor] if unit for text in judging_functions(unit)),
+    ]
+    tables = [
+        *path_tables(environment),
+        *watch_tables(environment),
+        *sampler_tables(environment),
+    ]
+    sections = [
+        _head(environment),
+        *leaves.texts,
+        *functions,
+        "".join(tables),
+        _runtime(),
+    ]
+    return "\n".join(sections)
+
+
+def _track_functions(environment: Environment, leaves: Leaves) -> list[str]:
+    """What following flows track by track needs that have no solution in closed form."""
+    tracked = {k: plan.margins for k, plan in enumerate(environment.flows) if plan.kernel != "exact"}
+    return [
+        *([jacobian_function(environment, leaves, tracked)] if tracked else []),
+        *([lie_function(environment, leaves, tracked)] if tracked else []),
+    ]
+
+
+def _head(environment: Environment) -> str:
+    title = title_of(environment)
+    model = environment.model
+    few = max(len(environment.paths.paths), len(model.variables), len(model.predicates)) <= CLONED
+    clones = "" if few else "#define DL2C_NO_TARGET_CLONES 1\n"
+    header = f"{file_stem(environment.model.name)}.h"
+    monitor = f'#include "{file_stem(model.name)}_monitor.h"\n' if environment.monitor is not None else ""
+    return f'{title}\n{clones}#include "{header}"\n{monitor}'
+
+
+def _symbols(environment: Environment) -> list[Symbol]:
+    """Parameters of leaf functions come in this order."""
+    model = environment.model
+    return [
+        *(Symbol(v.name, "variable") for v in model.variables),
+        *(Symbol(c.name, "constant") for c in model.constants),
+        *(i.symbol for i in environment.paths.inputs),
+        *dict.fromkeys(s.symbol for p in environment.paths.paths for a in p.admissions for s in a.solved),
+    ]
+
+
+def _range(constant: Constant) -> Interval:
+    """Where the constant lies in every episode."""
+    if constant.value is not None:
+        return enclosure(constant.value)
+    low = WHOLE.low if constant.bound.low is None else enclosure(constant.bound.low).low
+    return Interval(low, WHOLE.high if constant.bound.high is None else enclosure(constant.bound.high).high)
+
+
+def _runtime() -> str:
+    return '#include "batch.h" /* the runtime, compiled with this model as one unit */\n'

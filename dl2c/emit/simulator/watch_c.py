@@ -1,0 +1,226 @@
+"""What is watched along flows, in C: margins, their Taylor models, and conditions over their signs.
+
+Margin j of a flow is positive inside its atom. `model_margin` is its value in a state, `model_taylor`
+has models of all margins along a stretch, `model_condition` decides a formula from signs alone: 0 is
+the domain, then for watch w 1 + 3w what must stay, 2 + 3w what is due, 3 + 3w the goal. `model_quiet`
+is a quick proof that no watch fails.
+"""
+
+from dl2c.emit.cexpr import number
+from dl2c.emit.cfile import function, place, table, wrapped
+from dl2c.emit.leaf import Leaves
+from dl2c.emit.names import after, index
+from dl2c.emit.plan import Environment
+from dl2c.emit.simulator.enclosed_c import Enclosed
+from dl2c.emit.simulator.hull_c import calm_function
+from dl2c.flows.kernel import FlowPlan, constant_along
+from dl2c.flows.watch import watches_of
+from dl2c.ir.logic import conjunction
+from dl2c.ir.model import TRUE, And, Compare, Formula, Or, Symbol, Term, Truth
+from dl2c.ir.polynomial import Coefficients
+from dl2c.ir.printer import print_formula, print_term
+
+STATE = "const real *x, const real *p"
+STAYS = {">=": "dl2c_stays_closed", ">": "dl2c_stays_open", "!=": "dl2c_stays_apart", "=": "dl2c_stays_equal"}
+SPANS = ("constant", "line", "parabola")
+
+
+def watch_functions(environment: Environment, leaves: Leaves) -> list[str]:
+    """All functions of this file that the flows need."""
+    return [
+        *(_search_functions(environment, leaves) if searched(environment) else []),
+        _holds(environment),
+        _quiet(environment, leaves),
+    ]
+
+
+def searched(environment: Environment) -> bool:
+    """Whether some flow is followed track by track, or may have to be."""
+    return any(plan.kernel != "exact" or plan.margins for plan in environment.flows)
+
+
+def _search_functions(environment: Environment, leaves: Leaves) -> list[str]:
+    return [
+        _margin(environment, leaves),
+        _taylor(environment, leaves),
+        calm_function(environment, leaves),
+        _solution(environment, leaves),
+    ]
+
+
+def watch_tables(environment: Environment) -> list[str]:
+    """Everything about watches and kernels that is data."""
+    cuts = [str(int(w.cuts)) for w in watches_of(environment.model)]
+    kinds = [_kind(plan) for plan in environment.flows]
+    counts = [str(len(plan.margins)) for plan in environment.flows]
+    tables = [
+        table("uint8_t", "FLOW_KERNEL", f"[{max(1, len(kinds))}]", kinds or ["0"]),
+        table("int32_t", "FLOW_DURATION", f"[{max(1, len(kinds))}]", _durations(environment) or ["-1"]),
+    ]
+    if searched(environment):
+        reaches = [number(float(flow.reach or 0)) for flow in environment.model.flows]
+        tables += [
+            table("real", "FLOW_REACH", f"[{max(1, len(reaches))}]", reaches or ["0.0"]),
+            table("uint8_t", "WATCH_CUTS", f"[{max(1, len(cuts))}]", cuts or ["0"]),
+            table("int32_t", "FLOW_MARGINS", f"[{max(1, len(counts))}]", counts or ["0"]),
+        ]
+    return tables
+
+
+def margin_count(environment: Environment) -> int:
+    """The largest number of margins of a flow."""
+    return max((len(plan.margins) for plan in environment.flows), default=0)
+
+
+def _durations(environment: Environment) -> list[str]:
+    """For every flow the input that decides how long it lasts, -1 for none."""
+    keys = [i.key for i in environment.paths.inputs]
+    wanted = [f"duration_{k}" for k in range(len(environment.flows))]
+    return [str(keys.index(key)) if key in keys else "-1" for key in wanted]
+
+
+def _kind(plan: FlowPlan) -> str:
+    match plan.kernel:
+        case "cvodes":
+            return "DL2C_NUMERIC"
+        case "dopri5":
+            return "DL2C_DOPRI"
+        case "linear":
+            return "DL2C_LINEAR"
+        case "exact":
+            return "DL2C_SOLUTION" if plan.quick is None else "DL2C_QUICK"
+
+
+def _margin(environment: Environment, leaves: Leaves) -> str:
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        lines: list[str] = []
+        for j, margin in enumerate(plan.margins):
+            about = f"{place(plan.flow.span)}  margin of {print_term(margin)}"
+            lines += wrapped(f"if (margin == {j}) return {leaves.term(f'flow{k}_margin{j}', margin, about)};")
+        body += _selected(k, lines)
+    return function(
+        f"static inline real model_margin(int flow, int margin, {STATE})",
+        [*body, "return 0.0;"],
+        "A margin in a state.",
+    )
+
+
+def _taylor(environment: Environment, leaves: Leaves) -> str:
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        terms = Enclosed(
+            "taylor",
+            f"flow{k}_margins",
+            lambda t, flow=plan.flow: not constant_along(t, flow),
+            leaves,
+            f"{place(plan.flow.span)}  does not move",
+        )
+        results = [f"g[{j}] = {terms.term(margin)};" for j, margin in enumerate(plan.margins)]
+        body += _selected(k, [*terms.lines, *results])
+    return function(
+        f"static void model_taylor(int flow, const dl2c_taylor *z, {STATE}, dl2c_taylor *g)",
+        body,
+        "Models of all margins where the state moves like z; what does not move is taken from x.   "
+        "g: (NMARGIN)",
+    )
+
+
+def _solution(environment: Environment, leaves: Leaves) -> str:
+    """Coefficients by powers of the time, of variables that move."""
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        if plan.solution is None:
+            continue
+        lines: list[str] = []
+        for variable, coefficients in plan.solution.variables.items():
+            for i, coefficient in enumerate(coefficients[1:], 1):
+                about = f"{variable}(tau), coefficient of tau^{i}"
+                value = leaves.term(f"flow{k}_{variable}_c{i}", coefficient, about)
+                lines += wrapped(f"c[{index(Symbol(variable, 'variable'))}][{i}] = {value};")
+        degree = max((len(c) - 1 for c in plan.solution.variables.values()), default=0)
+        body += _selected(k, [*lines, f"return {degree};"])
+    return function(
+        f"static int model_solution(int flow, {STATE}, real (*c)[DL2C_TRACK_DEGREE + 1])",
+        [*body, "return 0;"],
+        "Motion from x as polynomials of the time; returns their degree.   c: (NX), the constant "
+        "coefficients are there",
+    )
+
+
+def _holds(environment: Environment) -> str:
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        lines: list[str] = []
+        for f, formula in enumerate(plan.formulas):
+            if isinstance(formula, Truth) and formula.value:
+                continue
+            condition = _over_signs(formula, plan.margins)
+            lines += [f"if (formula == {f})", *(f"  {x}" for x in wrapped(f"return {condition};"))]
+        body += _selected(k, lines)
+    return function(
+        "static inline bool model_condition(int flow, int formula, const int8_t *sign)",
+        [*body, "return true;"],
+        "Whether a condition watched along a flow holds where its margins have these signs.",
+    )
+
+
+def _over_signs(formula: Formula, margins: tuple[Term, ...]) -> str:
+    match formula:
+        case Truth(value):
+            return "true" if value else "false"
+        case Compare(op, left):
+            return f"(sign[{margins.index(left)}] {'==' if op == '=' else op} 0)"
+        case And(children):
+            return f"({' & '.join(_over_signs(c, margins) for c in children)})"
+        case Or(children):
+            return f"({' | '.join(_over_signs(c, margins) for c in children)})"
+
+
+def _quiet(environment: Environment, leaves: Leaves) -> str:
+    body: list[str] = []
+    for k, plan in enumerate(environment.flows):
+        if not plan.watches:
+            continue
+        if plan.quick is None or plan.still is None:
+            body += [f"if (flow == {k}) return false;"]
+            continue
+        lines: list[str] = []
+        for j, (margin, curve) in enumerate(zip(plan.still_margins, plan.still_curves, strict=True)):
+            lines += wrapped(f"const dl2c_span still{j} = {_span(k, j, margin, curve, plan, leaves)};")
+        parts = [_still(plan.still, plan.still_margins)]
+        at_end = conjunction(w.at_end for w in plan.watches)
+        if at_end != TRUE:
+            parts.append(leaves.condition(f"flow{k}_watch_at_end", at_end, print_formula(at_end), after))
+        lines += wrapped(f"return {' & '.join(parts)};")
+        body += _selected(k, lines)
+    return function(
+        f"DL2C_INLINE bool model_quiet(int flow, {STATE}, real duration, const real *y)",
+        [*body, "return true;"],
+        "Whether a flow of that duration, which ends in y, plainly changes no watch that matters.",
+    )
+
+
+def _span(k: int, j: int, margin: Term, curve: Coefficients, plan: FlowPlan, leaves: Leaves) -> str:
+    """What encloses a margin of degree two at most."""
+    about = f"{place(plan.flow.span)}  {print_term(margin)}, coefficient of tau^"
+    terms = [leaves.term(f"flow{k}_watch_still{j}_c{i}", c, f"{about}{i}") for i, c in enumerate(curve)]
+    length = ["duration"] if len(curve) > 1 else []
+    return f"dl2c_{SPANS[len(curve) - 1]}({', '.join([*terms, *length])})"
+
+
+def _still(formula: Formula, margins: tuple[Term, ...]) -> str:
+    match formula:
+        case Truth(value):
+            return "true" if value else "false"
+        case Compare(op, left):
+            return f"{STAYS[op]}(still{margins.index(left)})"
+        case And(children):
+            return f"({' & '.join(_still(c, margins) for c in children)})"
+        case Or(children):
+            return f"({' | '.join(_still(c, margins) for c in children)})"
+
+
+def _selected(k: int, lines: list[str]) -> list[str]:
+    """Statements for flow k alone; nothing where there are none."""
+    return [f"if (flow == {k}) {{", *(f"  {line}" for line in lines), "}"] if lines else []

@@ -1,0 +1,153 @@
+"""The waypoint example, with and without masks, with and without learning (`make demo`).
+
+Prints a table and writes pictures to `build/demo`.
+"""
+
+import os
+import time
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from dl2c.training.evaluation import evaluate
+from dl2c.training.plots import plot_curves, plot_trajectory
+from dl2c.training.rollout import rollout
+from dl2c.training.run import Algorithm, Estimate, Evaluation, Point, Settings
+
+MODEL = "example:waypoint"
+FOLDER = Path("build/demo")
+SEEDS = (1, 2, 3)
+EPISODES = 200
+
+STRICT: dict[str, Any] = {"on_blocked": "terminate"}
+"""How every policy is measured: a request without a run ends the episode, unsuccessfully."""
+
+LESSONS: dict[str, Any] = {"on_blocked": "fallback", "blocked_penalty": -1000.0}
+"""How the unmasked policy learns: such a request costs 1000, and the episode goes on with an enabled run."""
+
+GUARDS = Settings(
+    steps=2_000_000,
+    n_envs=256,
+    hyper={
+        "n_steps": 8,
+        "batch_size": 256,
+        "n_epochs": 3,
+        "learning_rate": 3e-3,
+        "gamma": 0.01,
+        "gae_lambda": 0.0,
+        "net_arch": [128, 128],
+    },
+)
+"""Long enough to find the guards. A request blocks or not at once, so nothing needs to look ahead."""
+
+ABOUT = """\
+Every row: {episodes} episodes with random constants and initial states; 95 % intervals in brackets.
+Success is info["is_success"], a violation an episode in which a @safety predicate failed, blocked an
+episode that a request without a run ended (on_blocked="terminate"); it counts as no success.
+
+The guards of Theorem 14 leave the controller almost no choice: in nearly every state exactly one
+alternative is enabled. Masks alone therefore solve this model, and the masked rows say nothing
+about learning. What learning does shows without masks: PPO has to find the guards by itself. It
+learns with on_blocked="fallback" and a penalty of 1000 for every request that blocks, and is
+measured like all others with on_blocked="terminate"."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trained:
+    """One finished training: what it is called, its curve and how the policy did."""
+
+    name: str
+    algo: Algorithm
+    seed: int
+    policy: Path
+    curve: tuple[Point, ...]
+    found: Evaluation
+
+
+def main() -> None:
+    """Run the demonstration: a few minutes on two cores."""
+    started = time.perf_counter()
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=120)
+    table = Table("policy", "masks", "success", "violations", "blocked", "travel time / s", box=None)
+    for name, policy, masked in (
+        ("first enabled", "first", True),
+        ("uniform random", "random", True),
+        ("uniform random", "random", False),
+    ):
+        _add(table, name, masked, evaluate(policy, MODEL, EPISODES, masked=masked, **STRICT))
+    console.print(f"training {2 * len(SEEDS)} policies; this takes a few minutes")
+    trained = _train_all()
+    for run in trained:
+        _add(table, f"{run.name}, seed {run.seed}", run.algo == "maskable-ppo", run.found)
+    console.print(table)
+    console.print()
+    console.print(ABOUT.format(episodes=EPISODES), markup=False)
+    console.print()
+    for path in _pictures(trained):
+        console.print(f"wrote {path}", markup=False)
+    console.print(f"{time.perf_counter() - started:.0f} s in all")
+
+
+def _train_all() -> list[Trained]:
+    """Every algorithm with every seed, the longest first, in parallel; results in a fixed order."""
+    console = Console(stderr=True)
+    with (
+        ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn")) as pool,
+        Progress(console=console, disable=not console.is_terminal) as bar,
+    ):
+        running = [pool.submit(_train, "ppo", seed) for seed in SEEDS]
+        running += [pool.submit(_train, "maskable-ppo", seed) for seed in SEEDS]
+        done = bar.track(as_completed(running), total=len(running), description="training")
+        try:
+            return sorted((run.result() for run in done), key=lambda run: (run.algo, run.seed))
+        finally:  # after Ctrl-C, or a failure: what has not begun does not begin
+            pool.shutdown(cancel_futures=True)
+
+
+def _train(algo: Algorithm, seed: int) -> Trained:
+    from dl2c.training.learning import train
+
+    masked = algo == "maskable-ppo"
+    settings = Settings(steps=65_536) if masked else GUARDS
+    options = STRICT if masked else LESSONS
+    directory = FOLDER / f"{algo}-{seed}"
+    run = train(MODEL, algo, seed=seed, directory=directory, settings=settings, **options)
+    found = evaluate(run.policy, MODEL, EPISODES, masked=masked, **STRICT)
+    return Trained("MaskablePPO" if masked else "PPO", algo, seed, run.policy, run.curve, found)
+
+
+def _add(table: Table, name: str, masked: bool, found: Evaluation) -> None:
+    rates = (found.success, found.violations, found.blocked)
+    shown = (*(_interval(e, "{:.1%}") for e in rates), _interval(found.travel_time, "{:.2f}"))
+    table.add_row(name, "yes" if masked else "no", *shown)
+
+
+def _interval(estimate: Estimate, form: str) -> str:
+    if estimate.value != estimate.value:
+        return "-"
+    ends = (form.format(end) for end in (estimate.low, estimate.high))
+    return rf"{form.format(estimate.value)} \[{', '.join(ends)}]"
+
+
+def _pictures(trained: Iterable[Trained]) -> list[Path]:
+    """Learning curves of the unmasked policies, and one episode of the last of them."""
+    learned = [run for run in trained if run.algo == "ppo"]
+    curves, trajectory = FOLDER / "learning.png", FOLDER / "trajectory.png"
+    plot_curves({"PPO without masks, 3 seeds": [run.curve for run in learned]}, curves)
+    rows = list(rollout(learned[-1].policy, MODEL, masked=False, **STRICT))
+    names = {"xr": "position / m", "vr": "velocity / (m/s)", "T": "time to deadline / s"}
+    plot_trajectory(rows, names, trajectory, "one episode of PPO without masks")
+    return [curves, trajectory]
+
+
+if __name__ == "__main__":
+    main()

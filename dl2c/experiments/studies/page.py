@@ -1,0 +1,118 @@
+"""A study as a page in Markdown, and as data: the model's own words, its annotations, tables, curves."""
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from textwrap import dedent
+from typing import Any
+
+from dl2c.experiments.studies.measured import Measured, Result
+from dl2c.outputs import write_output
+from dl2c.picture.figure import episode_figure, save
+from dl2c.report.blame import model_of
+from dl2c.report.pictures import episodes_of, track_of
+from dl2c.training.evaluation import FIRST_SEED
+from dl2c.training.plots import plot_curves
+from dl2c.training.run import Estimate
+
+ANNOTATED = re.compile(r"[^\S\n]*/\* @.*?\*/[^\S\n]*\n?[^\n]*", re.DOTALL)
+"""An annotation and the line that it belongs to."""
+
+
+SHOWN = 4
+"""Episodes in the picture of what the policy does."""
+
+
+def write_page(result: Result, folder: Path) -> Path:
+    """Write page.md, curves.png and episodes.png to the folder."""
+    study = result.study
+    plot_curves({name: [run.curve] for name, run in result.runs.items()}, folder / "curves.png")
+    policy = result.runs["with guards"].policy
+    seen = episodes_of(policy, study.guarded, SHOWN, FIRST_SEED, **study.options)
+    figure = episode_figure(model_of(seen[0]), list(map(track_of, seen)))
+    save(figure, folder / "episodes.png")
+    path = folder / "page.md"
+    write_output(path, "\n".join(_page(result)))
+    return path
+
+
+def _page(result: Result) -> Iterator[str]:
+    study = result.study
+    text = study.guarded.text
+    yield f"# {study.title}\n"
+    yield f"{_first_comment(text)}\n"
+    yield f"## What is proved\n\n{study.proved}\n"
+    yield f"```text\n{problem(text)}\n```\n"
+    yield f"## What is left to learn\n\n{study.learned}\n"
+    yield f"```text\n{annotations(text)}\n```\n"
+    yield "## What guards cost and buy\n"
+    yield f"The guard is\n\n```text\n{study.guard}\n```\n"
+    yield f"and the model without guards is the same with `{study.instead}` in its place.\n"
+    yield _table(result)
+    yield f"{study.found}\n"
+    yield READING.format(
+        steps=f"{study.settings.steps:,}", endured=f"{result.endured.steps:,}", n=result.endured.violations
+    )
+    yield "![Learning curves of both trainings](curves.png)\n"
+    yield "## What the policy does\n"
+    yield "The policy learned with guards, in four episodes, of which the first is explained.\n"
+    yield "![Episodes of the policy learned with guards](episodes.png)\n"
+    yield f"Again: `dl2c study {study.example}`\n"
+
+
+READING = """\
+All rows are of the same initial states, with 95 % intervals; a violation is an episode in which a safety
+predicate failed. Both policies were trained for {steps} steps with the same settings. In {endured} steps of
+the policy learned with guards, in the model with its guards, a safety predicate failed {n} times.
+"""
+
+
+def _first_comment(text: str) -> str:
+    found = re.match(r"/\*(.*?)\*/", text, re.DOTALL)
+    assert found is not None, "examples begin with a comment"
+    return re.sub(r"^ \* ?", "", found[1], flags=re.MULTILINE).strip()
+
+
+def problem(text: str) -> str:
+    """What is proved, as the model says it."""
+    return text[text.index("\nProblem") :].split("\nEnd.", maxsplit=1)[0].strip()
+
+
+def annotations(text: str) -> str:
+    """Every annotation of a model, each with the line that it belongs to."""
+    return "\n".join(dedent(found) for found in ANNOTATED.findall(text))
+
+
+def _table(result: Result) -> str:
+    goal = result.study.has_goal
+    head = ["policy", "model", *(["success"] if goal else []), "violations", "mean return"]
+    lines: list[Sequence[str]] = [head, ["---"] * len(head)]
+    lines += [_row(row, goal) for row in result.rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _row(row: Measured, goal: bool) -> Sequence[str]:
+    found = row.found
+    rates = [*([found.success] if goal else []), found.violations]
+    model = "with guards" if row.guarded else "without"
+    return [row.policy, model, *map(_percent, rates), _number(found.episode_return)]
+
+
+def _percent(e: Estimate) -> str:
+    return f"{e.value:.1%} [{e.low:.1%}, {e.high:.1%}]"
+
+
+def _number(e: Estimate) -> str:
+    return "" if math.isnan(e.value) else f"{e.value:.1f} [{e.low:.1f}, {e.high:.1f}]"
+
+
+def data(result: Result) -> dict[str, Any]:
+    """The same for programs."""
+    return {
+        "example": result.study.example,
+        "rows": [asdict(row) for row in result.rows],
+        "endured": asdict(result.endured),
+        "seconds": {name: run.seconds for name, run in result.runs.items()},
+    }

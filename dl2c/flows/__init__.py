@@ -1,0 +1,1 @@
+"""How flows are followed: closed forms, margins that are watched along them, and where these change sign."""

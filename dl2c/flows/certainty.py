@@ -1,0 +1,59 @@
+"""What is certain about the events of a flow, condition by condition: what `dl2c info` says of it."""
+
+from collections.abc import Iterator
+
+from dl2c.flows.exact import MAX_ROOT_DEGREE
+from dl2c.flows.kernel import FlowPlan, Kernel, constant_along
+from dl2c.ir.logic import atoms, operands
+from dl2c.ir.margins import margin_of
+from dl2c.ir.model import Call, Compare, Formula, Model, Term
+from dl2c.ir.printer import print_formula
+
+MOTIONS: dict[Kernel, str] = {
+    "exact": "the solution",
+    "linear": "the solution, a power series to the last digit",
+    "cvodes": "the solver's interpolant; that this is within the tolerances of the solution is not",
+    "dopri5": "the method's interpolant; that this is within the tolerances of the solution is not",
+}
+
+LIBM = frozenset({"exp", "sin", "cos", "tan", "arcsin", "arctan", "tanh", "pow"})
+
+
+def certainties(plan: FlowPlan, model: Model) -> Iterator[tuple[str, str]]:
+    """Each condition of a flow's domain and each predicate watched along it, with what is certain of it."""
+    flow = plan.flow
+    for horizon in flow.horizons:
+        yield f"{horizon.clock} runs out", "exact"
+    for invariant in flow.invariants:
+        yield print_formula(invariant), "conserved, as its derivative is zero: no event"
+    for atom in dict.fromkeys(atoms(flow.watched)):
+        yield print_formula(atom), _of_atom(atom, plan)
+    for watch in plan.watches:
+        predicate = model.predicates[watch.predicate]
+        yield f"{predicate.name} ({watch.kind})", _searched(watch.stays, plan)
+
+
+def _of_atom(atom: Compare, plan: FlowPlan) -> str:
+    margin = margin_of(atom)
+    if constant_along(margin, plan.flow):
+        return "does not change along the flow"
+    curve = None if plan.quick is None or plan.solution is None else plan.solution.compose(margin)
+    if curve is not None and len(curve) <= MAX_ROOT_DEGREE + 1:
+        degree = len(curve) - 1
+        closer = "; searched where rounding may decide" if degree == MAX_ROOT_DEGREE else ""
+        return f"certified by its root of degree {degree}{closer}"
+    return _searched(atom, plan)
+
+
+def _searched(formula: Formula, plan: FlowPlan) -> str:
+    """Conditions that are enclosed along a motion; a crossing is found up to rounding of the condition."""
+    named = sorted({f for a in atoms(formula) for side in (a.left, a.right) for f in _functions(side)})
+    library = f"; {', '.join(named)} of the C library taken as 2^-50 off at most" if named else ""
+    return f"certified along {MOTIONS[plan.kernel]}{library}"
+
+
+def _functions(term: Term) -> Iterator[str]:
+    if isinstance(term, Call) and term.function in LIBM:
+        yield term.function
+    for part in operands(term):
+        yield from _functions(part)

@@ -1,0 +1,155 @@
+"""What is computed once where a flow begins, because it does not change along it.
+
+Slacks of predicates are by definition what they are there (`slack.py`). A flow conserves some terms: their
+Lie derivative is identically zero. Where a flow is followed numerically such terms are replaced
+by their values at its start, so that what the solver is off by fails no watch and gives no
+events; and equalities of P, Q and predicates that hold there and stay true are what its end is projected
+onto.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+from dl2c.flows.conserved import is_darboux, is_invariant
+from dl2c.flows.solution import moving
+from dl2c.flows.watch import Watch
+from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal
+from dl2c.ir.logic import atoms, conjunction, operands, substituted, symbols, with_term
+from dl2c.ir.model import ZERO, And, Compare, Flow, Formula, Model, Or, Sub, Symbol, Term, Truth
+from dl2c.ir.slack import slack_of, widened
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """A symbol and the term whose value it has from where a flow begins. No value counts as 0."""
+
+    symbol: Symbol
+    value: Term
+
+
+@dataclass(frozen=True, slots=True)
+class Projection:
+    """An equality that a flow conserves, and when its end is moved onto it: where the flow begins it held,
+    which `held`, a symbol that is 1 or 0, notes; None where a flow does not begin else.
+    """
+
+    equality: Compare
+    held: Symbol | None = None
+    holds: Formula | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Steady:
+    """Watches over what a flow changes, and the values at its start that they are over otherwise."""
+
+    watches: tuple[Watch, ...]
+    starts: tuple[Start, ...]
+
+
+def slacks_of(watches: Sequence[Watch]) -> tuple[Start, ...]:
+    """The slacks of all watches, each once."""
+    return tuple(dict.fromkeys(Start(*item) for watch in watches for item in watch.slacks))
+
+
+def used(starts: Sequence[Start], parts: Sequence[Term | Formula]) -> tuple[Start, ...]:
+    """Those that occur."""
+    names = symbols(*parts)
+    return tuple(s for s in starts if s.symbol in names)
+
+
+def begun(starts: Sequence[Start], env: Environment, exact: bool) -> Environment:
+    """The environment where a flow begins, with the values of its start."""
+    values: dict[Symbol, Value | None] = dict(env)
+    for start in starts:
+        try:
+            value = evaluate(start.value, env, exact)
+        except Undefined:
+            value = literal(Fraction(0), exact)
+        values[start.symbol] = value if in_range(value) else literal(Fraction(0), exact)
+    return values
+
+
+def conserved(term: Term, flow: Flow) -> bool:
+    """Whether a term over variables that move does not change along the flow."""
+    rates = dict(flow.equations)
+    return bool(moving(term, rates)) and is_invariant(term, rates)
+
+
+def steady(flow: Flow, watches: Sequence[Watch]) -> Steady:
+    """The watches with every largest conserved part replaced by a symbol."""
+    found: dict[Term, Symbol] = {}
+
+    def changed(formula: Formula) -> Formula:
+        match formula:
+            case Truth():
+                return formula
+            case Compare(op, left, right, span=span):
+                difference = Sub(left, right)
+                parts = (difference, ZERO) if conserved(difference, flow) else (left, right)
+                return Compare(op, *(_frozen(t, flow, found) for t in parts), span=span)
+            case And(children):
+                return And(tuple(map(changed, children)))
+            case Or(children):
+                return Or(tuple(map(changed, children)))
+
+    made = tuple(
+        replace(
+            watch,
+            stays=changed(watch.stays),
+            due=changed(watch.due),
+            goal=changed(watch.goal),
+            plainly=changed(watch.plainly),
+        )
+        for watch in watches
+    )
+    slacks: dict[Symbol, Term] = {s.symbol: s.value for s in slacks_of(watches)}
+    return Steady(made, tuple(Start(s, substituted(term, slacks)) for term, s in found.items()))
+
+
+def _frozen(term: Term, flow: Flow, found: dict[Term, Symbol]) -> Term:
+    for part in _conserved_parts(term, flow):
+        symbol = found.setdefault(part, Symbol(f"at_start{len(found)}", "start"))
+        term = with_term(term, part, symbol)
+    return term
+
+
+def _conserved_parts(term: Term, flow: Flow) -> list[Term]:
+    if not moving(term, dict(flow.equations)):
+        return []
+    if conserved(term, flow):
+        return [term]
+    return [part for t in operands(term) for part in _conserved_parts(t, flow)]
+
+
+def _stays(flow: Flow, equality: Compare, known: Sequence[Compare]) -> bool:
+    """Whether an equality over variables that move stays true along the flow, as those known do."""
+    rates = dict(flow.equations)
+    term = Sub(equality.left, equality.right)
+    if not moving(term, rates):
+        return False
+    return is_invariant(term, rates) or is_darboux(term, rates, [Sub(e.left, e.right) for e in known])
+
+
+def projections(flow: Flow, equalities: Sequence[Compare], tolerance: Fraction) -> tuple[Projection, ...]:
+    """What the end of a flow is moved onto: equalities of its domain, then others that it conserves, alone
+    or together with those before.
+    """
+    found = [Projection(invariant) for invariant in flow.invariants]
+    left = [e for e in dict.fromkeys(equalities) if e not in flow.invariants]
+    alone = [e for e in left if _stays(flow, e, ())]
+    kept = [*flow.invariants, *alone]
+    while (more := next((e for e in left if e not in kept and _stays(flow, e, kept)), None)) is not None:
+        kept.append(more)
+    for k, equality in enumerate(kept[len(flow.invariants) :]):
+        needed = (equality,) if equality in alone else kept[: kept.index(equality) + 1]
+        holds = conjunction(widened(e, slack_of(e, tolerance)) for e in needed)
+        found.append(Projection(equality, Symbol(f"at_start_held{k}", "start"), holds))
+    return tuple(found)
+
+
+def equalities_of(model: Model) -> tuple[Compare, ...]:
+    """Equalities that the precondition grants, or predicates or the postcondition ask for."""
+    formulas = [model.precondition, *(p.formula for p in model.predicates)]
+    formulas += [] if model.postcondition is None else [model.postcondition]
+    return tuple(a for f in formulas for a in atoms(f) if a.op == "=")

@@ -1,0 +1,1 @@
+"""From a resolved problem to the step model."""

@@ -1,0 +1,1 @@
+"""Quantifiers over the reals, eliminated by virtual substitution."""
