@@ -44,9 +44,11 @@ test-events: $(READY)
 # memory, reports in a browser, threads, sanitizers, and exported monitors against oracles: some hours on two cores.
 # DL2C_STATES says how many states of a model monitors judge, DL2C_HOSTILE=100:120 which models are built.
 HOSTILE := $(addprefix tests/campaigns/test_,mutations.py controller_relation.py hostile_models.py) \
-  $(addprefix tests/test_,hostile.py builds_survive.py endurance.py interrupted.py memory_limits.py) \
-  $(addprefix tests/test_,report_in_browser.py sanitized_handles.py monitor_functions.py monitor_sound.py) \
-  $(addprefix tests/regression/test_,handles.py processes.py reliability.py)
+  $(addprefix tests/commands/test_,interrupted.py memory_limits.py) \
+  $(addprefix tests/monitor/test_,monitor_functions.py monitor_sound.py) \
+  $(addprefix tests/native/test_,builds_survive.py sanitized_handles.py) \
+  $(addprefix tests/regression/test_,handles.py processes.py reliability.py) \
+  tests/report/test_report_in_browser.py tests/test_endurance.py tests/test_hostile.py
 test-hostile: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q $(HOSTILE)
 
@@ -57,14 +59,14 @@ TARGET_PACKAGES := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm fra
 test-target: $(READY)
 	@command -v $(TARGET_PROGRAMS) >/dev/null && test "$$(command -v $(TARGET_PROGRAMS) | wc -l)" = 3 || \
 	  { echo "make test-target: needs $(TARGET_PROGRAMS): apt install $(TARGET_PACKAGES)" >&2; exit 1; }
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -q tests/test_target.py \
-	  tests/test_monitor_size.py tests/test_monitor_analysed.py
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -q tests/monitor/test_target.py \
+	  tests/monitor/test_monitor_size.py tests/monitor/test_monitor_analysed.py
 
 # Sweeps over a cluster of Ray, RLlib and TorchRL, in .venv.ray: RLlib needs a Gymnasium of its own choice.
 RAY := .venv.ray/bin/python
 
 test-ray: .venv.ray/.ready
-	$(RAY) -m pytest -q tests/test_sweeps.py tests/test_ray.py tests/test_rllib.py tests/test_torchrl.py
+	$(RAY) -m pytest -q tests/training/test_sweeps.py tests/training/test_ray.py tests/env/test_rllib.py tests/env/test_torchrl.py
 
 .venv.ray/.ready: pyproject.toml
 	@test -x $(RAY) || $(PYTHON) -m venv .venv.ray || \

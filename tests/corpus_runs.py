@@ -21,7 +21,7 @@ from random import Random
 
 import numpy as np
 from corpus_table import CORPUS, OPTIONS, REPOSITORY, codes, files
-from flow_library import REASONS, library_of
+from generators.flow_library import REASONS, library_of
 from proved_states import Promise, promise_of, told
 
 from dl2c.diagnostics import CompileError

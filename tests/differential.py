@@ -16,9 +16,9 @@ from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
-from kyx_builder import lowered
-from random_models import random_model, random_state
-from streams import Stream
+from generators.kyx_builder import lowered
+from generators.random_models import random_model, random_state
+from oracles.streams import Stream
 
 from dl2c.code import cgen_dir
 from dl2c.diagnostics import CompileError

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 
-from auditor import verdict
+from oracles.initial_states import verdict
 
 from dl2c.ir.logic import atoms, conjunction, operands
 from dl2c.ir.model import TRUE, Call, Formula, Model, Symbol, Term

@@ -13,6 +13,8 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
+from corpus_table import CORPUS, OPTIONS, files
+from oracles.initial_states import audited, audited_witness, definitions_of
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.model import Model, Symbol
@@ -24,8 +26,6 @@ from dl2c.sampling.plan import plan_sampling
 from dl2c.sampling.tables import SamplingPlan
 from dl2c.smt.precondition import Satisfiable, decide
 from dl2c.source import Source
-from tests.auditor import audited, audited_witness, definitions_of
-from tests.corpus_table import CORPUS, OPTIONS, files
 
 REQUIRED = 0.97
 REQUIRED_STATES = 100_000

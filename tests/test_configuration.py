@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_cli import run
+from commands.test_cli import run
 
 import dl2c
 from dl2c.configuration import NAMES, configured

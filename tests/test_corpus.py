@@ -15,9 +15,9 @@ import pytest
 from conftest import REPOSITORY, shared
 from corpus_table import BUILT, OPTIONS, expected, files, outcomes, table
 from differential import same, uses_libm
-from flow_library import library_of
-from flow_oracle import judge, moved
-from taylor_series import Singular
+from generators.flow_library import library_of
+from oracles.flows import judge, moved
+from oracles.taylor_series import Singular
 
 from dl2c.diagnostics import CompileError
 from dl2c.emit.plan import Environment

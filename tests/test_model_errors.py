@@ -7,9 +7,9 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from generators.syntax_strategies import archives
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from syntax_strategies import archives
 
 from dl2c.diagnostics import CompileError
 from dl2c.parse.printer import print_archive

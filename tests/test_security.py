@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from toy_library import toy_manifest
+from generators.toy_library import toy_manifest
 from typer.testing import CliRunner
 
 from dl2c.cli import app

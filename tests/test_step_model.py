@@ -3,7 +3,7 @@
 from fractions import Fraction
 
 import pytest
-from kyx_builder import codes, lowered, model_text
+from generators.kyx_builder import codes, lowered, model_text
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.evaluate import evaluate

@@ -1,4 +1,4 @@
-"""The commands that measure the product: `bench`, `paper`, `study` and `demo`, added to those of `dl2c.cli`."""
+"""The commands that measure the product, added to those of `dl2c.cli`: bench, paper, study, demo."""
 
 from collections.abc import Mapping
 from pathlib import Path

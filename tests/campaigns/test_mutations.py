@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_policy_files import made
+from policy.test_policy_files import made
 
 import dl2c
 from dl2c.commands.failures import CommandError

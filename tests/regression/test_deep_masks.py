@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from both_forms import Both, quick_builds, theorem
 from differential import run_models
-from random_models import random_model, random_program
+from generators.random_models import random_model, random_program
 
 import dl2c
 from dl2c.env.sb3 import Dl2cVecEnv

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from both_forms import Both, quick_builds, theorem
-from kyx_builder import lowered, model_text
+from generators.kyx_builder import lowered, model_text
 
 import dl2c
 from dl2c.options import Options, UnknownOption, with_options

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 from both_forms import Both, quick_builds, theorem
-from kyx_builder import model_text
-from test_gym_module import environment_of, imported
+from emit.test_gym_module import environment_of, imported
+from generators.kyx_builder import model_text
 
 import dl2c
 from dl2c.lint.check import examine

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from both_forms import Both, theorem
 from conftest import shared
+from generators.ir_builder import formula
 
 import dl2c
 from dl2c.flows.watch import watches_of
@@ -20,7 +21,6 @@ from dl2c.ir.printer import print_term
 from dl2c.ir.slack import relaxed, terms_of
 from dl2c.pipeline import emit, resolve_options, step_model
 from dl2c.source import Source
-from tests.ir_builder import formula
 
 
 def safe(condition: str, parameters: str = "Real x", on_failure: str = "terminate:failure") -> str:
