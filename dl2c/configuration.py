@@ -9,19 +9,19 @@ import difflib
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, cast
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.inputs import MALFORMED, reason
-from dl2c.options import Options, UnknownOption, with_options
+from dl2c.options import OPTIONS, Options, UnknownOption, with_options
 from dl2c.source import Source, Span
 
 FILE = "pyproject.toml"
 TABLE = ("tool", "dl2c")
-NAMES = tuple(f.name for f in fields(Options) if f.name not in ("given", "entry"))
+NAMES = tuple(name for name in OPTIONS if name != "entry")
 """What may be configured; `entry` names a part of one file."""
 
 _HEADER = re.compile(r"^[ \t]*\[([^\[\]\n]+)\]", re.MULTILINE)

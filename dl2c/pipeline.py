@@ -19,8 +19,9 @@ from dl2c.ir.printer import print_model
 from dl2c.lower.doubts import program_warnings
 from dl2c.lower.problem import lower
 from dl2c.native.cache import build_key, cached
-from dl2c.options import DEPRECATED, Options, UnknownOption, under, with_options
+from dl2c.options import Options, UnknownOption, current, deprecation, under, with_options
 from dl2c.parse.annotations import EpisodeAnnotation
+from dl2c.parse.options import ALLOW
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_archive, print_formula
 from dl2c.parse.tree import Archive, Entry
@@ -233,14 +234,12 @@ def _completed_problem(entry: Entry, options: Options) -> tuple[Problem, Options
 
 def _completed(options: Options, episode: EpisodeAnnotation) -> Options:
     """The options under those of `@episode`."""
-    names = {"max_steps": "max_episode_steps"}
     found: list[Diagnostic] = []
     for name, value, span in episode.options:
-        if name == "allow":
+        if name == ALLOW:
             continue
         try:
-            current = DEPRECATED.get((name, str(value)), value)
-            options = under(options, {names.get(name, name): current})
+            options = under(options, {name: current(name, value)})
         except UnknownOption as problem:
             found.append(error("bad-option", f"`@episode`: {problem}", span, help="correct the value"))
     if found:
@@ -252,11 +251,9 @@ def _deprecated(problem: Problem) -> tuple[Diagnostic, ...]:
     """Values of `@episode` that have a new name."""
     written = problem.episode.options if problem.episode else ()
     return tuple(
-        warning(
-            "deprecated-option", "this value is deprecated", span, "", f"write `{DEPRECATED[name, value]}`"
-        )
+        warning("deprecated-option", "this value is deprecated", span, "", f"write `{current(name, value)}`")
         for name, value, span in written
-        if isinstance(value, str) and (name, value) in DEPRECATED
+        if name != ALLOW and deprecation(name, value)
     )
 
 

@@ -15,9 +15,8 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from dl2c.commands.check import table_of_codes
-from dl2c.commands.flags import HELP
 from dl2c.experiments.commands import app as command_line
-from dl2c.options import Options
+from dl2c.options import OPTIONS, Options
 
 
 def options() -> str:
@@ -28,7 +27,7 @@ def options() -> str:
             continue
         values = getattr(field.type, "__args__", ())
         listed = ", ".join(f"`{v}`" for v in values if isinstance(v, str))
-        help_text = HELP.get(field.name, "Fixes constants by name (`--set NAME=VALUE`).")
+        help_text = OPTIONS[field.name].help
         rows.append(f"| `{field.name}` | {listed} | {_default(field.name)} | {_plain(help_text)} |")
     return "\n".join(["| option | values | default | meaning |", "| --- | --- | --- | --- |", *rows])
 

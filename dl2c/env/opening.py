@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from dl2c.native.manifest import Manifest
+from dl2c.options import IN_EPISODE
 from dl2c.progress import Progress, silent
 from dl2c.source import Source
 
@@ -49,13 +50,13 @@ def source_of(model: Model) -> Source:
 def build(source: Source, options: Mapping[str, Any], progress: Progress = silent) -> "Compiled":
     """A model with these options, built or taken from the cache.
 
-    `max_steps`, as in `@episode`, is another name of `max_episode_steps`, which `gym.make` keeps
-    for a wrapper of its own. Raises `CompileError` for a mistake in the model, `UnknownOption`,
-    `NativeError`. `progress` is told what is being done.
+    An option may have its name in `@episode` too: `gym.make` keeps `max_episode_steps` for a wrapper of its
+    own. Raises `CompileError` for a mistake in the model, `UnknownOption`, `NativeError`. `progress` is told
+    what is being done.
     """
     from dl2c.pipeline import compile_model, resolve_options
 
-    given = {"max_episode_steps" if name == "max_steps" else name: value for name, value in options.items()}
+    given = {IN_EPISODE[n].name if n in IN_EPISODE else n: value for n, value in options.items()}
     return compile_model(source, resolve_options(given), progress=progress)
 
 

@@ -31,10 +31,10 @@ from dl2c.ir.model import (
     Term,
 )
 from dl2c.ir.polynomial import Coefficients, polynomial
+from dl2c.options import Integrator
 from dl2c.source import Span
 
 Kernel: TypeAlias = Literal["exact", "linear", "cvodes", "dopri5"]
-Integrator: TypeAlias = Literal["auto", "exact", "cvodes", "dopri5"]
 
 QUICK_DEGREE = 2
 """Straight-line code proves of margins of this degree that they keep their sign."""

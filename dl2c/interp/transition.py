@@ -7,8 +7,8 @@ from typing import Literal, TypeAlias
 
 from dl2c.ir.evaluate import Value
 from dl2c.ir.model import Symbol
+from dl2c.options import OnBlocked
 
-OnBlocked: TypeAlias = Literal["fallback", "truncate", "terminate"]
 Failure: TypeAlias = Literal["", "numerical", "diverged"]
 
 Draws: TypeAlias = Mapping[str, Sequence[float]]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
+from dl2c.options import Duration, MaskDepth
 from dl2c.source import NOWHERE, Span
 
 
@@ -282,8 +283,6 @@ class Flow:
 
 # Annotated parts --------------------------------------------------------------
 
-Duration: TypeAlias = Literal["max", "sample", "agent"]
-MaskDepth: TypeAlias = Literal["flow", "step"]
 Category: TypeAlias = Literal["safety", "progress", "stability"]
 EndAction: TypeAlias = Literal["terminate", "truncate", "continue"]
 Status: TypeAlias = Literal["none", "success", "failure"]

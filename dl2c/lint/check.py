@@ -14,6 +14,7 @@ from dl2c.lint.portable import portability, quotients
 from dl2c.lint.units import unit_mismatches
 from dl2c.options import Options
 from dl2c.parse.errors import REJECTS, suggestion
+from dl2c.parse.options import ALLOW
 from dl2c.pipeline import Checked, checked
 from dl2c.resolve.problem import Problem
 from dl2c.smt.query import Oracle
@@ -74,7 +75,7 @@ def allowed(found: list[Diagnostic], problem: Problem) -> Iterator[Diagnostic]:
 def _allow(problem: Problem) -> Iterator[tuple[str, Diagnostic]]:
     """The codes of `allow`, each with what to say if there is no such code."""
     for name, value, span in problem.episode.options if problem.episode else ():
-        if name == "allow":
+        if name == ALLOW:
             for code in str(value).split("|"):
                 title = f"there is no lint `{code.strip()}`"
                 advice = suggestion(code.strip(), CODES)

@@ -13,7 +13,7 @@ from typing import Any, NoReturn, cast, get_args, get_origin, get_type_hints
 
 from dl2c.inputs import checked_input, read_text
 from dl2c.native.errors import NativeError
-from dl2c.options import Options, with_options
+from dl2c.options import OPTIONS, Options, with_options
 
 MANIFEST_VERSION = 4
 
@@ -149,7 +149,7 @@ def _consistent(manifest: Manifest) -> Manifest:
         raise ValueError("a run has as many entries as there are choices")
     if len(manifest.run_texts) != len(manifest.runs):
         raise ValueError("every run has a text")
-    if missing := sorted({f.name for f in fields(Options)} - {"given", "entry"} - manifest.options.keys()):
+    if missing := sorted(OPTIONS.keys() - {"entry"} - manifest.options.keys()):
         raise ValueError(f"the options lack {missing[0]}")
     return manifest
 

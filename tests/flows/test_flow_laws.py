@@ -10,9 +10,10 @@ from generators.flow_library import Arrival, Compiled, compiled
 from generators.random_odes import Kind, Start, flows_model, random_flow, random_start
 from oracles.flows import inside
 
-from dl2c.flows.kernel import FlowPlan, Integrator, Kernel, plan_flow
+from dl2c.flows.kernel import FlowPlan, Kernel, plan_flow
 from dl2c.ir.model import Flow
 from dl2c.ir.printer import print_flow
+from dl2c.options import Integrator
 
 KERNELS: tuple[Kernel, ...] = ("exact", "linear", "cvodes", "dopri5")
 KINDS: dict[Kernel, tuple[Kind, ...]] = {

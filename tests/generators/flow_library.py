@@ -14,14 +14,14 @@ from dl2c.code import cgen_dir
 from dl2c.emit.names import file_stem
 from dl2c.emit.plan import Environment
 from dl2c.emit.simulator.model_c import model_sources
-from dl2c.flows.kernel import FlowPlan, Integrator, plan_flow
+from dl2c.flows.kernel import FlowPlan, plan_flow
 from dl2c.flows.watch import watches_along
 from dl2c.ir.model import Model
 from dl2c.native.binding import Batch, Library, Sizes
 from dl2c.native.compile import declarations
 from dl2c.native.describe import manifest_of
 from dl2c.native.sundials import load_solver
-from dl2c.options import Options
+from dl2c.options import Integrator, Options
 from dl2c.paths.enumerate import enumerate_paths
 
 REASONS = ("", "blocked", "deadlock", "numerical", "solver", "stalled", "diverged", "time_limit", "end")

@@ -240,7 +240,7 @@ def test_episode_options_have_types() -> None:
     episode = decode_problem(read.problem_annotations)
     assert episode is not None
     assert [(name, value) for name, value, _ in episode.options] == [
-        ("max_steps", 500),
+        ("max_episode_steps", 500),
         ("dt", Fraction(1, 20)),
         ("duration", "agent"),
         ("on_blocked", "truncate"),
