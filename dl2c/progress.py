@@ -23,22 +23,12 @@ def silent(_what: str) -> None:
 
 
 @contextmanager
-def stages(progress: Progress = silent) -> Generator[Progress]:
-    """Yields what takes the name of the stage that begins, which ends the one before."""
-    running: list[tuple[str, float]] = []
-
-    def end() -> None:
-        if running:
-            name, began = running.pop()
-            LOG.info("%8.3f s  %s", perf_counter() - began, name)
-
-    def begin(name: str) -> None:
-        end()
-        running.append((name, perf_counter()))
-        at_stage(name)
-        progress(name)
-
+def stage(name: str, progress: Progress = silent) -> Generator[None]:
+    """What is done inside is the stage of this name."""
+    at_stage(name)
+    progress(name)
+    began = perf_counter()
     try:
-        yield begin
+        yield
     finally:
-        end()
+        LOG.info("%8.3f s  %s", perf_counter() - began, name)

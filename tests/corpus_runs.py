@@ -31,7 +31,7 @@ from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_formula
-from dl2c.pipeline import checked_entry
+from dl2c.pipeline import Compilation
 from dl2c.resolve.problem import expansion
 from dl2c.resolve.symbols import Node, is_hole, nodes
 from dl2c.source import Source
@@ -127,12 +127,13 @@ def row_of(file: str, number: int, entry: tree.Entry) -> Row:
 
 def _row(file: str, number: int, entry: tree.Entry) -> Row:
     try:
-        found = checked_entry(entry, ACTIONS)
+        found = Compilation(entry, ACTIONS)
+        environment = found.planned.environment
     except CompileError as problem:
         return Row(file, number, entry.name, codes(problem))
     with tempfile.TemporaryDirectory() as folder:
-        batch = library_of(found.environment, Path(folder)).batch(SEEDS)
-        predicates = [p.name for p in found.environment.model.predicates]
+        batch = library_of(environment, Path(folder)).batch(SEEDS)
+        predicates = [p.name for p in environment.model.predicates]
         promise = promise_of(found) if _is_proved(entry) else None
         try:
             batch.reset(seeds=np.arange(SEEDS, dtype=np.uint64))

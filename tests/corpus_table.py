@@ -21,7 +21,7 @@ from dl2c.emit.simulator.model_c import model_sources
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.tree import Entry
-from dl2c.pipeline import checked_entry
+from dl2c.pipeline import Compilation
 from dl2c.source import Source
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -73,7 +73,7 @@ def rows_of(path: Path) -> list[Row]:
 def _row(file: str, number: int, entry: Entry) -> Row:
     begun = time.perf_counter()
     try:
-        model_sources(checked_entry(entry, OPTIONS).environment)
+        model_sources(Compilation(entry, OPTIONS).planned.environment)
         outcome = BUILT
     except CompileError as problem:
         outcome = codes(problem)

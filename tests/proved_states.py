@@ -16,7 +16,7 @@ from dl2c.ir.logic import atoms, conjunction, operands
 from dl2c.ir.model import TRUE, Call, Formula, Model, Symbol, Term
 from dl2c.ir.slack import relaxed
 from dl2c.lower.invariant import invariant
-from dl2c.pipeline import Checked
+from dl2c.pipeline import Compilation
 
 ULPS = Fraction(1, 2**50)
 MISSES = (Fraction(0), ULPS, Fraction(1, 10**12), Fraction(1, 10**9), Fraction(1, 10**6))
@@ -47,13 +47,13 @@ class Promise:
         return next((miss for miss, f in self._looser if verdict(f, state) != "no"), FURTHER)
 
 
-def promise_of(found: Checked) -> Promise | None:
+def promise_of(found: Compilation) -> Promise | None:
     """None where nothing is proved of a box and all constants, or nothing that has exact arithmetic."""
-    model = found.environment.model
-    shape, some = found.problem.shape, found.problem.existential
+    model = found.planned.environment.model
+    shape, some = found.resolved.problem.shape, found.resolved.problem.existential
     if some or model.postcondition is None or shape.postcondition is None:
         return None
-    formula = conjunction([model.postcondition, invariant(found.problem) or TRUE])
+    formula = conjunction([model.postcondition, invariant(found.resolved.problem) or TRUE])
     sides = [side for atom in atoms(formula) for side in (atom.left, atom.right)]
     return Promise(model, formula) if all(map(_is_algebraic, sides)) else None
 

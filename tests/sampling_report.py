@@ -20,7 +20,7 @@ from dl2c.diagnostics import CompileError
 from dl2c.ir.model import Model, Symbol
 from dl2c.ir.printer import print_formula
 from dl2c.parse.parser import parse_archive
-from dl2c.pipeline import drawn_model_of
+from dl2c.pipeline import Compilation
 from dl2c.sampling.draw import draw_many
 from dl2c.sampling.plan import plan_sampling
 from dl2c.sampling.tables import SamplingPlan
@@ -55,7 +55,7 @@ def models():
 def lowered(entry) -> Model | None:
     for options in (OPTIONS, replace(OPTIONS, loop=1)):
         try:
-            return drawn_model_of(entry, options)
+            return Compilation(entry, options).lowered.drawn
         except CompileError:
             continue
     return None

@@ -30,7 +30,7 @@ from dl2c.ir.model import Symbol
 from dl2c.native.binding import Batch
 from dl2c.native.errors import ResetFailed
 from dl2c.parse.parser import parse_archive
-from dl2c.pipeline import checked_entry
+from dl2c.pipeline import Compilation
 from dl2c.source import Source
 
 LEAST_BUILT = 856
@@ -176,7 +176,7 @@ def built(rng: Random, count: int) -> Iterator[tuple[str, Environment]]:
         path = rng.choice(paths)
         try:
             archive, _ = parse_archive(Source.read(path))
-            environment = checked_entry(rng.choice(archive.entries), OPTIONS).environment
+            environment = Compilation(rng.choice(archive.entries), OPTIONS).planned.environment
         except CompileError:
             continue
         if not (environment.paths.draws or environment.paths.reset_draws):

@@ -114,12 +114,11 @@ def unit_of(
 ) -> "Unit":
     """The monitor of a model, as it is to be written. Raises `CommandError`, `CompileError`."""
     from dl2c.emit.monitor.monitor_h import Real, Unit
-    from dl2c.env.opening import source_of
+    from dl2c.env.opening import compilation_of
     from dl2c.ir.model import TRUE
     from dl2c.lower.invariant import invariant
     from dl2c.monitor.build import monitor_of
     from dl2c.monitor.check import KINDS, Kind
-    from dl2c.pipeline import lowered_model, resolve_options, resolved
 
     for given in kinds:
         if given not in KINDS:
@@ -127,13 +126,12 @@ def unit_of(
     reals = {name: name for name in get_args(Real)}
     if real not in reals:
         raise CommandError(f"no kind of number {real!r}; there is {', '.join(reals)}")
-    source, given_options = source_of(model), resolve_options(options)
-    problem, effective = resolved(source, given_options)
-    lowered = lowered_model(source, given_options)
+    found = compilation_of(model, options)
+    effective, lowered = found.resolved.options, found.unbounded
     names = {v.name for v in lowered.variables}
     tolerance = _tolerance(eps, names, real == "float")
     wanted: tuple[Kind, ...] = tuple(k for k in KINDS if k in kinds)
-    proved = invariant(problem) or TRUE
+    proved = invariant(found.resolved.problem) or TRUE
     made, missing = monitor_of(lowered, wanted, tolerance, proved, effective.default_bound)
     show([d for d in missing if not quiet()])
     return Unit(made, reals[real], sound, effective.action_map == "squash")

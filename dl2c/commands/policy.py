@@ -7,10 +7,9 @@ from typing import Any
 
 from dl2c.commands.verbosity import quiet
 from dl2c.env.interface import interface_of
-from dl2c.env.opening import source_of
+from dl2c.env.opening import compilation_of
 from dl2c.native.describe import manifest_of
 from dl2c.native.manifest import Manifest
-from dl2c.pipeline import checked, resolve_options
 from dl2c.policy.files import read_policy
 from dl2c.policy.network import NetworkPolicy, PolicyError, mismatch
 from dl2c.training.saved import found_policy, load_policy
@@ -51,4 +50,4 @@ def _warn(file: Path, statistics: Path | None) -> None:
 
 def _manifest(model: str, options: Mapping[str, Any]) -> Manifest:
     """What the environment of a model is, without building it."""
-    return manifest_of(checked(source_of(model), resolve_options(options)).environment, "", {})
+    return manifest_of(compilation_of(model, options).planned.environment, "", {})

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dl2c.commands.failures import CommandError, to_json
-from dl2c.env.opening import build, source_of
+from dl2c.env.opening import build, compilation_of, source_of
 from dl2c.native.manifest import Manifest
 from dl2c.outputs import output_file
 
@@ -165,12 +165,11 @@ def report_coverage(model: str, options: Mapping[str, Any], quietly: bool) -> bo
 
 def coverage_of(model: str, options: Mapping[str, Any]) -> tuple[str, bool]:
     """What Z3 says about the boxes that initial states are drawn from, and whether it proves them."""
-    from dl2c.pipeline import drawn_model, resolve_options
-    from dl2c.sampling.plan import NoSampler, plan_sampling
+    from dl2c.sampling.plan import NoSampler
     from dl2c.smt.coverage import Covered, Outside, coverage
 
-    drawn = drawn_model(source_of(model), resolve_options(options))
-    plan = plan_sampling(drawn)
+    found = compilation_of(model, options)
+    drawn, plan = found.lowered.drawn, found.sampling
     if isinstance(plan, NoSampler):
         return f"initial states are not sampled: {plan.diagnostic.label}", False
     seconds = 0.0

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from dl2c.native.manifest import Manifest
-from dl2c.options import IN_EPISODE
 from dl2c.progress import Progress, silent
 from dl2c.source import Source
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Library
-    from dl2c.pipeline import Compiled
+    from dl2c.pipeline import Compilation, Compiled
 
 Model: TypeAlias = Source | Path | str
 """A model as a user names it; see `source_of`."""
@@ -50,14 +49,22 @@ def source_of(model: Model) -> Source:
 def build(source: Source, options: Mapping[str, Any], progress: Progress = silent) -> "Compiled":
     """A model with these options, built or taken from the cache.
 
-    An option may have its name in `@episode` too: `gym.make` keeps `max_episode_steps` for a wrapper of its
-    own. Raises `CompileError` for a mistake in the model, `UnknownOption`, `NativeError`. `progress` is told
+    Raises `CompileError` for a mistake in the model, `UnknownOption`, `NativeError`. `progress` is told
     what is being done.
     """
     from dl2c.pipeline import compile_model, resolve_options
 
-    given = {IN_EPISODE[n].name if n in IN_EPISODE else n: value for n, value in options.items()}
-    return compile_model(source, resolve_options(given), progress=progress)
+    return compile_model(source, resolve_options(options), progress=progress)
+
+
+def compilation_of(model: Model, options: Mapping[str, Any]) -> "Compilation":
+    """The compilation of a model with these options; that of its environments, if there are any.
+
+    Raises `UnknownOption`.
+    """
+    from dl2c.pipeline import compilation, resolve_options
+
+    return compilation(source_of(model), resolve_options(options))
 
 
 def open_library(source: Source, options: Mapping[str, Any]) -> "Library":

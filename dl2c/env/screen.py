@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
+from dl2c.env.opening import compilation_of
 from dl2c.source import Source
 
 if TYPE_CHECKING:
@@ -21,11 +22,9 @@ class Screen:
     """The episode so far, drawn when asked for; with `mode` "human" also at every reset and step."""
 
     def __init__(self, source: Source, options: Mapping[str, Any], mode: str, fps: int) -> None:
-        from dl2c.pipeline import lowered_model, resolve_options
-
         if find_spec("matplotlib") is None:
             raise DependencyNotInstalled("rendering needs matplotlib: `pip install matplotlib`")
-        self._model = lowered_model(source, resolve_options(options))
+        self._model = compilation_of(source, options).unbounded
         self._mode, self._fps = mode, fps
         self._track: Track | None = None
         self._figure: Any = None

@@ -58,7 +58,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         self.observation_space = observation_space(self.manifest)
         self.action_space = action_space(self._encoding)
         targeted = self.manifest.options.get("initial_distribution") == "z3"
-        self._targeted = Targeted(self.source, self.manifest) if targeted else None
+        self._targeted = Targeted(self.source, options) if targeted else None
         self._seeded = False
         self._act: Callable[[Any], Step] = _not_running
         """What a step does now."""
@@ -66,9 +66,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         self._bind(self._batch)
         self._screen: Screen | None = None
         if render_mode in ("rgb_array", "human"):
-            self._screen = Screen(
-                self.source, self.manifest.options, render_mode, self.metadata["render_fps"]
-            )
+            self._screen = Screen(self.source, options, render_mode, self.metadata["render_fps"])
             self._transition = self._screen.watching(self._transition, lambda: self.state)
 
     def _bind(self, batch: "Batch") -> None:

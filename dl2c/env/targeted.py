@@ -4,13 +4,17 @@ For comparison with the paper only: slow, and not uniform. Where Z3 does not dec
 finds does not satisfy the precondition once it is rounded to doubles, the state is drawn uniformly.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
+from dl2c.env.opening import compilation_of
 from dl2c.env.state import reset_state
 from dl2c.native.binding import Batch
 from dl2c.native.errors import ResetFailed
 from dl2c.native.manifest import Manifest
-from dl2c.options import Options, UnknownOption, with_options
+from dl2c.options import UnknownOption
 from dl2c.source import Source
 
 TIMEOUT_S = 10.0
@@ -28,11 +32,10 @@ def check_uniform(manifest: Manifest) -> None:
 class Targeted:
     """Draws targets and asks for the states nearest to them."""
 
-    def __init__(self, source: Source, manifest: Manifest) -> None:
+    def __init__(self, source: Source, options: Mapping[str, Any]) -> None:
         from dl2c.interval.bounded import initial_box
-        from dl2c.pipeline import drawn_model
 
-        self._model = drawn_model(source, with_options(Options(), manifest.options))
+        self._model = compilation_of(source, options).lowered.drawn
         box = {s.name: i for s, i in (initial_box(self._model) or {}).items()}
         self._ranges = {n: (box[n].low, box[n].high) for n in self._model.sampled if n in box}
 

@@ -15,7 +15,7 @@ from dl2c.lint.units import unit_mismatches
 from dl2c.options import Options
 from dl2c.parse.errors import REJECTS, suggestion
 from dl2c.parse.options import ALLOW
-from dl2c.pipeline import Checked, checked
+from dl2c.pipeline import Compilation, compilation
 from dl2c.resolve.problem import Problem
 from dl2c.smt.query import Oracle
 from dl2c.source import Source
@@ -28,25 +28,26 @@ def examine(source: Source, options: Options, *, portable: bool = False) -> tupl
     try:
         if portable:
             found += (replace(d, severity="error") for d in portability(source))
-        model = checked(source, options)
+        model = compilation(source, options)
+        warnings = model.warnings
     except CompileError as refused:
         return in_source_order((*found, *refused.diagnostics))
     places = {d.span for d in found}
-    found += (d for d in model.warnings if not (d.code == REJECTS and d.span in places))
+    found += (d for d in warnings if not (d.code == REJECTS and d.span in places))
     try:
         with budgeted():
-            at_place(model.problem.entry.problem.span)
+            at_place(model.place)
             at_stage("looking for what it may not mean")
             found += lints(source, model)
     except CompileError as unfinished:
         found += (replace(d, severity="warning") for d in unfinished.diagnostics)
-    return in_source_order(allowed(found, model.problem))
+    return in_source_order(allowed(found, model.resolved.problem))
 
 
-def lints(source: Source, model: Checked) -> Iterator[Diagnostic]:
+def lints(source: Source, model: Compilation) -> Iterator[Diagnostic]:
     """The lints of a model that can be built."""
-    problem, step, options = model.problem, model.environment.model, model.options
-    paths, oracle = model.environment.paths, Oracle()
+    problem, options = model.resolved.problem, model.resolved.options
+    step, paths, oracle = model.lowered.model, model.paths, Oracle()
     yield from quotients(source)
     yield from annotations.ends_of_episodes(problem)
     yield from annotations.penalties(step, problem)

@@ -25,7 +25,7 @@ from dl2c.parse import tree
 from dl2c.parse.scan import scan
 from dl2c.parse.sections import Section, find_sections
 from dl2c.paths.enumerate import enumerate_paths
-from dl2c.pipeline import resolved
+from dl2c.pipeline import compilation
 from dl2c.resolve.problem import Problem
 from dl2c.resolve.shape import written_variables
 from dl2c.resolve.symbols import free_variables
@@ -51,7 +51,8 @@ class _Wish:
 
 def suggestions(source: Source, options: Options) -> tuple[Edit, ...]:
     """What to insert into the text. Raises `CompileError` for a model that no annotation could help."""
-    problem, options = resolved(source, options)
+    found = compilation(source, options).resolved
+    problem, options = found.problem, found.options
     default = options.default_bound or DEFAULT
     model = lower(problem, replace(options, default_bound=default))
     drawn = bounded(model, default)

@@ -6,11 +6,11 @@ from fractions import Fraction
 from typing import assert_never
 
 from dl2c.diagnostics import Diagnostic, error
+from dl2c.env.opening import compilation_of
 from dl2c.ir.arrays import Columns, margins, truths, values
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import And, Compare, Formula, Model, Or, Predicate, Symbol, Truth
 from dl2c.ir.printer import print_formula
-from dl2c.pipeline import lowered_model, resolve_options
 from dl2c.report.episode import Episode, Moment
 
 PRECISION = 9
@@ -29,7 +29,7 @@ class Violation:
 
 def model_of(episode: Episode) -> Model:
     """What a step of the episode's model does. Raises `CompileError`."""
-    return lowered_model(episode.source, resolve_options(episode.options))
+    return compilation_of(episode.source, episode.options).unbounded
 
 
 def columns_of(model: Model, state: Mapping[str, float]) -> dict[Symbol, float]:

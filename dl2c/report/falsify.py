@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from dl2c.diagnostics import Diagnostic
-from dl2c.env.opening import Model, open_library, source_of
+from dl2c.env.opening import Model, compilation_of, open_library, source_of
 from dl2c.env.single import Dl2cEnv
 from dl2c.ir.model import TRUE
-from dl2c.pipeline import drawn_model, resolve_options
 from dl2c.report.blame import blamed, model_of
 from dl2c.report.episode import Episode
 from dl2c.report.search import Note, Target, limits_of, objective, options_of, search
@@ -47,7 +46,7 @@ def falsify(
     The same arguments give the same result. Raises `NothingToFalsify`, and what `Dl2cVectorEnv` raises.
     """
     source, given = source_of(model), options_of(options)
-    drawn = drawn_model(source, resolve_options(given))
+    drawn = compilation_of(source, given).lowered.drawn
     if objective(drawn, target) == TRUE:
         raise NothingToFalsify(f"{drawn.name} has no condition that `{target}` is about")
     if open_library(source, given).manifest.certificate == "none":

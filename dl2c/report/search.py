@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dl2c.env.actions import Encoding, Named, encoding, executed
 from dl2c.env.opening import Model as ModelName
-from dl2c.env.opening import source_of
+from dl2c.env.opening import compilation_of, source_of
 from dl2c.env.single import Dl2cEnv
 from dl2c.env.vector import Dl2cVectorEnv
 from dl2c.ir.arrays import margins
@@ -25,7 +25,6 @@ from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.logic import conjunction, conjuncts
 from dl2c.ir.model import Bound, Formula, Model, Symbol
 from dl2c.native.errors import ResetFailed
-from dl2c.pipeline import drawn_model, resolve_options
 from dl2c.report.episode import Episode, Start, play
 
 Target: TypeAlias = Literal["safety", "failure", "postcondition"]
@@ -126,7 +125,7 @@ def search(
     Raises what `Dl2cVectorEnv` raises, and `ResetFailed` where no initial state can be drawn.
     """
     source, given = source_of(model), options_of(options)
-    drawn = drawn_model(source, resolve_options(given))
+    drawn = compilation_of(source, given).lowered.drawn
     env = Dl2cVectorEnv(source, n_envs, autoreset_mode="Disabled", **given)
     space = _space(env, drawn, steps)
     rng = np.random.default_rng(seed)

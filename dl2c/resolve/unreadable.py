@@ -1,37 +1,53 @@
-"""What is wrong with the names of a model that has syntax errors too.
+"""Reading one entry of a file, and what is wrong with the names of a model that has syntax errors too.
 
 Comes in: a file. Goes out: one of its entries. Where there are syntax errors, stand-ins take the place of
 what cannot be read, and errors of names in other lines are told too, but for names that the missing text
 may declare or write.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 
-from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.parse.archive import Unreadable
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.tree import Archive, Entry
 from dl2c.resolve.bind import check_entry
 from dl2c.resolve.infer import with_inferred
 from dl2c.resolve.symbols import collect
-from dl2c.source import Source
+from dl2c.source import Source, Span
 
 
-def read_entry(source: Source, chosen: Callable[[Archive], Entry]) -> tuple[Entry, tuple[Diagnostic, ...]]:
-    """The entry chosen from a file; the warnings come second. Raises `CompileError`."""
+def read_entry(source: Source, name: str | None) -> tuple[Entry, tuple[Diagnostic, ...]]:
+    """The entry of this name or number, or the only one; the warnings come second. Raises `CompileError`."""
     try:
         archive, warnings = parse_archive(source)
     except Unreadable as broken:
-        raise _explained(broken, chosen) from None
-    return chosen(archive), warnings
+        raise _explained(broken, name) from None
+    return entry_of(archive, name), warnings
 
 
-def _explained(broken: Unreadable, chosen: Callable[[Archive], Entry]) -> CompileError:
+def entry_of(archive: Archive, chosen: str | None = None) -> Entry:
+    """The entry of this name, or else number, of an archive, or its only one. Raises `CompileError`."""
+    named = [e for e in archive.entries if chosen in (None, e.name)]
+    named = named or [e for number, e in enumerate(archive.entries, 1) if chosen == str(number)]
+    if len(named) == 1:
+        return named[0]
+    names = ", ".join(f'"{e.name}"' for e in archive.entries)
+    if (chosen or "").isdigit():
+        names += f", or its number, from 1 to {len(archive.entries)}"
+    several = "the file has several entries" + (f" `{chosen}`: give its number" if chosen else "")
+    title = several if named else f"no entry `{chosen}`"
+    start = archive.entries[0].span
+    place = Span(start.source, start.start, start.start + 1)
+    raise CompileError(error("entry-not-found", title, place, help=f"choose one with --entry: {names}"))
+
+
+def _explained(broken: Unreadable, name: str | None) -> CompileError:
     """All errors of a file, in the entry chosen also those of names."""
     names: list[Diagnostic] = []
     with suppress(CompileError):
-        names += _name_errors(chosen(broken.archive)) if broken.archive.entries else ()
+        names += _name_errors(entry_of(broken.archive, name)) if broken.archive.entries else ()
     lines = {d.span.line for d in broken.diagnostics}
     found = (d for d in names if d.span.line not in lines and not broken.recovery.hides(d))
     return CompileError((*broken.diagnostics, *found))

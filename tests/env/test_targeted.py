@@ -12,7 +12,7 @@ from sampling.test_sampling import planned
 from dl2c import make, make_vec
 from dl2c.emit.simulator.sampler_c import alias_table
 from dl2c.options import Options, UnknownOption
-from dl2c.pipeline import compile_model, drawn_model
+from dl2c.pipeline import Compilation, compile_model
 from dl2c.sampling.arrays import holds
 from dl2c.smt.target import nearest
 from dl2c.source import Source
@@ -122,7 +122,7 @@ def test_states_are_almost_as_near_as_can_be(text):
     """To the targets of the stream, within a tenth on average; admissible targets are met."""
     count = 60
     names, rows, _ = targeted(text, count)
-    blocks = planned(drawn_model(Source("m.kyx", text), Options())).blocks
+    blocks = planned(Compilation(Source("m.kyx", text), Options()).lowered.drawn).blocks
     ratios = []
     for seed in range(count):
         stream = Stream.of(seed, 0)

@@ -15,7 +15,7 @@ from dl2c.lint.edits import edited
 from dl2c.lint.suggest import suggestions
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive
-from dl2c.pipeline import checked, resolve_options
+from dl2c.pipeline import Compilation, check_model, resolve_options
 from dl2c.source import Source
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -61,7 +61,7 @@ def test_annotated_models_stay_as_they_are(path: Path) -> None:
     content = path.read_bytes()
     edits = suggestions(Source.read(path), Options())
     assert all(e.start == e.end and COMMENT.fullmatch(e.text) for e in edits)
-    checked(Source("copy.kyx", edited(content, edits).decode()), Options())
+    check_model(Source("copy.kyx", edited(content, edits).decode()), Options())
 
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
@@ -71,8 +71,8 @@ def test_models_are_annotated_anew(path: Path) -> None:
     plain = re.sub(r"//[^\n]*", "", plain).encode()
     copy = annotated(plain)
     assert copy != plain and without(copy) == plain
-    built = checked(Source("copy.kyx", copy.decode()), Options())
-    assert built.problem.annotated and built.environment.model.predicates
+    built = Compilation(Source("copy.kyx", copy.decode()), Options())
+    assert built.resolved.problem.annotated and built.planned.environment.model.predicates
     assert {d.code for d in examine(Source("copy.kyx", copy.decode()), Options(), portable=True)} <= {
         "default-dt", "zero-duration", "deadlock", "agent-moves-world", "decision-in-loop",
         "unsampled-precondition", "safety-after-steps", "unobserved-variable", "keymaera-rejects",
@@ -129,8 +129,8 @@ def test_conclusions_can_be_annotated_above_the_problem() -> None:
         "/* @progress: reward={x} */\nProblem"
     )
     text = DIAMOND.replace("-> <{x := x + 1;}*>x >= y", both).replace("Problem", note)
-    model = checked(Source("m.kyx", text), resolve_options({"default_bound": "0:20"}))
-    safety, progress = model.environment.model.predicates
+    model = Compilation(Source("m.kyx", text), resolve_options({"default_bound": "0:20"}))
+    safety, progress = model.lowered.model.predicates
     assert (safety.name, safety.category, progress.name, progress.category) == (
         "postcondition", "safety", "progress", "progress",
     )  # fmt: skip
@@ -148,14 +148,14 @@ def test_conclusions_can_be_annotated_above_the_problem() -> None:
 )
 def test_wrong_annotations_of_the_problem_are_explained(note: str, code: str) -> None:
     with pytest.raises(CompileError) as refused:
-        checked(Source("m.kyx", DIAMOND.replace("Problem", note + "\nProblem")), Options())
+        check_model(Source("m.kyx", DIAMOND.replace("Problem", note + "\nProblem")), Options())
     assert [d.code for d in refused.value.diagnostics] == [code]
 
 
 def test_what_the_program_afterwards_changes_cannot_be_a_predicate() -> None:
     text = DIAMOND.replace("*>x", "*; x := 0;>x").replace("Problem", "/* @progress: reward=1 */\nProblem")
     with pytest.raises(CompileError, match="a program after the loop is not run"):
-        checked(Source("m.kyx", text), Options())
+        check_model(Source("m.kyx", text), Options())
 
 
 def test_the_command_writes_bytes(capsys: Any, tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from dl2c.monitor.build import monitor_of
 from dl2c.monitor.check import Kind
 from dl2c.native.toolchain import EXACT_FLAGS, STRICT_FLAGS
 from dl2c.options import Options
-from dl2c.pipeline import emit, lowered_model
+from dl2c.pipeline import Compilation, emit
 from dl2c.source import Source
 from dl2c.training.rollout import rollout
 
@@ -334,7 +334,7 @@ def test_a_value_that_solves_an_equality_is_met_closely(tmp_path: Path) -> None:
 
 def test_choices_that_a_trace_does_not_show_are_named() -> None:
     body = "x := *; ?-1 <= x & x <= 1; {x' = y}"
-    model = lowered_model(Source("m", program(body)), Options())
+    model = Compilation(Source("m", program(body)), Options()).unbounded
     [found] = unseen(model, {"x": 0.0, "y": 0.0})
     assert (found.code, found.span.text) == ("not-replayed", "x := *")
     assert "`assign_x`" in found.help and not unseen(model, {"x": 0.0, "y": 0.0, "assign_x": 1.0})
@@ -342,7 +342,7 @@ def test_choices_that_a_trace_does_not_show_are_named() -> None:
 
 def test_of_what_the_environment_does_first_the_beginning_is_not_seen() -> None:
     text = program("x := *; ?x^2 <= 2; y := *").replace("Real x;", "/* @var: role=env */ Real x;")
-    [found] = unseen(lowered_model(Source("m", text), Options()), {"x": 0.0, "y": 0.0})
+    [found] = unseen(Compilation(Source("m", text), Options()).unbounded, {"x": 0.0, "y": 0.0})
     assert (found.code, found.span.text) == ("not-replayed", "x := *")
 
 
@@ -369,7 +369,7 @@ def test_a_choice_that_then_moves_is_replayed_from_its_column(role: str, tmp_pat
     ],
 )
 def test_what_has_no_monitor_is_refused_with_its_place(body: str, code: str) -> None:
-    model = lowered_model(Source("m", program(body)), Options())
+    model = Compilation(Source("m", program(body)), Options()).unbounded
     with pytest.raises(CompileError) as refused:
         monitor_of(model, ("controller",))
     assert {d.code for d in refused.value.diagnostics} == {code}

@@ -8,7 +8,7 @@ from proved_states import FURTHER, ULPS, Promise, promise_of, told
 
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive
-from dl2c.pipeline import checked_entry
+from dl2c.pipeline import Compilation
 from dl2c.source import Source
 
 LOOP = "[{{x' = 1, y' = 2*x & x <= 1}}*@invariant(x >= 0)] y = x^2"
@@ -21,7 +21,7 @@ def promised(conclusion: str, precondition: str = "x = 0 & y = 0") -> Promise | 
     declared = 'ArchiveEntry "M"\nProgramVariables\n  Real x, y;\nEnd.\nProblem\n'
     text = f"{declared}{precondition} -> {conclusion}\nEnd.\nEnd.\n"
     archive, _ = parse_archive(Source("m.kyx", text))
-    return promise_of(checked_entry(archive.entries[0], LIMITED))
+    return promise_of(Compilation(archive.entries[0], LIMITED))
 
 
 @pytest.mark.parametrize(

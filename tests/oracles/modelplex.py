@@ -21,7 +21,7 @@ from dl2c.monitor.check import Tolerance, after
 from dl2c.monitor.control import case_of, control_paths
 from dl2c.monitor.plant import model_check
 from dl2c.options import Options
-from dl2c.pipeline import lowered_model
+from dl2c.pipeline import Compilation
 from dl2c.smt.query import Impossible, Oracle
 from dl2c.source import Source
 
@@ -86,7 +86,7 @@ def verdict(expected: Expectation, seconds: float = 5.0, samples: int = 3000) ->
     there is none.
     """
     try:
-        model = lowered_model(Source.read(expected.path), Options(entry=expected.entry))
+        model = Compilation(Source.read(expected.path), Options(entry=expected.entry)).unbounded
     except CompileError as refused:
         return f"no model: {refused.diagnostics[0].title}"
     names = {v.name for v in model.variables}
@@ -186,7 +186,7 @@ def _read(text: str) -> Formula:
         f'ArchiveEntry "m"\nProgramVariables {declared}End.\nProblem ({text}) -> [zz := 0;]true End.\nEnd.\n'
     )
     options = Options(default_bound=(Fraction(-1), Fraction(1)))
-    return lowered_model(Source("expected", entry), options).precondition
+    return Compilation(Source("expected", entry), options).unbounded.precondition
 
 
 def _words(text: str) -> set[str]:

@@ -1,13 +1,11 @@
 """What the parser reads: KeYmaera X's own test pairs, its results on public models, and dl2c's rules."""
 
-from dataclasses import replace
 from fractions import Fraction
 
 import pytest
 
 from dl2c.diagnostics import CompileError
 from dl2c.env.opening import source_of
-from dl2c.options import Options
 from dl2c.parse.parser import parse_archive, parse_formula, parse_program, parse_term, parse_value
 from dl2c.parse.tree import (
     And,
@@ -33,7 +31,7 @@ from dl2c.parse.tree import (
     Truth,
     Variable,
 )
-from dl2c.pipeline import entry_of
+from dl2c.resolve.unreadable import entry_of
 from dl2c.source import Source, Span
 
 READERS = {"term": parse_term, "formula": parse_formula, "program": parse_program}
@@ -312,4 +310,4 @@ def test_a_byte_order_mark_is_no_part_of_a_text() -> None:
 def test_numbers_of_entries_are_told() -> None:
     archive, _ = parse_archive(Source("c.kyx", 'Theorem "c" Problem x>0 -> [x:=1;] x>0 End. End.'))
     with pytest.raises(CompileError, match="or its number, from 1 to 1"):
-        entry_of(archive, replace(Options(), entry="0"))
+        entry_of(archive, "0")

@@ -21,7 +21,7 @@ from dl2c.picture.figure import Panels, episode_figure, panels_of, pixels
 from dl2c.picture.regions import region
 from dl2c.picture.thresholds import deadline, thresholds
 from dl2c.picture.track import Track, events, symbols_at
-from dl2c.pipeline import lowered_model, resolve_options
+from dl2c.pipeline import Compilation, resolve_options
 from dl2c.source import Source
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -29,7 +29,7 @@ matplotlib.use("Agg")
 
 
 def lowered(model: str, **options: Any) -> Model:
-    return lowered_model(source_of(model), resolve_options(options))
+    return Compilation(source_of(model), resolve_options(options)).unbounded
 
 
 def track(model: Model, times: list[float], values: Mapping[str, list[float]], end: str = "") -> Track:
@@ -162,5 +162,5 @@ def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_source_without_annotations_has_a_picture() -> None:
     text = 'Theorem "t" ProgramVariables Real x; End. Problem x >= 0 -> [{x := x + 1;}*] x >= 0 End. End.\n'
-    ir = lowered_model(Source("t", text), resolve_options({}))
+    ir = Compilation(Source("t", text), resolve_options({})).unbounded
     assert panels_of(ir).lines == ("x",)

@@ -17,7 +17,7 @@ from dl2c.cli import app
 from dl2c.env.opening import source_of
 from dl2c.ir.evaluate import truth
 from dl2c.ir.model import Symbol
-from dl2c.pipeline import drawn_model, resolve_options
+from dl2c.pipeline import Compilation, resolve_options
 from dl2c.report.blame import blamed, model_of
 from dl2c.report.episode import (
     Episode,
@@ -68,7 +68,7 @@ def test_a_broken_model_is_falsified(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", VIOLATED)
 def test_a_counterexample_starts_where_the_precondition_admits(name: str) -> None:
     episode, _ = found_in(name)
-    model = drawn_model(episode.source, resolve_options(episode.options))
+    model = Compilation(episode.source, resolve_options(episode.options)).lowered.drawn
     env = {Symbol(v.name, "variable"): episode.initial[v.name] for v in model.variables}
     env |= {Symbol(c.name, "constant"): episode.initial[c.name] for c in model.constants}
     if not model.lead:
@@ -278,7 +278,7 @@ def test_proposals_stay_within_limits() -> None:
 
     source = source_of(TANK)
     env = Dl2cVectorEnv(source, 2, autoreset_mode="Disabled", action_format="auto")
-    space = _space(env, drawn_model(source, resolve_options({})), 50)
+    space = _space(env, Compilation(source, resolve_options({})).lowered.drawn, 50)
     attempts = propose(space, 64, None, np.random.default_rng(0))
     assert ((space.low <= attempts.inputs) & (attempts.inputs <= space.high)).all()
     exact = np.isin(attempts.inputs, [*space.low, *space.high])

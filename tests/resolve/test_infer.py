@@ -13,7 +13,7 @@ from dl2c.diagnostics import CompileError
 from dl2c.lint.check import examine
 from dl2c.lint.fix import fix_file
 from dl2c.parse.parser import parse_archive
-from dl2c.pipeline import checked, resolve_options
+from dl2c.pipeline import Compilation, check_model, resolve_options
 from dl2c.resolve.infer import inferred
 from dl2c.source import Source
 
@@ -60,7 +60,7 @@ def test_what_is_written_is_a_variable() -> None:
 def test_names_that_are_only_read_are_mistakes_where_variables_are_declared() -> None:
     text = WRITTEN.replace("Real b;", "")
     with pytest.raises(CompileError) as refused:
-        checked(Source("model.kyx", text), resolve_options(OPTIONS))
+        check_model(Source("model.kyx", text), resolve_options(OPTIONS))
     (found,) = refused.value.diagnostics
     assert (found.code, found.span.text) == ("undeclared-variable", "b")
     assert found.notes == ("also at 5:54",)
@@ -147,7 +147,7 @@ def test_other_quantifiers_around_it_are_refused(old: str, new: str) -> None:
     """Those of names that something else means, or under which it is not one program that runs."""
     with pytest.raises(CompileError) as refused:
         text = QUANTIFIED.replace(old, new).replace("ProgramVariables", f"{DEFINITIONS}\nProgramVariables")
-        checked(Source("model.kyx", text), resolve_options(OPTIONS))
+        check_model(Source("model.kyx", text), resolve_options(OPTIONS))
     assert {d.code for d in refused.value.diagnostics} <= {"quantifier", "undeclared-variable"}
 
 
@@ -158,7 +158,7 @@ def test_definitions_that_call_themselves_are_told_so() -> None:
     for problem in ("p()", "\\forall z p()", "stable() & p()", "x > 0 -> \\exists z (z > 0 & q())"):
         with pytest.raises(CompileError) as refused:
             changed = text.replace("Problem stable()", f"Problem {problem}")
-            checked(Source("model.kyx", changed), resolve_options(OPTIONS))
+            check_model(Source("model.kyx", changed), resolve_options(OPTIONS))
         assert {d.code for d in refused.value.diagnostics} == {"recursive-definition"}
 
 
@@ -167,7 +167,7 @@ def test_what_has_no_declaration_is_not_annotated(tmp_path: Path, text: str) -> 
     path = tmp_path / "model.kyx"
     path.write_text(text)
     path.write_bytes(annotated(str(path), OPTIONS))
-    again = checked(Source.read(path), resolve_options(OPTIONS)).problem
+    again = Compilation(Source.read(path), resolve_options(OPTIONS)).resolved.problem
     assert all(a is not None for d, a in again.variables if d.name == "v")
     assert parse_archive(Source.read(path))[0].entries[0].problem == entry_of(text).problem
 
@@ -176,10 +176,10 @@ def test_what_has_no_declaration_is_not_annotated(tmp_path: Path, text: str) -> 
 def test_fix_declares_them(tmp_path: Path, text: str) -> None:
     path = tmp_path / "model.kyx"
     path.write_text(text)
-    before = checked(Source.read(path), resolve_options(OPTIONS)).environment.model
+    before = Compilation(Source.read(path), resolve_options(OPTIONS)).lowered.model
     assert fix_file(path) == 1
     assert warned(path.read_text()) == []
-    after = checked(Source.read(path), resolve_options(OPTIONS)).environment.model
+    after = Compilation(Source.read(path), resolve_options(OPTIONS)).lowered.model
     assert (after.variables, after.constants, after.body) == (before.variables, before.constants, before.body)
     assert fix_file(path) == 0
 

@@ -20,7 +20,7 @@ from dl2c.ir.model import Model
 from dl2c.ir.printer import print_formula
 from dl2c.options import Options
 from dl2c.paths.enabled import enabling
-from dl2c.pipeline import drawn_model
+from dl2c.pipeline import Compilation
 from dl2c.sampling.draw import draw_many
 from dl2c.sampling.plan import NoSampler, plan_sampling
 from dl2c.sampling.tables import SamplingPlan
@@ -170,7 +170,7 @@ def test_too_high_degrees_are_refused():
 
 
 def drawn(precondition: str, program: str) -> Model:
-    return drawn_model(Source("m.kyx", kyx(precondition, program)), Options())
+    return Compilation(Source("m.kyx", kyx(precondition, program)), Options()).lowered.drawn
 
 
 @pytest.mark.parametrize(
