@@ -15,9 +15,10 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from dl2c.env.actions import action_space, encoding, flat_format, masks, write
+from dl2c.env.infos import STATUS, SUCCESS, reason_names
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin
-from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
+from dl2c.env.spaces import observation_space
 from dl2c.env.state import state_line
 from dl2c.env.targeted import check_uniform
 

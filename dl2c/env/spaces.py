@@ -1,4 +1,4 @@
-"""The observation space, and what the codes in a batch's buffers are called."""
+"""The observation space and its types."""
 
 from typing import Any
 
@@ -7,20 +7,6 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from dl2c.native.manifest import Manifest
-
-STATUS = ("none", "success", "failure")
-"""`info["status"]` by code."""
-
-_REASONS = ("", "blocked", "deadlock", "numerical", "solver", "stalled", "diverged", "time_limit", "end")
-_FIRST_PREDICATE = 16
-
-SUCCESS = 1
-
-
-def reason_names(manifest: Manifest) -> dict[int, str]:
-    """`info["reason"]` by code; an episode that a predicate ended names the predicate."""
-    names = dict(enumerate(_REASONS))
-    return names | {_FIRST_PREDICATE + i: p.name for i, p in enumerate(manifest.predicates)}
 
 
 def cells_of(array: NDArray[Any]) -> Any:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dl2c.env.actions import Encoding, Flat, Named, OneChoice
+from dl2c.env.infos import ENTRIES, IS_SUCCESS, NUMBERS, STATUS, SUCCESS, reason_names
 from dl2c.env.one_action import reader, writer
-from dl2c.env.spaces import STATUS, SUCCESS, reason_names
-from dl2c.native.binding import OUTCOME
+from dl2c.native.binding import OUTCOME, OUTCOME_NAMES
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Batch
@@ -29,9 +29,6 @@ Origin: TypeAlias = NDArray[Any] | Callable[[], Any]
 
 INDEX = np.dtype(np.int64)
 """Of choices in actions."""
-
-KEYS = ("status", "reason", "cost", "blocked", "duration", "time", "postcondition", "saturated", "is_success")
-"""Entries of `info` that are single numbers, as cgen/python/single.c numbers them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +63,7 @@ def compiled_step(parts: Parts) -> Callable[[Any], Step] | None:
         batch.check,
         parts.ended,
         batch.obs[0],
-        KEYS,
+        (*NUMBERS, IS_SUCCESS),
         _uneventful(parts.extras),
         STATUS,
         reason_names(parts.manifest),
@@ -103,9 +100,7 @@ def _plain(encoding: Encoding, batch: "Batch") -> _Plain:
 
 def _uneventful(extras: Mapping[str, Origin]) -> dict[str, Any]:
     """`info` of a step of which nothing is to be said, with all its keys in order."""
-    known = {"status": STATUS[0], "reason": "", "cost": 0, "blocked": False, "executed_action": None}
-    known |= {"duration": 0.0, "time": 0.0, "postcondition": True, "saturated": False}
-    return known | dict.fromkeys(extras)
+    return {name: entry.quiet for name, entry in ENTRIES.items()} | dict.fromkeys(extras)
 
 
 def python_step(parts: Parts) -> Callable[[Any], Step]:
@@ -120,23 +115,15 @@ def python_step(parts: Parts) -> Callable[[Any], Step]:
         write(action)
         if failed := native_step():
             check(failed)
-        (reward, duration, time, status, reason, cost, end, cut, blocked, post, saturated, _) = read(outcome)
-        info: dict[str, Any] = {
-            "status": STATUS[status],
-            "reason": reasons[reason],
-            "cost": cost,
-            "blocked": blocked,
-            "executed_action": executed(),
-            "duration": duration,
-            "time": time,
-            "postcondition": post,
-            "saturated": saturated,
-        }
+        found = dict(zip(OUTCOME_NAMES, read(outcome), strict=True))
+        status, end, cut = found["status"], found["terminated"], found["truncated"]
+        found |= {"status": STATUS[status], "reason": reasons[found["reason"]], "executed_action": executed()}
+        info = {name: found[name] for name in ENTRIES}
         for key, fresh in extras.items():
             info[key] = fresh()
         if end or cut:
             ended()
-            info["is_success"] = status == SUCCESS
-        return observe(), reward, end, cut, info
+            info[IS_SUCCESS] = status == SUCCESS
+        return observe(), found["rewards"], end, cut, info
 
     return step

@@ -14,10 +14,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from dl2c.env.actions import action_space, encoding, executed, masks, write
+from dl2c.env.infos import ENTRIES, IS_SUCCESS, NUMBERS, STATUS, SUCCESS, reason_names
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin, spread
 from dl2c.env.snapshot import Snapshot, put, take
-from dl2c.env.spaces import STATUS, SUCCESS, observation_space, reason_names
+from dl2c.env.spaces import observation_space
 from dl2c.env.state import check_reset_options, read_drawn, read_state, state_line
 from dl2c.env.targeted import check_uniform
 
@@ -118,20 +119,12 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
     def _step_infos(self, mask: Bools, ended: Bools) -> Infos:
         """What the buffers say of the step just taken, where `mask` is true."""
         b = self.batch
-        values: Infos = {
-            "status": b.status.astype(np.int8),
-            "reason": b.reason.copy(),
-            "cost": b.cost.astype(np.int64),
-            "blocked": b.blocked.copy(),
-            "executed_action": executed(self._encoding, b.executed_choices, b.executed_inputs),
-            "duration": b.duration.copy(),
-            "time": b.time.copy(),
-            "postcondition": b.postcondition.copy(),
-            "saturated": b.saturated.copy(),
-        }
+        values: Infos = dict.fromkeys(ENTRIES)
+        values |= {name: getattr(b, name).astype(ENTRIES[name].dtype) for name in NUMBERS}
+        values["executed_action"] = executed(self._encoding, b.executed_choices, b.executed_inputs)
         if drawn := read_drawn(self.manifest, b):
             values["environment"] = drawn
-        return _masked(values, mask) | _masked({"is_success": b.status == SUCCESS}, mask & ended)
+        return _masked(values, mask) | _masked({IS_SUCCESS: b.status == SUCCESS}, mask & ended)
 
     def _final(self, ended: Bools) -> Infos:
         """What same-step autoreset would otherwise hide: the last observation and infos of ended episodes."""

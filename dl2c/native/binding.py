@@ -52,7 +52,11 @@ class Sizes:
 
 
 OUTCOME = struct.Struct("@3d3i6?")
-"""rewards, duration, time; status, reason, cost; the flags from terminated to began."""
+OUTCOME_NAMES = (
+    *("rewards", "duration", "time", "status", "reason", "cost"),
+    *("terminated", "truncated", "blocked", "postcondition", "saturated", "began"),
+)
+"""The buffers that `OUTCOME` reads, in their order."""
 
 
 def outcome_memory(
