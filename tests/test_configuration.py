@@ -188,8 +188,8 @@ def test_an_environment_keeps_its_options_in_another_folder(
     assert pickle.loads(saved).manifest == env.manifest
 
 
-def test_the_readme_shows_a_configuration_that_is_right(project: Any) -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_documents_show_a_configuration_that_is_right(project: Any) -> None:
+    text = (ROOT / "docs" / "reference" / "options.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"^```toml\n(.*?)^```", text, flags=re.M | re.S)
     project(block)
     assert configured(Options()) != Options()

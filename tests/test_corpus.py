@@ -45,9 +45,9 @@ the start they move."""
 
 
 def refusals() -> set[str]:
-    """The codes of README's table of what is refused."""
-    text = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-    _, _, rest = text.partition("### What is refused\n")
+    """The codes of the documents' table of what is refused."""
+    text = (REPOSITORY / "docs" / "reference" / "models.md").read_text(encoding="utf-8")
+    _, _, rest = text.partition("## What is refused\n")
     section, _, _ = rest.partition("\n#")
     rows = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
     return {code for row in rows for code in re.findall(r"`([a-z-]+)`", row)}

@@ -6,18 +6,35 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from test_house_rules import LAYERS
 
+from dl2c.experiments.commands import app
+from dl2c.lint.codes import LINTS
+from dl2c.options import Options
 from dl2c.parse import annotations
+from dl2c.parse.options import OPTIONS as EPISODE_OPTIONS
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"^(?:<!-- (\w+): ([^>]*?) -->\n)?```([^\n]*)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
 QUICK = ("tutorial-rl", "tutorial-keymaera")
+
+
+TEXTS = [
+    *sorted(ROOT.glob("*.md")),
+    *sorted(page for page in DOCS.rglob("*.md") if page.name != "page.md"),
+    *sorted((ROOT / "examples").rglob("*.md")),
+]
+"""All documents but those that `dl2c study` writes."""
+
+MAX_COLUMNS = 110
+MAX_LINES = {"README.md": 150, "ARCHITECTURE.md": 120}
 
 
 class Block(NamedTuple):
@@ -73,13 +90,104 @@ def test_every_kind_of_block_is_known() -> None:
     assert kinds <= {"sh", "python", "text", "toml", "yaml", "{toctree}", "{eval-rst}", "{dl2c}"}
 
 
-def test_pages_build_without_a_warning(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def html(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The pages as `make docs` builds them."""
     for library in ("sphinx", "furo", "myst_parser"):
         pytest.importorskip(library)
-    run(tmp_path, sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", str(DOCS), str(tmp_path / "out"))
-    pages = list((tmp_path / "out").rglob("*.html"))
+    folder = tmp_path_factory.mktemp("pages")
+    run(folder, sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", str(DOCS), str(folder / "out"))
+    return folder / "out"
+
+
+def test_pages_load_nothing_from_elsewhere(html: Path) -> None:
+    pages = list(html.rglob("*.html"))
     loaded = re.compile(r'<(?:script|link|img)[^>]*(?:src|href)="https?://')
     assert pages and not [p for p in pages if loaded.search(p.read_text(encoding="utf-8"))]
+
+
+def test_reference_has_every_option_command_and_code(html: Path) -> None:
+    def named(page: str) -> set[str]:
+        text = (html / "reference" / f"{page}.html").read_text(encoding="utf-8")
+        first_cells = re.findall(r'<tr[^>]*><td>(?:<p>)?<code[^>]*><span class="pre">([^<]*)</span>', text)
+        return {*first_cells, *re.findall(r"<h[23]>dl2c ([a-z]+)", text)}
+
+    assert {f.name for f in fields(Options)} - {"given"} <= named("options")
+    commands = {command.name or command.callback.__name__ for command in app.registered_commands}
+    assert commands <= named("commands")
+    assert {lint.code for lint in LINTS} <= named("lints")
+
+
+def test_options_page_says_what_an_episode_annotation_cannot_set() -> None:
+    (sentence,) = re.findall(
+        r"and\s+cannot\s+set\s+([^.]*)\.", (DOCS / "reference" / "options.md").read_text(encoding="utf-8")
+    )
+    here = {f.name for f in fields(Options)} - {"given", "max_episode_steps"}
+    assert set(re.findall(r"`(\w+)`", sentence)) == here - set(EPISODE_OPTIONS)
+
+
+def sections(page: Path) -> list[int]:
+    """The numbers of a page's sections, in order."""
+    return [int(n) for n in re.findall(r"^## (\d+) \S", page.read_text(encoding="utf-8"), flags=re.M)]
+
+
+def cited(word: str, folders: tuple[str, ...]) -> set[int]:
+    """The numbers that follow a word, as in `semantics 5 and 6`."""
+    pattern = re.compile(rf"\b{word} (\d+(?:(?:, | and | to )\d+)*)")
+    files = [p for f in folders for p in (ROOT / f).rglob("*") if p.suffix in (".py", ".h", ".c", ".md")]
+    found = [numbers for p in files for numbers in pattern.findall(p.read_text(encoding="utf-8"))]
+    return {int(n) for numbers in found for n in re.findall(r"\d+", numbers)}
+
+
+def test_cited_sections_of_the_semantics_exist() -> None:
+    there = sections(DOCS / "semantics.md")
+    assert there == list(range(1, len(there) + 1))
+    found = cited("semantics", ("dl2c", "cgen", "docs", "tests"))
+    assert len(found) > 5 and found <= set(there)
+
+
+def test_cited_decisions_exist() -> None:
+    there = sorted(n for page in (DOCS / "decisions").glob("*.md") for n in sections(page))
+    assert there == list(range(1, len(there) + 1)), "each number once"
+    found = cited("decisions?", ("dl2c", "cgen", "docs", "tests"))
+    assert found and found <= set(there)
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link may name after `#`: the titles of a page as GitHub and MyST write them."""
+    titles = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), flags=re.M)
+    return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=lambda page: page.stem)
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\((?!https?:)([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        path, _, anchor = link.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), link
+        assert not anchor or anchor in anchors(there), link
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=lambda page: page.stem)
+def test_lines_fit(page: Path) -> None:
+    lines = page.read_text(encoding="utf-8").splitlines()
+    assert not [line for line in lines if len(line) > MAX_COLUMNS and not line.startswith(("$$", "| ["))]
+    assert len(lines) <= MAX_LINES.get(page.name if page.parent == ROOT else "", len(lines))
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=lambda page: page.stem)
+def test_words_of_the_glossary_are_used(page: Path) -> None:
+    text = re.sub(r"https?:\S+", "", page.read_text(encoding="utf-8")).partition("\n## Glossary")[0]
+    assert not re.findall(r"\b(?:fleet|convoy|sails?|roams?|recruits?|blinks?|abreast)\b", text, flags=re.I)
+
+
+def test_code_map_has_every_folder_in_the_order_of_the_layers() -> None:
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    section = text.partition("## Code map\n")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| (`[^|]*`) \|", section, flags=re.M)
+    named = [name for row in rows for name in re.findall(r"`(\w+)(?:/|\.py)`", row) if name != "cgen"]
+    assert named == sorted(named, key=LAYERS.index)
+    assert {path.name for path in (ROOT / "dl2c").iterdir() if (path / "__init__.py").exists()} <= {*named}
 
 
 def test_annotation_page_has_every_attribute() -> None:
