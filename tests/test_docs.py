@@ -23,7 +23,7 @@ from dl2c.parse.options import OPTIONS as EPISODE_OPTIONS
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"^(?:<!-- (\w+): ([^>]*?) -->\n)?```([^\n]*)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
-QUICK = ("tutorial-rl", "tutorial-keymaera")
+QUICK = ("tutorial-rl", "tutorial-keymaera", "commands")
 
 
 TEXTS = [
