@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from rich.console import Console
 from rich.table import Table
 
-from dl2c.env.actions import action_space, encoding
+from dl2c.env.actions import encoding
 from dl2c.env.spaces import observation_space
 from dl2c.native.manifest import ChoiceSpec, InputSpec, Manifest, Quantity
 
@@ -27,7 +27,7 @@ def describe(manifest: Manifest) -> None:
     box = observation_space(manifest)
     console.print(f"[bold]{manifest.name}[/bold]  (dl2c {manifest.dl2c_version}, build {manifest.key})")
     console.print(f"observation space  Box({len(manifest.observations)}, {box.dtype})", markup=False)
-    console.print(f"action space       {action_space(encoding(manifest))}", markup=False)
+    console.print(f"action space       {encoding(manifest).space()}", markup=False)
     console.print(f"initial states     {manifest.certificate}", markup=False)
     if manifest.choices:
         depth = manifest.options.get("mask_depth", "flow")

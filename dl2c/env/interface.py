@@ -1,18 +1,9 @@
 """What a policy sees of an environment and how it acts in it, as data."""
 
-from typing import Any, assert_never
+from typing import Any
 
-from dl2c.env.actions import (
-    Choices,
-    Flat,
-    Named,
-    NoDecision,
-    OneChoice,
-    Runs,
-    action_space,
-    encoding,
-    flat_format,
-)
+from dl2c.env.actions import encoding, flat_format
+from dl2c.env.encodings import Choices, Flat, NoDecision, OneChoice, Runs
 from dl2c.env.spaces import float_type, observation_space
 from dl2c.native.manifest import Manifest
 from dl2c.policy.network import Interface
@@ -36,7 +27,7 @@ def interface_of(manifest: Manifest) -> Interface:
             counts = tuple(len(c.alternatives) for c in manifest.choices)
             return Interface(observations, dtype, "runs", counts, manifest.runs)
         case Flat(counts=counts, squash=squash):
-            box: Any = action_space(code)
+            box: Any = code.space()
             return Interface(
                 observations,
                 dtype,
@@ -47,7 +38,5 @@ def interface_of(manifest: Manifest) -> Interface:
                 high=tuple(box.high.tolist()),
                 squash=squash,
             )
-        case Named():
-            raise AssertionError("policies act on flat spaces")
         case _:
-            assert_never(code)
+            raise AssertionError("policies act on flat spaces")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
-from dl2c.env.actions import action_space, encoding, flat_format, masks, write
+from dl2c.env.actions import encoding, flat_format
 from dl2c.env.infos import STATUS, SUCCESS, reason_names
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin
@@ -52,7 +52,7 @@ class Dl2cVecEnv(VecEnv):
         self._rng = np.random.default_rng()
         self._seeded = np.zeros(num_envs, np.bool_)
         self._actions: Any = None
-        spaces = observation_space(self.manifest), action_space(self.encoding)
+        spaces = observation_space(self.manifest), self.encoding.space()
         super().__init__(num_envs, *spaces)  # pyright: ignore[reportUnknownMemberType] # Space without its parameter
         self.metadata = {"render_modes": ["ansi"]}
 
@@ -70,7 +70,7 @@ class Dl2cVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Observations, rewards, dones and infos; an environment that is done has begun its next episode."""
-        write(self.encoding, self.batch, self._actions)
+        self.encoding.write(self.batch, self._actions)
         self.batch.step()
         dones = self.batch.terminated | self.batch.truncated
         infos: list[dict[str, Any]] = [{} for _ in repeat(None, self.num_envs)]  # `range` would make integers
@@ -101,7 +101,7 @@ class Dl2cVecEnv(VecEnv):
     def action_masks(self) -> NDArray[np.bool_]:
         """Which alternatives have a run: one row per environment."""
         self.batch.check_open()
-        return masks(self.encoding, self.batch.mask).astype(np.bool_)
+        return self.encoding.masks(self.batch.mask).astype(np.bool_)
 
     def close(self) -> None:
         """Free the native environments. Closing twice is fine."""

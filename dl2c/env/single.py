@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.env.actions import action_space, encoding, masks
+from dl2c.env.actions import encoding
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.screen import Screen
 from dl2c.env.seeding import SEEDS, draw_seed
@@ -56,7 +56,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         self._batch = library.batch(1, autoreset="disabled", **batch_options(self.manifest))
         self._encoding = encoding(self.manifest)
         self.observation_space = observation_space(self.manifest)
-        self.action_space = action_space(self._encoding)
+        self.action_space = self._encoding.space()
         targeted = self.manifest.options.get("initial_distribution") == "z3"
         self._targeted = Targeted(self.source, options) if targeted else None
         self._seeded = False
@@ -72,8 +72,8 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
     def _bind(self, batch: "Batch") -> None:
         """Views of a batch and functions over it, made once."""
         self._obs = batch.obs[0]
-        plain = batch.mask.shape == masks(self._encoding, batch.mask).shape
-        self._fresh_mask = batch.mask[0].copy if plain else lambda: masks(self._encoding, batch.mask)[0]
+        plain = batch.mask.shape == self._encoding.masks(batch.mask).shape
+        self._fresh_mask = batch.mask[0].copy if plain else lambda: self._encoding.masks(batch.mask)[0]
         extras: dict[str, Origin] = {}
         if self.manifest.drawn_choices or self.manifest.drawn_inputs:
             extras["environment"] = drawn_reader(self.manifest, batch)

@@ -9,11 +9,6 @@ from numpy.typing import NDArray
 from dl2c.native.manifest import Manifest
 
 
-def cells_of(array: NDArray[Any]) -> Any:
-    """A view of an array whose entries are plain Python numbers, not numpy's."""
-    return array.data
-
-
 def float_type(manifest: Manifest) -> "np.dtype[Any]":
     """The type of observations and of continuous actions."""
     return np.dtype(manifest.options["obs_dtype"])

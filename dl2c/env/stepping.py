@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.env.actions import Encoding, Flat, Named, OneChoice
+from dl2c.env.encodings import Encoding, Flat, Named, OneChoice
 from dl2c.env.infos import ENTRIES, IS_SUCCESS, NUMBERS, STATUS, SUCCESS, reason_names
-from dl2c.env.one_action import reader, writer
 from dl2c.native.binding import OUTCOME, OUTCOME_NAMES
 
 if TYPE_CHECKING:
@@ -58,7 +57,7 @@ def compiled_step(parts: Parts) -> Callable[[Any], Step] | None:
         plain.count,
         plain.width,
         plain.named,
-        writer(encoding, batch),
+        encoding.writer(batch),
         any(flow.kernel != "exact" for flow in parts.manifest.flows),
         batch.check,
         parts.ended,
@@ -84,7 +83,7 @@ class _Plain:
 def _plain(encoding: Encoding, batch: "Batch") -> _Plain:
     match encoding:
         case OneChoice(count):
-            return _Plain(reader(encoding, batch), count)
+            return _Plain(encoding.reader(batch), count)
         case Flat(low, _, counts) if not len(counts):
             return _Plain((batch.executed_inputs[0], low.dtype), width=len(low))
         case Named(inputs, choices, low, _, counts):
@@ -95,7 +94,7 @@ def _plain(encoding: Encoding, batch: "Batch") -> _Plain:
             executed = dict(zip((*inputs, *choices), (*values, *taken), strict=True))
             return _Plain(executed, named=tuple(chain.from_iterable(named)))
         case _:
-            return _Plain(reader(encoding, batch))
+            return _Plain(encoding.reader(batch))
 
 
 def _uneventful(extras: Mapping[str, Origin]) -> dict[str, Any]:
@@ -106,7 +105,7 @@ def _uneventful(extras: Mapping[str, Origin]) -> dict[str, Any]:
 def python_step(parts: Parts) -> Callable[[Any], Step]:
     """The step in Python."""
     batch, ended, reasons = parts.batch, parts.ended, reason_names(parts.manifest)
-    write, executed = writer(parts.encoding, batch), reader(parts.encoding, batch)
+    write, executed = parts.encoding.writer(batch), parts.encoding.reader(batch)
     native_step, check, observe = batch.native_step(), batch.check, batch.obs[0].copy
     outcome, read = batch.outcome.data, OUTCOME.unpack_from
     extras = {k: o.copy if isinstance(o, np.ndarray) else o for k, o in parts.extras.items()}

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from dl2c.env.actions import action_space, encoding, executed, masks, write
+from dl2c.env.actions import encoding
 from dl2c.env.infos import ENTRIES, IS_SUCCESS, NUMBERS, STATUS, SUCCESS, reason_names
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin, spread
@@ -74,7 +74,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         )
         self._encoding = encoding(self.manifest)
         self.single_observation_space = observation_space(self.manifest)
-        self.single_action_space: Space[Any] = action_space(self._encoding)
+        self.single_action_space: Space[Any] = self._encoding.space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.status_names, self.reason_names = dict(enumerate(STATUS)), reason_names(self.manifest)
@@ -103,7 +103,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
             raise gym.error.ResetNeeded(
                 f"call reset() for the environments {np.flatnonzero(~self._ready).tolist()}"
             )
-        write(self._encoding, self.batch, actions)
+        self._encoding.write(self.batch, actions)
         self.batch.step()
         terminated, truncated, began = (
             flags.copy() for flags in (self.batch.terminated, self.batch.truncated, self.batch.began)
@@ -121,7 +121,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         b = self.batch
         values: Infos = dict.fromkeys(ENTRIES)
         values |= {name: getattr(b, name).astype(ENTRIES[name].dtype) for name in NUMBERS}
-        values["executed_action"] = executed(self._encoding, b.executed_choices, b.executed_inputs)
+        values["executed_action"] = self._encoding.executed(b.executed_choices, b.executed_inputs)
         if drawn := read_drawn(self.manifest, b):
             values["environment"] = drawn
         return _masked(values, mask) | _masked({IS_SUCCESS: b.status == SUCCESS}, mask & ended)
@@ -152,7 +152,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
     def _masks(self, mask: Bools) -> Infos:
         if not self.manifest.choices:
             return {}
-        return _masked({"action_mask": masks(self._encoding, self.batch.mask)}, mask)
+        return _masked({"action_mask": self._encoding.masks(self.batch.mask)}, mask)
 
     def _reset_mask(self, options: dict[str, Any]) -> Bools:
         given = options.get("reset_mask")
@@ -167,7 +167,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
     def action_masks(self) -> Bools:
         """Which alternatives have a run: one row per environment."""
         self.batch.check_open()
-        return masks(self._encoding, self.batch.mask).astype(np.bool_)
+        return self._encoding.masks(self.batch.mask).astype(np.bool_)
 
     def state(self, i: int = 0) -> dict[str, float]:
         """Variables and constants of environment i by name, exact."""

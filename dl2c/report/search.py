@@ -15,7 +15,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.env.actions import Encoding, Named, encoding, executed
+from dl2c.env.actions import encoding
+from dl2c.env.encodings import Encoding, Named
 from dl2c.env.opening import Model as ModelName
 from dl2c.env.opening import compilation_of, source_of
 from dl2c.env.single import Dl2cEnv
@@ -363,7 +364,7 @@ def _recorded(env: Dl2cVectorEnv, space: Space, attempt: Attempts, last: int, op
 
 def _action(code: Encoding, attempt: Attempts, piece: int) -> Any:
     """What the only attempt asks for in a piece, as an action of the single environment."""
-    asked: Any = executed(code, attempt.choices[:, piece].astype(np.int32), attempt.inputs[:, piece])
+    asked: Any = code.executed(attempt.choices[:, piece].astype(np.int32), attempt.inputs[:, piece])
     if isinstance(code, Named):
         return {key: part[0] for key, part in asked.items()}
     return asked[0]

@@ -14,7 +14,6 @@ from gymnasium.vector.utils import batch_space
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-from dl2c.env.actions import action_space
 from dl2c.env.opening import Model, source_of
 from dl2c.env.sb3 import Dl2cVecEnv
 from dl2c.native.manifest import Manifest
@@ -127,7 +126,7 @@ ACTIVATION: dict[str, type[torch.nn.Module]] = {
 
 def _moments(env: Dl2cVecEnv, seed: int) -> dict[str, list[float]]:
     """Mean and deviation of each observation entry while a random policy acts, for `Standardised`."""
-    space: Any = batch_space(action_space(env.encoding), env.num_envs)
+    space: Any = batch_space(env.encoding.space(), env.num_envs)
     space.seed(seed)
     env.seed(seed)
     seen = [env.reset()]

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeAlias, assert_never
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.env.actions import Choices, Encoding, Flat, Named, NoDecision, OneChoice, Runs, action_space
+from dl2c.env.encodings import Choices, Encoding, Flat, NoDecision, OneChoice, Runs
 from dl2c.policy.files import JSON, read_policy
-from dl2c.policy.network import ActionKind, PolicyError
+from dl2c.policy.network import PolicyError
 
 __all__ = ["Masks", "Policy", "PolicyError", "policy_of", "saved_policy"]
 
@@ -45,7 +45,7 @@ def _choosing(
     code: Encoding, pick: Callable[[Masks], NDArray[np.intp]], rng: np.random.Generator | None
 ) -> Policy:
     """A policy that picks one alternative of each choice from its mask."""
-    space: Any = action_space(code)
+    space: Any = code.space()
     match code:
         case NoDecision():
             return lambda observations, _: np.zeros(len(observations), np.int64)
@@ -59,25 +59,14 @@ def _choosing(
             if rng is None:
                 return lambda observations, _: np.tile(np.clip(0, low, high), (len(observations), 1))
             return lambda observations, _: rng.uniform(low, high, (len(observations), len(low)))
-        case Named():
-            raise AssertionError("policies act on flat spaces")
         case _:
-            assert_never(code)
-
-
-KINDS: dict[type[Encoding], ActionKind] = {
-    NoDecision: "none",
-    OneChoice: "choice",
-    Choices: "choices",
-    Runs: "runs",
-    Flat: "box",
-}
+            raise AssertionError("policies act on flat spaces")
 
 
 def data_policy(path: Path, code: Encoding, masked: bool) -> Policy:
     """A policy in a file without code; it acts deterministically. Raises `OSError`, `PolicyError`."""
     policy = read_policy(path)
-    io, wanted = policy.interface, KINDS.get(type(code))
+    io, wanted = policy.interface, code.kind
     if io.kind != wanted or io.squash != (isinstance(code, Flat) and code.squash):
         raise PolicyError(f"{path} gives actions of kind {io.kind}, the environment takes {wanted}")
 

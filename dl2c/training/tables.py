@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from itertools import islice
 from typing import Any, TypeAlias
 
-from dl2c.env.actions import Choices, Flat, encoding, flat_format
+from dl2c.env.actions import encoding, flat_format
+from dl2c.env.encodings import Choices, Flat
 from dl2c.env.state import chosen_keys
 from dl2c.native.host import host
 from dl2c.native.manifest import Manifest

@@ -17,8 +17,7 @@ from gymnasium.utils.passive_env_checker import data_shares_objects
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dl2c.env.actions import action_space, encoding, executed, masks, write
-from dl2c.env.one_action import reader, writer
+from dl2c.env.actions import encoding
 from dl2c.env.spaces import observation_space
 from dl2c.native.errors import ResetFailed
 from dl2c.options import UnknownOption
@@ -82,14 +81,14 @@ def test_executed_inverts_write(data: st.DataObject) -> None:
     manifest = toy_manifest(counts, inputs, action_format=name, action_map=squash)
     code = encoding(manifest)
     batch = ToyLibrary(manifest).batch(n)
-    space = gym.vector.utils.batch_space(action_space(code), n)
+    space = gym.vector.utils.batch_space(code.space(), n)
     space.seed(data.draw(st.integers(0, 99)))
-    write(code, batch, space.sample())
+    code.write(batch, space.sample())
     first = batch.choices.copy(), batch.inputs.copy()
-    again = executed(code, *first)
+    again = code.executed(*first)
     assert again in space
     batch.choices[:] = batch.inputs[:] = 0
-    write(code, batch, again)
+    code.write(batch, again)
     assert data_equivalence(first[0], batch.choices, exact=True)
     np.testing.assert_allclose(first[1], batch.inputs, rtol=1e-6)
 
@@ -116,12 +115,12 @@ def test_one_action_is_requested_as_a_batch_of_one() -> None:
     """Also where its entries are not what the space samples."""
     manifest = toy_manifest((3, 2), 1)
     code, batch = encoding(manifest), ToyLibrary(manifest).batch(1)
-    quick = writer(code, batch)
+    quick = code.writer(batch)
     actions = [{"assign_u0": u, "choice_0": i, "choice_1": 1} for u in NUMBERS for i in INDICES]
     for action in ({}, *actions, actions[0] | {"more": 1}):
         rows = {key: np.asarray(value)[None] for key, value in action.items()}
         found = requested(batch, lambda action=action: quick(action))
-        assert found == requested(batch, lambda rows=rows: write(code, batch, rows)), action
+        assert found == requested(batch, lambda rows=rows: code.write(batch, rows)), action
 
 
 @pytest.mark.parametrize("action_map", ["project", "squash"])
@@ -129,17 +128,17 @@ def test_one_row_is_requested_and_read_as_a_batch_of_one(action_map: str) -> Non
     """Choices halfway between two, far outside, and the limits of their range."""
     manifest = toy_manifest((3, 1, 4), 2, action_format="box", action_map=action_map)
     code, batch = encoding(manifest), ToyLibrary(manifest).batch(1)
-    quick, read = writer(code, batch), reader(code, batch)
+    quick, read = code.writer(batch), code.reader(batch)
     numbers = [-np.inf, -1e9, -1.0, -0.5, -0.0, 0.5, 1 / 3, 1.0, 1.5, 2.5, 7.0, np.inf, np.nan]
     rng = np.random.default_rng(1)
     for _ in range(400):
         row = rng.choice(numbers, 5).astype(rng.choice(["f", "d"]))
         found = requested(batch, lambda row=row: quick(row))
-        wanted = requested(batch, lambda row=row: write(code, batch, row[None]))
+        wanted = requested(batch, lambda row=row: code.write(batch, row[None]))
         assert found == wanted or (np.isnan(row).any() and found[0] is wanted[0] is ValueError), row
         batch.executed_choices[:] = rng.integers(0, (3, 1, 4))
         batch.executed_inputs[:] = rng.normal(size=2)
-        alone, together = read(), executed(code, batch.executed_choices, batch.executed_inputs)[0]
+        alone, together = read(), code.executed(batch.executed_choices, batch.executed_inputs)[0]
         assert (alone.dtype, alone.tobytes()) == (together.dtype, together.tobytes())
 
 
@@ -179,7 +178,7 @@ def test_formats_without_inputs_refuse_them(name: str) -> None:
 def test_a_run_is_masked_by_the_decisions_it_meets() -> None:
     code = encoding(toy_manifest((2, 3), 0, action_format="discrete"))
     mask = np.array([[1, 1, 1, 1, 1], [1, 0, 1, 0, 1]], np.int8)
-    assert masks(code, mask).tolist() == [[1] * 6, [1, 0, 1, 0, 0, 0]]
+    assert code.masks(mask).tolist() == [[1] * 6, [1, 0, 1, 0, 0, 0]]
 
 
 def test_runs_that_do_not_meet_a_decision_ignore_it() -> None:
@@ -187,9 +186,9 @@ def test_runs_that_do_not_meet_a_decision_ignore_it() -> None:
 
     manifest = toy_manifest((2, 3), 0, action_format="discrete")
     code = encoding(dataclasses.replace(manifest, runs=((0, -1), (1, 0), (1, 1), (1, 2))))
-    assert action_space(code) == spaces.Discrete(4)
-    assert masks(code, np.array([[1, 1, 0, 1, 0]], np.int8)).tolist() == [[1, 0, 1, 0]]
-    assert executed(code, np.array([[0, 2], [1, 2]]), np.zeros((2, 0))).tolist() == [0, 3]
+    assert code.space() == spaces.Discrete(4)
+    assert code.masks(np.array([[1, 1, 0, 1, 0]], np.int8)).tolist() == [[1, 0, 1, 0]]
+    assert code.executed(np.array([[0, 2], [1, 2]]), np.zeros((2, 0))).tolist() == [0, 3]
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

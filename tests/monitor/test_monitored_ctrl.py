@@ -14,7 +14,8 @@ from monitor_program import Program, program_of
 import dl2c
 from dl2c.commands.monitor import unit_of
 from dl2c.emit.monitor.files import monitor_files
-from dl2c.env.actions import Flat, flat_format
+from dl2c.env.actions import flat_format
+from dl2c.env.encodings import Flat
 from dl2c.env.opening import open_library, source_of
 from dl2c.native.program import answers, compile_program
 
