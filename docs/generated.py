@@ -6,7 +6,7 @@ program itself uses, so it cannot differ from them.
 
 import inspect
 from collections.abc import Callable, Iterator
-from dataclasses import fields
+from fractions import Fraction
 from typing import Any
 
 import typer.main
@@ -16,31 +16,53 @@ from sphinx.util.docutils import SphinxDirective
 
 from dl2c.commands.check import table_of_codes
 from dl2c.experiments.commands import app as command_line
-from dl2c.options import OPTIONS, Options
+from dl2c.options import OPTIONS, Option
 
 
 def options() -> str:
-    """Every option of an environment, its values and its default."""
-    rows = []
-    for field in fields(Options):
-        if field.name == "given":
-            continue
-        values = getattr(field.type, "__args__", ())
-        listed = ", ".join(f"`{v}`" for v in values if isinstance(v, str))
-        help_text = OPTIONS[field.name].help
-        rows.append(f"| `{field.name}` | {listed} | {_default(field.name)} | {_plain(help_text)} |")
-    return "\n".join(["| option | values | default | meaning |", "| --- | --- | --- | --- |", *rows])
+    """Every option of an environment: its values, its default, and whether `@episode` may set it."""
+    rows = [
+        f"| `{o.name}` | {_values(o)} | {_default(o)} | {_plain(o.help)} | {_in_episode(o)} |"
+        for o in OPTIONS.values()
+    ]
+    titles = "| option | values | default | meaning | in `@episode` |"
+    return "\n".join([titles, "| --- | --- | --- | --- | --- |", *rows])
 
 
-def _default(name: str) -> str:
-    value = getattr(Options(), name)
-    if value is None or value == ():
-        return ""
-    return (
-        f"`{float(value):g}`"
-        if hasattr(value, "denominator") and not isinstance(value, int)
-        else f"`{value}`"
-    )
+def _values(option: Option) -> str:
+    """What an option takes; of a word each possible one."""
+    match option.kind:
+        case "word":
+            return ", ".join(f"`{word}`" for word in option.words)
+        case "integer" | "decimal":
+            number = "whole number" if option.kind == "integer" else "number"
+            return (
+                number if option.least is None else f"{number}, {'>' if option.open else '>='} {option.least}"
+            )
+        case "boolean":
+            return "`true`, `false`"
+        case "range":
+            return "`LO:HI`"
+        case "text":
+            return "text"
+        case "constants":
+            return "names with values"
+
+
+def _in_episode(option: Option) -> str:
+    return {option.name: "yes", "": "no"}.get(option.episode, f"as `{option.episode}`")
+
+
+def _default(option: Option) -> str:
+    match option.default:
+        case None | ():
+            return ""
+        case bool(value):
+            return f"`{str(value).lower()}`"
+        case Fraction() as value:
+            return f"`{float(value):g}`"
+        case value:
+            return f"`{value}`"
 
 
 def commands() -> str:
@@ -67,7 +89,7 @@ def _plain(text: str) -> str:
 
 def _own(parameter: Any) -> bool:
     common = ("verbose", "quiet", "no_color", "help", "set_")
-    return parameter.name not in (*common, *(f.name for f in fields(Options)))
+    return parameter.name not in (*common, *OPTIONS)
 
 
 def _written(parameter: Any) -> str:

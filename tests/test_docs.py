@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
@@ -16,9 +15,8 @@ from test_house_rules import LAYERS
 
 from dl2c.experiments.commands import app
 from dl2c.lint.codes import LINTS
-from dl2c.options import Options
+from dl2c.options import OPTIONS
 from dl2c.parse import annotations
-from dl2c.parse.options import OPTIONS as EPISODE_OPTIONS
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -112,18 +110,15 @@ def test_reference_has_every_option_command_and_code(html: Path) -> None:
         first_cells = re.findall(r'<tr[^>]*><td>(?:<p>)?<code[^>]*><span class="pre">([^<]*)</span>', text)
         return {*first_cells, *re.findall(r"<h[23]>dl2c ([a-z]+)", text)}
 
-    assert {f.name for f in fields(Options)} - {"given"} <= named("options")
+    assert {*OPTIONS} == named("options")
     commands = {command.name or command.callback.__name__ for command in app.registered_commands}
     assert commands <= named("commands")
     assert {lint.code for lint in LINTS} <= named("lints")
 
 
-def test_options_page_says_what_an_episode_annotation_cannot_set() -> None:
-    (sentence,) = re.findall(
-        r"and\s+cannot\s+set\s+([^.]*)\.", (DOCS / "reference" / "options.md").read_text(encoding="utf-8")
-    )
-    here = {f.name for f in fields(Options)} - {"given", "max_episode_steps"}
-    assert set(re.findall(r"`(\w+)`", sentence)) == here - set(EPISODE_OPTIONS)
+@pytest.mark.parametrize("command", sorted(c.name or c.callback.__name__ for c in app.registered_commands))
+def test_documented_commands_are_those_of_the_program(command: str, tmp_path: Path) -> None:
+    run(tmp_path, sys.executable, "-m", "dl2c", command, "--help")
 
 
 def sections(page: Path) -> list[int]:
