@@ -11,11 +11,13 @@ __version__ = import_module("dl2c.version").__version__
 project = "dl2c"
 author = "dl2c contributors"
 version = release = __version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "generated"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "generated", "formulas"]
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"dl2c {__version__}"
 myst_heading_anchors = 3
+myst_enable_extensions = ["dollarmath"]
+html_math_renderer = "mathml"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 default_role = "code"
