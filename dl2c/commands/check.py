@@ -51,6 +51,6 @@ def annotated(model: str, options: Mapping[str, Any]) -> bytes:
 
 
 def table_of_codes() -> str:
-    """The table of the README."""
+    """The table of the reference."""
     rows = [f"| `{lint.code}` | {lint.meaning} | {'yes' if lint.fixable else ''} |" for lint in LINTS]
     return "\n".join(("| code | warns that | `--fix` |", "| --- | --- | --- |", *rows))
