@@ -64,16 +64,22 @@ def number(value: float) -> str:
 
 
 def print_tape(
-    tape: Tape, name: Callable[[str], str] = names.local, truth: bool = False, single: bool = False
+    tape: Tape,
+    name: Callable[[str], str] = names.local,
+    truth: bool = False,
+    single: bool = False,
+    stem: str | None = None,
+    first: int = 0,
 ) -> Printed:
     """The tape as C, input `a` written as `name(a)`; `truth` for a result that is a condition, `single`
-    for numbers and functions of single precision.
+    for numbers and functions of single precision. Names of statements begin with `stem`, a free one if it
+    is None, and count from `first` on.
     """
     uses = [0] * len(tape.instructions)
     for instruction in tape.instructions:
         for arg in instruction.args:
             uses[arg] += 1
-    prefix = _prefix({i.name for i in tape.instructions})
+    prefix = stem or names.stem("t", {i.name for i in tape.instructions})
     statements: list[str] = []
     texts: list[tuple[str, int]] = []
     for k, instruction in enumerate(tape.instructions):
@@ -82,7 +88,7 @@ def print_tape(
         if shared or (
             len(text) > LONGEST and k != tape.result and instruction.operation not in ("and", "or")
         ):
-            temporary = f"{prefix}{len(statements)}"
+            temporary = f"{prefix}{first + len(statements)}"
             kind = "bool" if instruction.operation in TRUTHS else "real"
             statements.append(f"const {kind} {temporary} = {text};")
             text, binds = temporary, ATOM
@@ -102,14 +108,6 @@ def _needed(statements: list[str], text: str) -> tuple[str, ...]:
         if any(re.search(rf"\b{name}\b", t) for t in (text, *kept)):
             kept.append(statement)
     return tuple(reversed(kept))
-
-
-def _prefix(taken: set[str]) -> str:
-    """A stem for temporaries that no input can be mistaken for."""
-    stem = "t"
-    while any(re.fullmatch(rf"{stem}\d+", n) for n in taken):
-        stem += "t"
-    return stem
 
 
 def _expression(

@@ -5,12 +5,12 @@ vectorised form and the monitor. Adapters call leaves with `call`; a term that i
 name or a number gets no function.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 from dl2c.emit import names
 from dl2c.emit.cexpr import Printed, print_tape
-from dl2c.emit.cfile import function, wrapped
+from dl2c.emit.cfile import WIDTH, function, wrapped
 from dl2c.ir.model import Flow, Formula, Symbol, Term
 from dl2c.symbolic.lie import lie_tape, partial_tape
 from dl2c.symbolic.tape import Tape, defined_tape, formula_tape, term_tape
@@ -23,14 +23,19 @@ Place = Callable[[Symbol], str]
 @dataclass(slots=True)
 class Leaves:
     """The leaf functions of one file, in the order they are made. `order` ranks parameters; `single` is
-    for a file whose numbers are floats.
+    for a file whose numbers are floats. Where functions are `shared`, those of the same parameters and
+    body are one, under the first of their names. `taken` are the names of the model.
     """
 
     builder: Builder
     order: Callable[[Symbol], int]
     single: bool = False
+    shared: bool = False
+    taken: Collection[str] = ()
     texts: list[str] = field(default_factory=list[str])
     made: dict[str, Tape] = field(default_factory=dict[str, Tape])
+    called: dict[str, str] = field(default_factory=dict[str, str])
+    bodies: dict[tuple[str, ...], str] = field(default_factory=dict[tuple[str, ...], str])
 
     def term(self, name: str, term: Term, about: str, place: Place = names.slot) -> str:
         """An expression for a term's value, each symbol read where `place` says."""
@@ -58,6 +63,13 @@ class Leaves:
         tape = partial_tape(self.builder, term, symbol)
         return None if tape is None else self._leaf(name, tape, "real", about, place)
 
+    def same_operations(self, first: Term, second: Term, values: Mapping[str, float]) -> bool:
+        """Whether two terms are computed by the same operations, with numbers for symbols of the first."""
+        known: dict[tuple[object, ...], int] = {}
+        tapes = term_tape(self.builder, first), term_tape(self.builder, second)
+        left, right = (_interned(tape, values, known) for tape in tapes)
+        return left == right
+
     def call(self, name: str, inputs: tuple[Symbol, ...], place: Place = names.slot) -> str:
         """A call of a leaf with its arguments read from the arrays."""
         arguments = ", ".join(place(s) for s in sorted(inputs, key=self.order))
@@ -69,18 +81,88 @@ class Leaves:
         direct = print_tape(tape, lambda n: slots[n], kind == "bool", self.single)
         if direct.trivial:
             return direct.expression
-        ordered = sorted(tape.inputs, key=self.order)
-        parameters = ", ".join(f"real {names.local(s.name)}" for s in ordered) or "void"
-        head = f"static inline {kind} {name}({parameters})"
         if name in self.made:
             assert repr(self.made[name]) == repr(tape), f"two functions are called {name}"
         else:
             self.made[name] = tape
-            printed = print_tape(tape, truth=kind == "bool", single=self.single)
-            self.texts.append(function(head, _body(printed), about))
-        return self.call(name, tape.inputs, place)
+            self._define(name, tape, kind, about)
+        return self.call(self.called[name], tape.inputs, place)
+
+    def _define(self, name: str, tape: Tape, kind: str, about: str) -> None:
+        """Adds the function, unless there is one to share."""
+        parameter = _parameters(tape.inputs)
+        ordered = sorted(tape.inputs, key=self.order)
+        parameters = ", ".join(f"real {parameter[s.name]}" for s in ordered) or "void"
+        body = _body(print_tape(tape, lambda n: parameter[n], kind == "bool", self.single))
+        key = (kind, parameters, *body)
+        self.called[name] = self.bodies.setdefault(key, name) if self.shared else name
+        if self.called[name] == name:
+            self.texts.append(function(f"static inline {kind} {name}({parameters})", body, about))
+
+
+def _parameters(inputs: tuple[Symbol, ...]) -> dict[str, str]:
+    """Parameters by symbol: all have names of their own, but for the only slack of a margin."""
+    made = {s.name: names.local(s.name) for s in inputs}
+    slacks = [s.name for s in inputs if s.kind == "start"]
+    if len(slacks) == 1 and "slack" in slacks[0] and "slack" not in made:
+        made[slacks[0]] = "slack"
+    return made
+
+
+def _interned(tape: Tape, values: Mapping[str, float], known: dict[tuple[object, ...], int]) -> int:
+    """The number of a tape's result in a table of operations over operations."""
+    numbers: list[int] = []
+    for step in tape.instructions:
+        operation, value = step.operation, step.value
+        if operation == "input" and step.name in values:
+            operation, value = "constant", values[step.name]
+        name = step.name if operation == "input" else ""
+        key = (operation, name, repr(value), *(numbers[a] for a in step.args))
+        numbers.append(known.setdefault(key, len(known)))
+    return numbers[tape.result]
 
 
 def _body(printed: Printed) -> list[str]:
     lines = [line for s in printed.statements for line in wrapped(s)]
     return [*lines, *wrapped(f"return {printed.expression};")]
+
+
+@dataclass(slots=True)
+class Locals:
+    """What one function computes of terms in place. Symbols are read into locals that have their names."""
+
+    leaves: Leaves
+    place: Place = names.slot
+    lines: list[str] = field(default_factory=list[str])
+    held: dict[Symbol, str] = field(default_factory=dict[Symbol, str])
+    count: int = 0
+
+    def symbol(self, symbol: Symbol) -> str:
+        """The local that holds a symbol."""
+        return self.held.setdefault(symbol, names.beside(symbol.name))
+
+    def term(self, term: Term) -> str:
+        """An expression for a term's value; `lines` come before it."""
+        tape = term_tape(self.leaves.builder, term)
+        held = {s.name: self.symbol(s) for s in tape.inputs}
+        stem = names.stem("t", self.leaves.taken)
+        printed = print_tape(tape, lambda n: held[n], single=self.leaves.single, stem=stem, first=self.count)
+        self.count += len(printed.statements)
+        self.lines += [line for s in printed.statements for line in wrapped(s)]
+        return printed.expression
+
+    def begun(self) -> list[str]:
+        """The function's first statements: locals, then what terms share."""
+        held = sorted(self.held, key=self.leaves.order)
+        read = [f"{self.held[s]} = {self.place(s)}" for s in held]
+        return [*(_declared(read) if read else []), *self.lines]
+
+
+def _declared(parts: list[str]) -> list[str]:
+    """Declarations of constants, as many on a line as fit."""
+    rows: list[list[str]] = [[]]
+    for part in parts:
+        if rows[-1] and len(", ".join([*rows[-1], part])) > WIDTH - 20:
+            rows.append([])
+        rows[-1].append(part)
+    return [f"const real {', '.join(row)};" for row in rows]

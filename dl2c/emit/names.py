@@ -6,6 +6,7 @@ before its index, so every name made here that has `_` before a letter is new.
 
 import keyword
 import re
+from collections.abc import Collection
 
 from dl2c.ir.model import Symbol
 
@@ -40,6 +41,26 @@ ERROR_NUMBER = re.compile(r"E[A-Z0-9]")
 def local(name: str) -> str:
     """A parameter or local variable."""
     return f"{name}_v" if name in C_WORDS or ERROR_NUMBER.match(name) else name
+
+
+PARAMETERS = frozenset(
+    [
+        *("bounded", "c", "duration", "flow", "g", "margin", "watch", "z"),
+    ]
+)
+"""Names of parameters beside which functions have locals that are called like variables of the model."""
+
+
+def beside(name: str) -> str:
+    """A local variable of a function with `PARAMETERS`."""
+    return f"{name}_v" if name in PARAMETERS else local(name)
+
+
+def stem(wanted: str, taken: Collection[str]) -> str:
+    """What numbered names begin with, so that none of them is taken."""
+    while any(re.fullmatch(rf"{wanted}\d+", name) for name in taken):
+        wanted += wanted[-1]
+    return wanted
 
 
 def member(name: str) -> str:

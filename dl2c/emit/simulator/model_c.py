@@ -40,7 +40,8 @@ def model_c(environment: Environment) -> str:
     """The whole C file."""
     ranks = {symbol: k for k, symbol in enumerate(_symbols(environment))}
     bounds = {Symbol(c.name, "constant"): _range(c) for c in environment.model.constants}
-    leaves = Leaves(Builder(bounds), lambda symbol: ranks.get(symbol, len(ranks)))
+    taken = {symbol.name for symbol in ranks}
+    leaves = Leaves(Builder(bounds), lambda symbol: ranks.get(symbol, len(ranks)), shared=True, taken=taken)
     functions = [
         *flow_functions(environment, leaves),
         *watch_functions(environment, leaves),

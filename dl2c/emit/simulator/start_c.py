@@ -5,7 +5,7 @@
 """
 
 from dl2c.emit.cfile import function, place, wrapped
-from dl2c.emit.leaf import Leaves
+from dl2c.emit.leaf import Leaves, Locals
 from dl2c.emit.names import after, index, slot
 from dl2c.emit.plan import Environment
 from dl2c.emit.simulator.rates_c import STATE, selected
@@ -13,7 +13,7 @@ from dl2c.flows.kernel import FlowPlan
 from dl2c.flows.starts import Projection
 from dl2c.ir.margins import margin_of
 from dl2c.ir.model import Compare, Flow, Symbol
-from dl2c.ir.printer import print_formula, print_term
+from dl2c.ir.printer import print_formula
 
 
 def start_functions(environment: Environment, leaves: Leaves) -> list[str]:
@@ -42,17 +42,18 @@ def _freeze(environment: Environment, leaves: Leaves) -> str:
     body: list[str] = []
     for k, plan in enumerate(environment.flows):
         lines: list[str] = []
+        local = Locals(leaves)
         for start in plan.starts:
-            about = f"{place(plan.flow.span)}  {start.symbol.name} = {print_term(start.value)}"
-            value = leaves.term(f"flow{k}_{start.symbol.name}", start.value, about)
-            lines += wrapped(f"{slot(start.symbol)} = dl2c_frozen({value});")
+            value = local.term(start.value)
+            lines += [*local.lines, *wrapped(f"{slot(start.symbol)} = dl2c_frozen({value});")]
+            local.lines.clear()
         for projection in _projected(plan):
             if projection.held is not None and projection.holds is not None:
                 equality = projection.equality
                 about = f"{place(equality.span)}  {print_formula(equality)}, within tolerance"
                 holds = leaves.condition(f"flow{k}_{projection.held.name}", projection.holds, about)
                 lines += wrapped(f"{slot(projection.held)} = {holds} ? 1.0 : 0.0;")
-        body += selected(k, lines)
+        body += selected(k, [*local.begun(), *lines])
     return function(
         f"static inline void model_freeze(int flow, {STATE.split(',')[0]}, real *p)",
         body,

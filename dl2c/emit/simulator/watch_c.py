@@ -2,26 +2,36 @@
 
 Margin j of a flow is positive inside its atom. `model_margin` is its value in a state, `model_taylor`
 has models of all margins along a stretch, `model_condition` decides a formula from signs alone: 0 is
-the domain, then for watch w 1 + 3w what must stay, 2 + 3w what is due, 3 + 3w the goal. `model_quiet`
+the domain, then for watch w 1 + 3w what must stay, 2 + 3w what is due, 3 + 3w the goal. `model_keeps`
 is a quick proof that no watch fails.
 """
 
+from collections.abc import Mapping
+from functools import partial
+
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import function, place, table, wrapped
-from dl2c.emit.leaf import Leaves
+from dl2c.emit.cfile import function, table, wrapped
+from dl2c.emit.leaf import Leaves, Locals
 from dl2c.emit.names import after, index
 from dl2c.emit.plan import Environment
 from dl2c.emit.simulator.enclosed_c import Enclosed
-from dl2c.emit.simulator.hull_c import calm_function
+from dl2c.emit.simulator.hull_c import event_free_function, over_atoms
+from dl2c.emit.simulator.labels import Label, atom_name, margin_labels, quoted
+from dl2c.emit.simulator.rates_c import selected
 from dl2c.flows.kernel import FlowPlan, constant_along
 from dl2c.flows.watch import watches_of
-from dl2c.ir.logic import conjunction
-from dl2c.ir.model import TRUE, And, Compare, Formula, Or, Symbol, Term, Truth
+from dl2c.ir.logic import atoms, conjunction, operands, symbols
+from dl2c.ir.model import TRUE, And, Compare, Formula, Number, Or, Symbol, Term, Truth
 from dl2c.ir.polynomial import Coefficients
-from dl2c.ir.printer import print_formula, print_term
+from dl2c.ir.printer import print_formula
 
 STATE = "const real *x, const real *p"
-STAYS = {">=": "dl2c_stays_closed", ">": "dl2c_stays_open", "!=": "dl2c_stays_apart", "=": "dl2c_stays_equal"}
+STAYS = {
+    ">=": "dl2c_stays_nonnegative",
+    ">": "dl2c_stays_positive",
+    "!=": "dl2c_stays_nonzero",
+    "=": "dl2c_stays_zero",
+}
 SPANS = ("constant", "line", "parabola")
 
 
@@ -30,7 +40,7 @@ def watch_functions(environment: Environment, leaves: Leaves) -> list[str]:
     return [
         *(_search_functions(environment, leaves) if searched(environment) else []),
         _holds(environment),
-        _quiet(environment, leaves),
+        _keeps(environment, leaves),
     ]
 
 
@@ -43,7 +53,7 @@ def _search_functions(environment: Environment, leaves: Leaves) -> list[str]:
     return [
         _margin(environment, leaves),
         _taylor(environment, leaves),
-        calm_function(environment, leaves),
+        event_free_function(environment, leaves),
         _solution(environment, leaves),
     ]
 
@@ -94,11 +104,13 @@ def _kind(plan: FlowPlan) -> str:
 def _margin(environment: Environment, leaves: Leaves) -> str:
     body: list[str] = []
     for k, plan in enumerate(environment.flows):
+        labels = margin_labels(environment, k)
+        local = Locals(leaves)
         lines: list[str] = []
-        for j, margin in enumerate(plan.margins):
-            about = f"{place(plan.flow.span)}  margin of {print_term(margin)}"
-            lines += wrapped(f"if (margin == {j}) return {leaves.term(f'flow{k}_margin{j}', margin, about)};")
-        body += _selected(k, lines)
+        for j, (margin, label) in enumerate(zip(plan.margins, labels, strict=True)):
+            value = leaves.term(label.margin, margin, label.text, local.symbol)
+            lines += wrapped(f"if (margin == {j}) return {value};")
+        body += selected(k, [*local.begun(), *lines])
     return function(
         f"static inline real model_margin(int flow, int margin, {STATE})",
         [*body, "return 0.0;"],
@@ -109,15 +121,15 @@ def _margin(environment: Environment, leaves: Leaves) -> str:
 def _taylor(environment: Environment, leaves: Leaves) -> str:
     body: list[str] = []
     for k, plan in enumerate(environment.flows):
-        terms = Enclosed(
-            "taylor",
-            f"flow{k}_margins",
-            lambda t, flow=plan.flow: not constant_along(t, flow),
-            leaves,
-            f"{place(plan.flow.span)}  does not move",
-        )
-        results = [f"g[{j}] = {terms.term(margin)};" for j, margin in enumerate(plan.margins)]
-        body += _selected(k, [*terms.lines, *results])
+        local = Locals(leaves)
+        terms = Enclosed("taylor", lambda t, flow=plan.flow: not constant_along(t, flow), local)
+        terms.count(iter(plan.margins))
+        lines: list[str] = []
+        for j, (margin, label) in enumerate(zip(plan.margins, margin_labels(environment, k), strict=True)):
+            value = terms.value(margin) if terms.uses[margin] == 1 else terms.term(margin)
+            lines += [*label.remark, *terms.lines, *wrapped(f"g[{j}] = {value};")]
+            terms.lines.clear()
+        body += selected(k, [*local.begun(), *lines])
     return function(
         f"static void model_taylor(int flow, const dl2c_taylor *z, {STATE}, dl2c_taylor *g)",
         body,
@@ -132,14 +144,14 @@ def _solution(environment: Environment, leaves: Leaves) -> str:
     for k, plan in enumerate(environment.flows):
         if plan.solution is None:
             continue
+        local = Locals(leaves)
         lines: list[str] = []
         for variable, coefficients in plan.solution.variables.items():
             for i, coefficient in enumerate(coefficients[1:], 1):
-                about = f"{variable}(tau), coefficient of tau^{i}"
-                value = leaves.term(f"flow{k}_{variable}_c{i}", coefficient, about)
+                value = local.term(coefficient)
                 lines += wrapped(f"c[{index(Symbol(variable, 'variable'))}][{i}] = {value};")
         degree = max((len(c) - 1 for c in plan.solution.variables.values()), default=0)
-        body += _selected(k, [*lines, f"return {degree};"])
+        body += selected(k, [*local.begun(), *lines, f"return {degree};"])
     return function(
         f"static int model_solution(int flow, {STATE}, real (*c)[DL2C_TRACK_DEGREE + 1])",
         [*body, "return 0;"],
@@ -157,7 +169,7 @@ def _holds(environment: Environment) -> str:
                 continue
             condition = _over_signs(formula, plan.margins)
             lines += [f"if (formula == {f})", *(f"  {x}" for x in wrapped(f"return {condition};"))]
-        body += _selected(k, lines)
+        body += selected(k, lines)
     return function(
         "static inline bool model_condition(int flow, int formula, const int8_t *sign)",
         [*body, "return true;"],
@@ -177,7 +189,7 @@ def _over_signs(formula: Formula, margins: tuple[Term, ...]) -> str:
             return f"({' | '.join(_over_signs(c, margins) for c in children)})"
 
 
-def _quiet(environment: Environment, leaves: Leaves) -> str:
+def _keeps(environment: Environment, leaves: Leaves) -> str:
     body: list[str] = []
     for k, plan in enumerate(environment.flows):
         if not plan.watches:
@@ -185,42 +197,64 @@ def _quiet(environment: Environment, leaves: Leaves) -> str:
         if plan.quick is None or plan.still is None:
             body += [f"if (flow == {k}) return false;"]
             continue
-        lines: list[str] = []
-        for j, (margin, curve) in enumerate(zip(plan.still_margins, plan.still_curves, strict=True)):
-            lines += wrapped(f"const dl2c_span still{j} = {_span(k, j, margin, curve, plan, leaves)};")
-        parts = [_still(plan.still, plan.still_margins)]
-        at_end = conjunction(w.at_end for w in plan.watches)
-        if at_end != TRUE:
-            parts.append(leaves.condition(f"flow{k}_watch_at_end", at_end, print_formula(at_end), after))
-        lines += wrapped(f"return {' & '.join(parts)};")
-        body += _selected(k, lines)
+        body += selected(k, _kept(environment, k, plan, leaves))
     return function(
-        f"DL2C_INLINE bool model_quiet(int flow, {STATE}, real duration, const real *y)",
+        f"DL2C_INLINE bool model_keeps(int flow, {STATE}, real duration, const real *y)",
         [*body, "return true;"],
-        "Whether a flow of that duration, which ends in y, plainly changes no watch that matters.",
+        "Whether a flow of that duration, which ends in y, changes no watch that matters, "
+        "by a sufficient condition.",
     )
 
 
-def _span(k: int, j: int, margin: Term, curve: Coefficients, plan: FlowPlan, leaves: Leaves) -> str:
+def _kept(environment: Environment, k: int, plan: FlowPlan, leaves: Leaves) -> list[str]:
+    assert plan.still is not None
+    local, labels = Locals(leaves), margin_labels(environment, k)
+    curves = dict(zip(plan.still_margins, plan.still_curves, strict=True))
+    truths: dict[Compare, str] = {}
+    taken: list[str] = []
+    lines: list[str] = []
+    for atom in dict.fromkeys(atoms(plan.still)):
+        truths[atom] = atom_name(labels, f"flow{k}", atom, taken)
+        span = _span(curves[atom.left], plan, labels, local)
+        lines += [*quoted(atom), *local.lines]
+        local.lines.clear()
+        lines += wrapped(f"const bool {truths[atom]} = {STAYS[atom.op]}({span});")
+    parts = [over_atoms(plan.still, truths)]
+    at_end = conjunction(w.at_end for w in plan.watches)
+    if at_end != TRUE:
+        parts.append(leaves.condition(f"flow{k}_at_end", at_end, print_formula(at_end), after))
+    return [*local.begun(), *lines, *wrapped(f"return {' & '.join(parts)};")]
+
+
+def _span(curve: Coefficients, plan: FlowPlan, labels: tuple[Label, ...], local: Locals) -> str:
     """What encloses a margin of degree two at most."""
-    about = f"{place(plan.flow.span)}  {print_term(margin)}, coefficient of tau^"
-    terms = [leaves.term(f"flow{k}_watch_still{j}_c{i}", c, f"{about}{i}") for i, c in enumerate(curve)]
+    first = _shared_margin(curve[0], plan, labels, local) or local.term(curve[0])
     length = ["duration"] if len(curve) > 1 else []
-    return f"dl2c_{SPANS[len(curve) - 1]}({', '.join([*terms, *length])})"
+    return f"dl2c_{SPANS[len(curve) - 1]}({', '.join([first, *map(local.term, curve[1:]), *length])})"
 
 
-def _still(formula: Formula, margins: tuple[Term, ...]) -> str:
-    match formula:
-        case Truth(value):
-            return "true" if value else "false"
-        case Compare(op, left):
-            return f"{STAYS[op]}(still{margins.index(left)})"
-        case And(children):
-            return f"({' & '.join(_still(c, margins) for c in children)})"
-        case Or(children):
-            return f"({' | '.join(_still(c, margins) for c in children)})"
+def _shared_margin(term: Term, plan: FlowPlan, labels: tuple[Label, ...], local: Locals) -> str | None:
+    """The call of a margin's function, with a number for its slack, that does the operations of the term;
+    None where none does.
+    """
+    for margin, label in zip(plan.margins, labels, strict=True):
+        slacks = [s for s in symbols(margin) if s.kind == "start"]
+        if isinstance(margin, Symbol) or len(slacks) > 1:
+            continue
+        for value in _numbers(term) if slacks else [0.0]:
+            if local.leaves.same_operations(margin, term, {s.name: value for s in slacks}):
+                place = partial(_given, local, {s: number(value) for s in slacks})
+                return local.leaves.term(label.margin, margin, label.text, place)
+    return None
 
 
-def _selected(k: int, lines: list[str]) -> list[str]:
-    """Statements for flow k alone; nothing where there are none."""
-    return [f"if (flow == {k}) {{", *(f"  {line}" for line in lines), "}"] if lines else []
+def _given(local: Locals, values: Mapping[Symbol, str], symbol: Symbol) -> str:
+    """Where a symbol's value is: some are numbers."""
+    return values.get(symbol) or local.symbol(symbol)
+
+
+def _numbers(term: Term) -> list[float]:
+    """The numbers in a term."""
+    if isinstance(term, Number):
+        return [float(term.value)]
+    return list(dict.fromkeys(v for t in operands(term) for v in _numbers(t)))
