@@ -42,7 +42,7 @@ DL2C_INLINE void dl2c_plain_lanes(int path, const real *x, const real *p, int64_
                                   int64_t count, uint8_t *plain)
 {
   int64_t flags[DL2C_BLOCK];
-  DL2C_APART
+  DL2C_ALIAS_FREE
   for (int64_t i = 0; i < count; i++) {
     real own_x[NX];
     real own_p[NP + 1];

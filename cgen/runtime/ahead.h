@@ -33,7 +33,7 @@ static inline bool dl2c_surely(const dl2c_trial *trial, int path, bool ventured)
 {
   const bool flows = PATHS[path].flow != DL2C_NO_FLOW;
   const bool chance = ventured || (flows && FLOW_DRAW[PATHS[path].flow] >= 0);
-  bool sure = PATHS[path].target == DL2C_END || (flows && (!DL2C_LOOKS_DEEP || chance));
+  bool sure = PATHS[path].next == DL2C_END || (flows && (!DL2C_LOOKS_DEEP || chance));
   for (int j = 0; NU > 0 && j < PATHS[path].ninput; j++)
     sure |= !trial->given[PATHS[path].inputs[j].input];
   return sure;

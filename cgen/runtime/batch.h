@@ -67,10 +67,10 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
   b->stalled = calloc(rows, sizeof *b->stalled);
   b->rng = calloc(NSTEPDRAW > 0 ? rows : 1, sizeof *b->rng);
   b->start = calloc(NSTEPDRAW > 0 ? rows : 1, sizeof *b->start);
-  b->solo = calloc(DL2C_FLOWS_IN_LANES ? rows / DL2C_BLOCK + 1 : 1, sizeof *b->solo);
+  b->scalar_steps = calloc(DL2C_FLOWS_IN_LANES ? rows / DL2C_BLOCK + 1 : 1, sizeof *b->scalar_steps);
   b->seen = calloc(DL2C_LOOKS_AHEAD ? rows * NMASK + 1 : 1, sizeof *b->seen);
   if (!b->x || !b->p || !b->enabled || !b->ended || !b->seed || !b->episode || !b->steps
-      || !b->elapsed || !b->stalled || !b->rng || !b->start || !b->solo || !b->seen) {
+      || !b->elapsed || !b->stalled || !b->rng || !b->start || !b->scalar_steps || !b->seen) {
     dl2c_batch_free(b);
     return DL2C_ERR_NOMEM;
   }
@@ -108,7 +108,7 @@ void dl2c_batch_free(dl2c_batch *b)
   free(b->stalled);
   free(b->rng);
   free(b->start);
-  free(b->solo);
+  free(b->scalar_steps);
   free(b->seen);
   free(b);
 }

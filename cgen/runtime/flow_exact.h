@@ -46,24 +46,24 @@ static inline real dl2c_leaves_at(real c0, real c1, real c2, bool touching_count
 }
 
 /* margin >= 0: leaves where the margin becomes negative. */
-static inline real dl2c_exit_closed(real c0, real c1, real c2)
+static inline real dl2c_exit_nonnegative(real c0, real c1, real c2)
 {
   return dl2c_leaves_at(c0, c1, c2, false);
 }
 
 /* margin > 0: leaves where it becomes zero. */
-static inline real dl2c_exit_open(real c0, real c1, real c2)
+static inline real dl2c_exit_positive(real c0, real c1, real c2)
 {
   return dl2c_leaves_at(c0, c1, c2, true);
 }
 
 /* margin != 0: leaves where it becomes zero from either side. */
-static inline real dl2c_exit_apart(real c0, real c1, real c2)
+static inline real dl2c_exit_nonzero(real c0, real c1, real c2)
 {
   return c0 < 0.0 ? dl2c_leaves_at(-c0, -c1, -c2, true) : dl2c_leaves_at(c0, c1, c2, true);
 }
 
 /* margin = 0 that motion changes: leaves at once. */
-static inline real dl2c_exit_equal(void) { return 0.0; }
+static inline real dl2c_exit_zero(void) { return 0.0; }
 
 #endif

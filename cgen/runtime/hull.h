@@ -155,7 +155,7 @@ static inline dl2c_hull dl2c_hull_cos(dl2c_hull a)
 
 /* Whether every value inside is: > 0, != 0, = 0. */
 static inline bool dl2c_hull_positive(dl2c_hull a) { return a.low > 0.0; }
-static inline bool dl2c_hull_apart(dl2c_hull a) { return (a.low > 0.0) | (a.high < 0.0); }
-static inline bool dl2c_hull_equal(dl2c_hull a) { return (a.low == 0.0) & (a.high == 0.0); }
+static inline bool dl2c_hull_nonzero(dl2c_hull a) { return (a.low > 0.0) | (a.high < 0.0); }
+static inline bool dl2c_hull_zero(dl2c_hull a) { return (a.low == 0.0) & (a.high == 0.0); }
 
 #endif

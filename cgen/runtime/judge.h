@@ -70,10 +70,11 @@ DL2C_INLINE void dl2c_rewards(int64_t count, const real *restrict reward,
 }
 
 /* Writes results and endings of a block. */
-DL2C_INLINE void dl2c_conclude(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+DL2C_INLINE void dl2c_conclude(dl2c_batch *b, int64_t first, int64_t count, const uint8_t *attempt,
+                               dl2c_scratch *s)
 {
   const size_t n = (size_t)count;
-  dl2c_endings(count, &b->options, b->steps + first, b->stalled + first, s->open, s->attempt,
+  dl2c_endings(count, &b->options, b->steps + first, b->stalled + first, s->open, attempt,
                &s->judged);
   memcpy(b->out.status + first, s->judged.status, n * sizeof(int32_t));
   memcpy(b->out.reason + first, s->judged.reason, n * sizeof(int32_t));
@@ -106,9 +107,9 @@ DL2C_INLINE void dl2c_late(const dl2c_batch *b, int64_t first, int64_t count, ui
  * A step without a complete run fires no predicate: where it kept the state, in a problem with a loop,
  * there is the sum of the shapes; else nothing, and nothing was violated.
  */
-DL2C_INLINE void dl2c_forgive(const dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+DL2C_INLINE void dl2c_forgive(const dl2c_batch *b, int64_t first, int64_t count,
+                              const uint8_t *attempt, dl2c_scratch *s)
 {
-  const uint8_t *attempt = s->attempt;
   for (int64_t i = dl2c_next(attempt, 0, count); i < count; i = dl2c_next(attempt, i + 1, count)) {
     real x[NX];
     real p[NP + 1];
@@ -119,20 +120,27 @@ DL2C_INLINE void dl2c_forgive(const dl2c_batch *b, int64_t first, int64_t count,
   }
 }
 
-/* Judges the states of a block and shows them. */
-DL2C_INLINE void dl2c_judge_block(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+/*
+ * Judges the states of lanes `lane` to `lane + count` of the block that begins with environment `block`,
+ * and shows them. What moving the block left is read from `lane` on, all else in the scratch is used from
+ * 0 on.
+ */
+DL2C_INLINE void dl2c_judge_lanes(dl2c_batch *b, int64_t block, int64_t lane, int64_t count,
+                                  dl2c_scratch *s)
 {
+  const int64_t first = block + lane;
+  const uint8_t *attempt = s->attempt + lane;
   const real *x = b->x + first;
   const real *p = b->p + first;
   model_facts(x, p, b->stride, count, DL2C_BLOCK, s->facts);
   dl2c_late(b, first, count, s->late);
-  model_revise(count, s->watch, s->late, DL2C_BLOCK, s->facts);
+  model_revise(count, s->watch + lane, s->late, DL2C_BLOCK, s->facts);
   model_judge(x, p, b->stride, count, s->facts, DL2C_BLOCK, &s->judged);
-  dl2c_forgive(b, first, count, s);
-  dl2c_lead_block(b, first, count, s->attempt);
+  dl2c_forgive(b, first, count, attempt, s);
+  dl2c_lead_block(b, first, count, attempt);
   dl2c_open_lanes(b, first, count);
   dl2c_any_enabled(b, first, count, s->open);
-  dl2c_conclude(b, first, count, s);
+  dl2c_conclude(b, first, count, attempt, s);
   model_observe(x, p, b->stride, count, DL2C_BLOCK, s->obs, b->out.saturated + first);
   dl2c_rows(count, s->obs, (dl2c_obs *)b->out.obs + first * NOBS);
   dl2c_masks(count, b->enabled + first, b->stride, b->ended + first, b->seen + first * NMASK,

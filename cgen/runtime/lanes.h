@@ -127,7 +127,7 @@ DL2C_INLINE void dl2c_move_lanes(real *x, const real *p, int64_t stride, int64_t
                                  const dl2c_clocks *clocks, uint8_t *moved)
 {
   int64_t flags[DL2C_BLOCK];
-  DL2C_APART
+  DL2C_ALIAS_FREE
   for (int64_t i = 0; i < count; i++) {
     real own[NX];
     real start[NX];
@@ -140,8 +140,8 @@ DL2C_INLINE void dl2c_move_lanes(real *x, const real *p, int64_t stride, int64_t
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) end[k] = start[k];
 #else
-    well &= model_motion(DL2C_LANE_FLOW, start, constants, end, &time) == DL2C_SETTLED;
-    well &= model_quiet(DL2C_LANE_FLOW, start, constants, time, end);
+    well &= model_motion(DL2C_LANE_FLOW, start, constants, end, &time) == DL2C_ARRIVED;
+    well &= model_keeps_watches(DL2C_LANE_FLOW, start, constants, time, end);
 #endif
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) x[k * stride + i] = dl2c_select(well, end[k], own[k]);

@@ -46,7 +46,7 @@
  *   int model_solution(int flow, x, p, real (*c)[13])            by powers of the time; kernels QUICK, SOLUTION
  *   bool model_inside(int flow, y, p)                            whether a flow may end in y
  *   bool model_begin(int flow, x, p, real *horizon)              how long it may last; false: undefined
- *   void model_settle(int flow, x, p, real end, sign, real *y)   clocks and bounds that were met
+ *   void model_snap(int flow, x, p, real end, sign, real *y)   clocks and bounds that were met
  *   real model_margin(int flow, int margin, x, p)                positive inside its atom, as it is written
  *   void model_taylor(int flow, const dl2c_taylor *z, x, p, dl2c_taylor *g)   all margins where x moves like z
  *   bool model_condition(int flow, int formula, const int8_t *sign)  formulas over signs of margins
@@ -54,8 +54,8 @@
  *   void model_lie(int flow, x, p, real *lie)                    (3, NMARGIN) of margins; the same kernels
  *   void model_freeze(int flow, x, real *p)                      what does not change along a flow from x, from p[NP] on
  *   void model_invariants(int flow, y, p, real *off, real (*by)[NX])   what it conserves; kernels LINEAR, NUMERIC, DOPRI
- *   bool model_quiet(int flow, x, p, real duration, y)           it plainly changes no watch
- *   bool model_calm(int flow, const dl2c_hull *z, x, p, bool bounded, watch)   no event where x is inside z
+ *   bool model_keeps_watches(int flow, x, p, real duration, y)           it plainly changes no watch
+ *   bool model_event_free(int flow, const dl2c_hull *z, x, p, bool bounded, watch)   no event where x is inside z
  *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE
  *   bool model_moves(int flow, int variable)                     whether they name it; where a flow is of kernel DOPRI
  *   void model_roots(int flow, x, p, real *g, real *dg)          margins of its domain, their Lie derivatives
@@ -94,7 +94,7 @@ typedef struct dl2c_input {
 
 typedef struct dl2c_path {
   int32_t flow;          /* DL2C_NO_FLOW for none */
-  int32_t target;        /* the next point, or DL2C_END */
+  int32_t next;          /* point, or DL2C_END */
   int32_t nmet;          /* decisions met, */
   const int16_t *met;    /* which, in order, */
   const int16_t *marked; /* and whether the alternative taken is marked as fallback */
@@ -113,7 +113,7 @@ static inline void dl2c_limit(real offset, real slope, real *low, real *high)
 
 /* What became of a flow. */
 typedef enum dl2c_motion {
-  DL2C_SETTLED = 0,   /* y is where it ends */
+  DL2C_ARRIVED = 0,   /* y is where it ends */
   DL2C_UNDEFINED = 1, /* a value is undefined or too large */
   DL2C_OUTSIDE = 2,   /* rounding put the end point outside the domain */
   DL2C_UNSOLVED = 3,  /* the solver failed */
@@ -157,13 +157,13 @@ static inline dl2c_span dl2c_parabola(real c0, real c1, real c2, real length)
 }
 
 /* Whether the margin plainly keeps to its condition: >= 0, > 0, != 0, = 0. */
-static inline bool dl2c_stays_closed(dl2c_span s) { return (s.b0 >= 0.0) & (s.b1 >= 0.0) & (s.b2 >= 0.0); }
-static inline bool dl2c_stays_open(dl2c_span s) { return (s.b0 > 0.0) & (s.b1 > 0.0) & (s.b2 > 0.0); }
-static inline bool dl2c_stays_apart(dl2c_span s)
+static inline bool dl2c_stays_nonnegative(dl2c_span s) { return (s.b0 >= 0.0) & (s.b1 >= 0.0) & (s.b2 >= 0.0); }
+static inline bool dl2c_stays_positive(dl2c_span s) { return (s.b0 > 0.0) & (s.b1 > 0.0) & (s.b2 > 0.0); }
+static inline bool dl2c_stays_nonzero(dl2c_span s)
 {
-  return dl2c_stays_open(s) | ((s.b0 < 0.0) & (s.b1 < 0.0) & (s.b2 < 0.0));
+  return dl2c_stays_positive(s) | ((s.b0 < 0.0) & (s.b1 < 0.0) & (s.b2 < 0.0));
 }
-static inline bool dl2c_stays_equal(dl2c_span s) { return (s.b0 == 0.0) & (s.b1 == 0.0) & (s.b2 == 0.0); }
+static inline bool dl2c_stays_zero(dl2c_span s) { return (s.b0 == 0.0) & (s.b1 == 0.0) & (s.b2 == 0.0); }
 
 typedef enum dl2c_end {
   DL2C_GOES_ON = 0,

@@ -3,7 +3,7 @@
 #ifndef DL2C_MOVE_H
 #define DL2C_MOVE_H
 
-#include "convoy.h"
+#include "active_set.h"
 #include "state.h"
 
 /* Results of a call that only began an episode. */
@@ -153,7 +153,7 @@ static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch, int32
 
 #if DL2C_FLOWS_IN_LANES
 /* The control of environment i, up to its flow from run->x. False where it is not that simple. */
-static bool dl2c_set_out(const dl2c_batch *b, int64_t i, dl2c_trial *run, real *p)
+static bool dl2c_decide_one(const dl2c_batch *b, int64_t i, dl2c_trial *run, real *p)
 {
   uint8_t enabled[NPATH];
   real y[NX];
@@ -173,34 +173,34 @@ static bool dl2c_set_out(const dl2c_batch *b, int64_t i, dl2c_trial *run, real *
  * Moves environments of a block abreast, and notes which have moved: those whose control is plain,
  * and what `path` says of it, decide in lanes, the others one by one.
  */
-DL2C_INLINE void dl2c_move_fleet(dl2c_batch *b, int64_t first, int64_t count, const int64_t *path,
+DL2C_INLINE void dl2c_move_active(dl2c_batch *b, int64_t first, int64_t count, const int64_t *path,
                                  const uint8_t *waited, uint8_t *moved, uint8_t *watch)
 {
-  dl2c_fleet fleet;
+  dl2c_block_flow block;
   dl2c_trial runs[DL2C_BLOCK];
   uint8_t alone[DL2C_BLOCK];
-  dl2c_fleet_set_out(&fleet, b->x + first, b->p + first, b->stride, count, path,
+  dl2c_block_decide(&block, b->x + first, b->p + first, b->stride, count, path,
                      b->out.inputs + first * NINPUT);
-  for (int64_t i = 0; i < count; i++) alone[i] = !fleet.going[i] & !waited[i];
+  for (int64_t i = 0; i < count; i++) alone[i] = !block.going[i] & !waited[i];
   for (int64_t i = dl2c_next(alone, 0, count); i < count; i = dl2c_next(alone, i + 1, count)) {
     real p[NP + 1];
-    fleet.going[i] = dl2c_set_out(b, first + i, &runs[i], p);
-    for (int k = 0; k < NX && fleet.going[i]; k++) fleet.x[k][i] = runs[i].x[k];
+    block.going[i] = dl2c_decide_one(b, first + i, &runs[i], p);
+    for (int k = 0; k < NX && block.going[i]; k++) block.x[k][i] = runs[i].x[k];
   }
-  dl2c_fleet_sail(&fleet, count);
+  dl2c_block_integrate(&block, count);
   const dl2c_clocks clocks = dl2c_clocks_of(b, first);
-  for (int64_t i = 0; i < count; i++) moved[i] = (fleet.there[i] != 0) & !alone[i];
-  DL2C_APART
-  for (int64_t i = 0; i < count; i++) dl2c_count(&clocks, i, moved[i], fleet.stop[i]);
+  for (int64_t i = 0; i < count; i++) moved[i] = (block.there[i] != 0) & !alone[i];
+  DL2C_ALIAS_FREE
+  for (int64_t i = 0; i < count; i++) dl2c_count(&clocks, i, moved[i], block.stop[i]);
   for (int k = 0; k < NX; k++) {
     real *x = b->x + k * b->stride + first;
-    DL2C_APART
-    for (int64_t i = 0; i < count; i++) x[i] = dl2c_select(moved[i], fleet.y[k][i], x[i]);
+    DL2C_ALIAS_FREE
+    for (int64_t i = 0; i < count; i++) x[i] = dl2c_select(moved[i], block.y[k][i], x[i]);
   }
   for (int64_t i = dl2c_next(alone, 0, count); i < count; i = dl2c_next(alone, i + 1, count)) {
-    if (!fleet.there[i]) continue;
-    for (int k = 0; k < NX; k++) runs[i].x[k] = fleet.y[k][i];
-    runs[i].duration = fleet.stop[i];
+    if (!block.there[i]) continue;
+    for (int k = 0; k < NX; k++) runs[i].x[k] = block.y[k][i];
+    runs[i].duration = block.stop[i];
     moved[i] = dl2c_record(b, first + i, &runs[i], true, watch + i) == DL2C_RAN;
   }
 }
@@ -225,24 +225,24 @@ DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
 }
 
 /* Steps after which a block tries again to follow its flows abreast, and the part that has to succeed. */
-enum { DL2C_SOLO_STEPS = 15, DL2C_WORTHWHILE = 4 };
+enum { DL2C_SCALAR_STEPS = 15, DL2C_WORTHWHILE = 4 };
 
 /*
  * Moves the lanes of a block that can move together, and notes which have. Where few arrive together
  * they are moved one by one for a while: the bits are the same.
  */
-DL2C_INLINE void dl2c_move_abreast(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+DL2C_INLINE void dl2c_move_together(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
 {
 #if DL2C_FLOWS_IN_LANES
-  uint8_t *solo = &b->solo[first / DL2C_BLOCK];
-  if (count > 1 && *solo == 0 && !DL2C_ONE_BY_ONE) {
-    dl2c_move_fleet(b, first, count, s->moves.path, s->waited, s->moves.moved, s->watch);
+  uint8_t *scalar_steps = &b->scalar_steps[first / DL2C_BLOCK];
+  if (count > 1 && *scalar_steps == 0 && !DL2C_ONE_BY_ONE) {
+    dl2c_move_active(b, first, count, s->moves.path, s->waited, s->moves.moved, s->watch);
     int64_t arrived = 0;
     for (int64_t i = 0; i < count; i++) arrived += s->moves.moved[i];
-    *solo = DL2C_WORTHWHILE * arrived < count ? DL2C_SOLO_STEPS : 0;
+    *scalar_steps = DL2C_WORTHWHILE * arrived < count ? DL2C_SCALAR_STEPS : 0;
     return;
   }
-  if (*solo > 0) *solo -= 1;
+  if (*scalar_steps > 0) *scalar_steps -= 1;
 #endif
   const dl2c_clocks clocks = dl2c_clocks_of(b, first);
   if (DL2C_STEPS_IN_LANES && !DL2C_ONE_BY_ONE)
@@ -277,7 +277,7 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl
   } else {
     for (int64_t i = 0; i < count; i++) s->moves.path[i] = -1;
   }
-  dl2c_move_abreast(b, first, count, s);
+  dl2c_move_together(b, first, count, s);
   uint8_t left[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) left[i] = !moved[i] & !waited[i];
   for (int64_t i = dl2c_next(left, 0, count); i < count; i = dl2c_next(left, i + 1, count))

@@ -29,12 +29,12 @@ typedef double real;
 
 /* For loops over lanes each of which has its own places in memory. */
 #if defined(__clang__)
-#define DL2C_APART _Pragma("clang loop vectorize(assume_safety)")
+#define DL2C_ALIAS_FREE _Pragma("clang loop vectorize(assume_safety)")
 #pragma clang diagnostic ignored "-Wpass-failed"
 #elif defined(__GNUC__)
-#define DL2C_APART _Pragma("GCC ivdep")
+#define DL2C_ALIAS_FREE _Pragma("GCC ivdep")
 #else
-#define DL2C_APART
+#define DL2C_ALIAS_FREE
 #endif
 
 /*

@@ -192,16 +192,16 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real place, bool set
   const real *p = stretch->p;
   dl2c_track_at(stretch->track, place, y);
   dl2c_project(flow, p, NULL, y);
-  if (settled) dl2c_settle(flow, stretch->x, p, time, sign, y);
+  if (settled) dl2c_snap(flow, stretch->x, p, time, sign, y);
   if (!dl2c_all_finite(y, NX)) return DL2C_UNDEFINED;
   *duration = time;
-  if (model_inside(flow, y, p)) return DL2C_SETTLED;
-  if (dl2c_back(stretch, place, y, duration)) return DL2C_SETTLED;
+  if (model_inside(flow, y, p)) return DL2C_ARRIVED;
+  if (dl2c_back(stretch, place, y, duration)) return DL2C_ARRIVED;
   *duration = time;
   if (stretch->clear > 0.0 && !(place < DL2C_RETREAT_FINE)) return DL2C_UNDEFINED;
   if (stretch->track->from > 0.0) return DL2C_OUTSIDE;
   dl2c_back_to_start(stretch, place, y, duration);
-  return DL2C_SETTLED;
+  return DL2C_ARRIVED;
 }
 
 /* One flow that is followed, and how it ended. */
@@ -235,7 +235,7 @@ static dl2c_motion dl2c_pursue_with(dl2c_motor *motor, dl2c_pursuit *pursuit)
   if (!(stop > 0.0)) {
     dl2c_rest(x, &track);
     (void)dl2c_look_along(&stretch, false, pursuit->watch, &place, sign);
-    return DL2C_SETTLED;
+    return DL2C_ARRIVED;
   }
   if (!dl2c_motor_start(motor, x, stop)) return DL2C_UNSOLVED;
   const real grown = dl2c_growth_limit(x);
@@ -309,11 +309,11 @@ static dl2c_motion dl2c_flow_tracks(int flow, dl2c_travel *travel, real *y)
   motor.solver = travel->solver;
   dl2c_pursuit pursuit = {
       .x = x, .cap = (real)INFINITY, .reach = FLOW_REACH[flow], .watch = closed, .y = y};
-  if (pursuit.reach > 0.0 && (dl2c_pursue(&motor, &pursuit) != DL2C_SETTLED || !pursuit.ended))
+  if (pursuit.reach > 0.0 && (dl2c_pursue(&motor, &pursuit) != DL2C_ARRIVED || !pursuit.ended))
     pursuit.reach = 0.0;
   if (travel->part < 1.0) {
     const dl2c_motion longest = dl2c_pursue(&motor, &pursuit);
-    if (longest != DL2C_SETTLED) return longest;
+    if (longest != DL2C_ARRIVED) return longest;
     pursuit.cap = pursuit.duration * travel->part;
   }
   pursuit.watch = travel->watch;

@@ -63,18 +63,18 @@ static inline void dl2c_project(int flow, const real *p, const bool *fixed, real
  * Bounds that were met hold exactly where a flow from x ends after some time: variables that this
  * moves keep their values while the others are moved onto the equalities once more.
  */
-static inline void dl2c_settle(int flow, const real *x, const real *p, real time, const int8_t *sign,
+static inline void dl2c_snap(int flow, const real *x, const real *p, real time, const int8_t *sign,
                                real *y)
 {
   real before[NX];
   bool fixed[NX];
   bool moved = false;
   memcpy(before, y, sizeof before);
-  model_settle(flow, x, p, time, sign, y);
+  model_snap(flow, x, p, time, sign, y);
   for (int k = 0; k < NX; k++) moved |= fixed[k] = y[k] != before[k];
   if (NPROJECTION == 0 || !moved) return;
   dl2c_project(flow, p, fixed, y);
-  model_settle(flow, x, p, time, sign, y);
+  model_snap(flow, x, p, time, sign, y);
 }
 
 #endif

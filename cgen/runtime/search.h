@@ -35,9 +35,9 @@ static bool dl2c_some_vague(int flow, const uint8_t *vague)
 }
 
 /* Whether nothing happens on a stretch: its conditions hold in every state within the hull. */
-static bool dl2c_calm(dl2c_stretch *stretch, const dl2c_hull *x, bool bounded, const uint8_t *watch)
+static bool dl2c_event_free(dl2c_stretch *stretch, const dl2c_hull *x, bool bounded, const uint8_t *watch)
 {
-  if (!model_calm(stretch->flow, x, stretch->x, stretch->p, bounded, watch)) return false;
+  if (!model_event_free(stretch->flow, x, stretch->x, stretch->p, bounded, watch)) return false;
   stretch->known = false;
   return true;
 }
@@ -61,7 +61,7 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
   memset(sign, 1, NMARGIN);
   if (FLOW_MARGINS[stretch->flow] == 0) return DL2C_NO_HALT;
   dl2c_track_hull(stretch->track, hull);
-  if (dl2c_calm(stretch, hull, bounded, watch)) {
+  if (dl2c_event_free(stretch, hull, bounded, watch)) {
     stretch->begun = true;
     return DL2C_NO_HALT;
   }
@@ -71,7 +71,7 @@ static dl2c_halt dl2c_look_along(dl2c_stretch *stretch, bool bounded, uint8_t *w
     const real half = 0.5 * stretch->width;
     dl2c_track_models(stretch->track, stretch->low + half, half, x);
     for (int k = 0; k < NX; k++) hull[k] = x[k].hull;
-    calm = stretch->width < 1.0 && dl2c_calm(stretch, hull, bounded, watch);
+    calm = stretch->width < 1.0 && dl2c_event_free(stretch, hull, bounded, watch);
     if (!calm && !dl2c_stretch_events(stretch, x, &events)) {
       stretch->width *= 0.5;
       continue;

@@ -25,7 +25,7 @@ struct dl2c_batch {
   struct dl2c_team *team;     /* threads beside the caller's, NULL for none */
   dl2c_rng *rng;     /* (n) what the environment decides, only where it does */
   dl2c_start *start; /* (n) likewise */
-  uint8_t *solo;     /* (blocks) steps for which flows are not followed abreast, see dl2c_move_abreast */
+  uint8_t *scalar_steps;     /* (blocks) steps for which flows are not followed abreast, see dl2c_move_together */
   uint8_t *seen;     /* (n, NMASK) alternatives of open runs, only where masks look ahead */
 };
 

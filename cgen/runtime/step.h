@@ -91,7 +91,7 @@ static inline void dl2c_evolve(const dl2c_request *request, dl2c_trial *trial,
 {
   const int flow = path->flow;
   uint8_t closed[NWATCH + 1];
-  const bool watched = DL2C_WATCHES_ALL || path->target == DL2C_END;
+  const bool watched = DL2C_WATCHES_ALL || path->next == DL2C_END;
   if (!watched) memset(closed, DL2C_MET, sizeof closed);
   real p[NP + NFROZEN + 1];
   if (NP > 0) memcpy(p, request->p, sizeof(real) * NP);
@@ -200,7 +200,7 @@ static inline void dl2c_judge_control(dl2c_trial *trial, const dl2c_path *taken,
   const bool leads = DL2C_POINT_LEAD > 0 && trial->point >= DL2C_POINT_LEAD;
   const bool begins = DL2C_POINT_PREFIX > 0 && trial->point >= DL2C_POINT_PREFIX;
   if (leads || begins || trial->controlled) return;
-  if (taken->flow == DL2C_NO_FLOW && taken->target != DL2C_END) return;
+  if (taken->flow == DL2C_NO_FLOW && taken->next != DL2C_END) return;
   trial->controlled = true;
   trial->violated = model_monitor_control(trial->before, y, p);
 }
@@ -235,7 +235,7 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
   if (trial->failure == DL2C_SOUND && taken->flow != DL2C_NO_FLOW)
     dl2c_evolve(request, trial, taken, y);
   memcpy(trial->x, y, sizeof trial->x);
-  trial->point = taken->target;
+  trial->point = taken->next;
 }
 
 /*

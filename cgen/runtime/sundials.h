@@ -21,7 +21,7 @@
 #ifdef DL2C_SUNDIALS_SYSTEM
 #include "sundials_system.h"
 #else
-#include "sundials_wheel.h"
+#include "sundials_casadi.h"
 #endif
 
 #endif

@@ -37,7 +37,7 @@ static inline int dl2c_around(int block, int chart, real *low, real *high)
 }
 
 /* The square of the distance of two points, relative to the ranges. */
-static inline real dl2c_apart(int count, const real *a, const real *b, const real *low,
+static inline real dl2c_squared_distance(int count, const real *a, const real *b, const real *low,
                               const real *high)
 {
   real sum = 0.0;
@@ -84,11 +84,11 @@ static bool dl2c_draw_near(dl2c_rng *rng, int block, real *x, real *p)
     model_initial(chart, varying == 0 ? at : target, x, p);
     return true;
   }
-  real left = dl2c_apart(count, at, target, low, high);
+  real left = dl2c_squared_distance(count, at, target, low, high);
   for (int start = 1; start < DL2C_STARTS; start++) {
     int other;
     if (!dl2c_draw_until(rng, block, next, &other, x, p)) return false;
-    const real apart = dl2c_apart(count, next, target, low, high);
+    const real apart = dl2c_squared_distance(count, next, target, low, high);
     if (other != chart || !(apart < left)) continue;
     left = apart;
     memcpy(at, next, sizeof at);
@@ -97,7 +97,7 @@ static bool dl2c_draw_near(dl2c_rng *rng, int block, real *x, real *p)
   for (int move = 0; move < DL2C_MOVES * varying; move++) {
     const bool along = move % 4 == 0;
     dl2c_propose(rng, count, along, size, low, high, target, at, next);
-    const real apart = dl2c_apart(count, next, target, low, high);
+    const real apart = dl2c_squared_distance(count, next, target, low, high);
     const bool better = apart < left && dl2c_is_initial(chart, next, x, p);
     if (!along) size *= better ? DL2C_GROW : DL2C_SHRINK;
     if (!better) continue;

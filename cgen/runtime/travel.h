@@ -47,11 +47,11 @@ static dl2c_motion dl2c_stop(int flow, const real *x, const real *p, real end, r
 {
   memcpy(y, x, sizeof(real) * NX);
   *duration = 0.0;
-  if (!(end > 0.0)) return DL2C_SETTLED;
+  if (!(end > 0.0)) return DL2C_ARRIVED;
   model_at(flow, x, p, end, y);
   if (!dl2c_all_finite(y, NX)) return DL2C_UNDEFINED;
   *duration = end;
-  if (model_inside(flow, y, p) || dl2c_retreat(flow, x, p, end, y, duration)) return DL2C_SETTLED;
+  if (model_inside(flow, y, p) || dl2c_retreat(flow, x, p, end, y, duration)) return DL2C_ARRIVED;
   return DL2C_DOUBTFUL;
 }
 
@@ -61,7 +61,7 @@ static inline dl2c_motion dl2c_longest(int flow, const real *x, const real *p, r
 {
   const int64_t motion = model_motion(flow, x, p, y, duration);
   if (motion != DL2C_OUTSIDE) return (dl2c_motion)motion;
-  return dl2c_retreat(flow, x, p, *duration, y, duration) ? DL2C_SETTLED : DL2C_DOUBTFUL;
+  return dl2c_retreat(flow, x, p, *duration, y, duration) ? DL2C_ARRIVED : DL2C_DOUBTFUL;
 }
 
 /*
@@ -91,9 +91,9 @@ static inline dl2c_motion dl2c_flow_straight(int flow, dl2c_travel *travel, cons
 {
   const real *p = travel->p;
   dl2c_motion motion = dl2c_longest(flow, x, p, y, &travel->duration);
-  if (motion == DL2C_SETTLED && travel->part < 1.0)
+  if (motion == DL2C_ARRIVED && travel->part < 1.0)
     motion = dl2c_stop(flow, x, p, travel->duration * travel->part, y, &travel->duration);
-  if (NWATCH == 0 || motion != DL2C_SETTLED || model_quiet(flow, x, p, travel->duration, y))
+  if (NWATCH == 0 || motion != DL2C_ARRIVED || model_keeps_watches(flow, x, p, travel->duration, y))
     return motion;
   const real length = travel->duration;
   uint8_t watch[NWATCH + 1];
@@ -101,7 +101,7 @@ static inline dl2c_motion dl2c_flow_straight(int flow, dl2c_travel *travel, cons
   const real stop = dl2c_watch_motion(flow, x, p, length, watch);
   if (stop < 0.0) return DL2C_UNDEFINED;
   if (stop < length) motion = dl2c_stop(flow, x, p, stop, y, &travel->duration);
-  if (motion == DL2C_SETTLED) memcpy(travel->watch, watch, NWATCH);
+  if (motion == DL2C_ARRIVED) memcpy(travel->watch, watch, NWATCH);
   return motion;
 }
 

@@ -40,7 +40,8 @@ def function(head: str, body: Iterable[str], about: str = "") -> str:
     """
     listed = list(body)
     parameters = re.findall(r"(\w+)(?=[,)])", head.split("(", 1)[1])
-    used = set(re.findall(r"\w+", " ".join(listed)))
+    code = re.sub(r"/\*.*?\*/", " ", " ".join(listed))
+    used = set(re.findall(r"\w+", code))
     idle = [f"(void){p};" for p in parameters if p not in used and p != "void"]
     lines = [comment(about)] if about else []
     lines += [
@@ -76,7 +77,10 @@ LANES = "const real *restrict x, const real *restrict p, int64_t stride, int64_t
 
 def each_lane(target: str, value: str) -> list[str]:
     """A loop that computes one value for every lane."""
-    return ["for (int64_t i = 0; i < count; i++)", *(f"  {line}" for line in wrapped(f"{target} = {value};"))]
+    loop, statement = "for (int64_t i = 0; i < count; i++)", f"{target} = {value};"
+    if len(loop) + 1 + len(statement) <= WIDTH - 2:
+        return [f"{loop} {statement}"]
+    return [loop, *(f"  {line}" for line in wrapped(statement))]
 
 
 BYTE = 8

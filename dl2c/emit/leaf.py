@@ -129,7 +129,9 @@ def _body(printed: Printed) -> list[str]:
 
 @dataclass(slots=True)
 class Locals:
-    """What one function computes of terms in place. Symbols are read into locals that have their names."""
+    """What one function computes of terms in place. Variables and constants are read into locals that have
+    their names.
+    """
 
     leaves: Leaves
     place: Place = names.slot
@@ -138,7 +140,9 @@ class Locals:
     count: int = 0
 
     def symbol(self, symbol: Symbol) -> str:
-        """The local that holds a symbol."""
+        """The local that holds a symbol; values from where a flow began are read in place."""
+        if symbol.kind == "start":
+            return self.place(symbol)
         return self.held.setdefault(symbol, names.beside(symbol.name))
 
     def term(self, term: Term) -> str:

@@ -91,10 +91,21 @@ def after(symbol: Symbol) -> str:
 
 RUNTIME_FILES = frozenset(
     [
-        *("actions", "admissible", "ahead", "batch", "block", "convoy", "dense", "dl2c"),
+        *("actions", "active_set", "admissible", "ahead", "batch", "block", "dense", "dl2c"),
         *("dopri5", "events", "flow_cvodes", "flow_exact", "growth", "hull", "judge", "lanes", "linear"),
-        *("model", "move", "numbers", "numeric", "pieces", "project", "rng", "sampler", "search"),
-        *("snapshot", "state", "step", "stretch", "sundials", "sundials_system", "sundials_wheel", "target"),
+        *(
+            "model",
+            "move",
+            "no_inputs",
+            "numbers",
+            "numeric",
+            "pieces",
+            "project",
+            "rng",
+            "sampler",
+            "search",
+        ),
+        *("snapshot", "state", "step", "stretch", "sundials", "sundials_casadi", "sundials_system", "target"),
         *("taylor", "taylor_functions", "threads", "travel", "zeros"),
     ]
 )

@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 
 from dl2c.flows.exact import ExactPlan, Snap, plan
 from dl2c.flows.solution import NotPolynomial, Solution, moving, solve
-from dl2c.flows.starts import Projection, Start, projections, slacks_of, steady, used
+from dl2c.flows.starts import Projection, Start, merged, projections, slacks_of, steady, used, with_sides
 from dl2c.flows.watch import Watch
 from dl2c.ir.logic import conjunction, conjuncts, negation, operands
 from dl2c.ir.margins import Moves, TooManyCases, cleared, margin_of, margins_of, smooth
@@ -108,6 +108,7 @@ def plan_flow(
     """The plan of a flow, or why there is none. `equalities` are what its end is projected onto where it
     conserves them and they hold within the tolerance where it begins.
     """
+    watches = merged(watches)
     found = _planned(flow, watches, integrator, slacks_of(watches))
     if isinstance(found, Refused) or found.kernel == "exact":
         return found
@@ -126,9 +127,9 @@ def _planned(
         return not constant_along(term, flow)
 
     try:
-        domain = smooth(flow.watched, moves, as_written=True)
+        domain = _smooth(flow.watched, moves)
         watched = tuple(_smoothed(w, moves) for w in watches)
-        still = conjunction(smooth(w.plainly, moves, as_written=True) for w in watches)
+        still = conjunction(_smooth(w.plainly, moves) for w in watches)
     except TooManyCases:
         return Refused("its conditions have too many cases of abs, min and max", flow.span, FEWER)
     margins = margins_of([domain, *(f for w in watched for f in (w.stays, w.due, w.goal))])
@@ -174,13 +175,28 @@ def _numeric(flow: Flow, integrator: Integrator, why: str) -> tuple[Kernel, str]
     return integrator, why
 
 
+def _smooth(formula: Formula, moves: Moves) -> Formula:
+    """The formula over margins as they are written, but `x + c` for `c - (-x)` with c that does not move:
+    the same bits, and often one margin instead of two.
+    """
+
+    def direct(term: Term) -> Term:
+        match term:
+            case Sub(left, Neg(right)) if not moves(left) and moves(right):
+                return Add(right, left)
+            case _:
+                return term
+
+    return with_sides(smooth(formula, moves, as_written=True), direct)
+
+
 def _smoothed(watch: Watch, moves: Moves) -> Watch:
     """Over margins. Signs are always known: an obligation waits also where D or P has no value."""
-    due, goal = smooth(watch.due, moves, as_written=True), smooth(watch.goal, moves, as_written=True)
+    due, goal = _smooth(watch.due, moves), _smooth(watch.goal, moves)
     waits = watch.kind == "obligation"
     stays = conjunction([negation(due), negation(goal)])
     if not waits:
-        stays = smooth(watch.stays, moves, as_written=True)
+        stays = _smooth(watch.stays, moves)
     return replace(watch, stays=stays, due=due, goal=goal)
 
 

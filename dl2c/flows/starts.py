@@ -7,7 +7,7 @@ events; and equalities of P, Q and predicates that hold there and stay true are 
 onto.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -50,6 +50,43 @@ class Steady:
 def slacks_of(watches: Sequence[Watch]) -> tuple[Start, ...]:
     """The slacks of all watches, each once."""
     return tuple(dict.fromkeys(Start(*item) for watch in watches for item in watch.slacks))
+
+
+def merged(watches: Sequence[Watch]) -> tuple[Watch, ...]:
+    """The watches with one symbol for slacks that are the same term."""
+    first: dict[Term, Symbol] = {}
+    same: dict[Symbol, Term] = {}
+    for symbol, term in (slack for watch in watches for slack in watch.slacks):
+        if first.setdefault(term, symbol) != symbol:
+            same[symbol] = first[term]
+
+    def changed(formula: Formula) -> Formula:
+        return with_sides(formula, lambda term: substituted(term, same))
+
+    return tuple(
+        replace(
+            watch,
+            stays=changed(watch.stays),
+            due=changed(watch.due),
+            goal=changed(watch.goal),
+            plainly=changed(watch.plainly),
+            slacks=tuple((symbol, term) for symbol, term in watch.slacks if symbol not in same),
+        )
+        for watch in watches
+    )
+
+
+def with_sides(formula: Formula, change: Callable[[Term], Term]) -> Formula:
+    """The formula with both sides of every atom changed, and nothing simplified."""
+    match formula:
+        case Truth():
+            return formula
+        case Compare(op, left, right, span=span):
+            return Compare(op, change(left), change(right), span=span)
+        case And(children):
+            return And(tuple(with_sides(c, change) for c in children))
+        case Or(children):
+            return Or(tuple(with_sides(c, change) for c in children))
 
 
 def used(starts: Sequence[Start], parts: Sequence[Term | Formula]) -> tuple[Start, ...]:

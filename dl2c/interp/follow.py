@@ -89,7 +89,7 @@ def _straight(plan: FlowPlan, run: Course, part: Value, waiting: Sequence[int]) 
 
 
 def _quiet(plan: FlowPlan, run: Course, motion: Motion) -> bool:
-    """Whether the motion plainly changes no watch that matters (`model_quiet` of the compiled code)."""
+    """Whether the motion plainly changes no watch that matters (`model_keeps_watches` in C)."""
     if plan.still is None:
         return False
     spans = [_span([in_doubles(c, run.env) for c in curve], motion.duration) for curve in plan.still_curves]

@@ -5,6 +5,7 @@ is computed in doubles, in place. The operations are those of dl2c/flows/taylor.
 order.
 """
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -82,6 +83,7 @@ class Enclosed:
             case "sub", True:
                 return f"dl2c_taylor_from({value}, {model})"
             case "sub", False:
-                return f"dl2c_taylor_plus({model}, {f'-{value}' if value.isidentifier() else f'-({value})'})"
+                simple = re.fullmatch(r"[\w\[\]]+", value)
+                return f"dl2c_taylor_plus({model}, {f'-{value}' if simple else f'-({value})'})"
             case _:
                 return f"dl2c_taylor_plus({model}, {value})"

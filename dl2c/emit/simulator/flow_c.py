@@ -19,7 +19,7 @@ from dl2c.ir.model import TRUE, Flow, Symbol
 from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.printer import print_flow, print_formula, print_term
 
-EXITS = {"closed": "dl2c_exit_closed", "open": "dl2c_exit_open", "apart": "dl2c_exit_apart"}
+EXITS = {"closed": "dl2c_exit_nonnegative", "open": "dl2c_exit_positive", "apart": "dl2c_exit_nonzero"}
 
 
 def flow_functions(environment: Environment, leaves: Leaves) -> list[str]:
@@ -97,7 +97,7 @@ def _model_settle(environment: Environment, leaves: Leaves) -> str:
             lines.append(f"if (sign[{margin}] == 0) {snapped} = {target};")
         body += [f"if (flow == {k}) {{", *(f"  {line}" for line in lines), "}"] if lines else []
     return function(
-        "static inline void model_settle(int flow, const real *x, const real *p, real end, "
+        "static inline void model_snap(int flow, const real *x, const real *p, real end, "
         "const int8_t *sign, real *y)",
         body,
         "Where a flow ends after the time end with margins of these signs, clocks that ran out and "
@@ -160,7 +160,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
         *(f"y[{v}] = dl2c_select(moves, y[{v}], x[{v}]);" for v in _moving(plan)),
         "*duration = dl2c_select(moves, end, 0.0);",
         *([f"if ({' | '.join(doubts)}) return DL2C_DOUBTFUL;"] if doubts else []),
-        "return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;",
+        "return !defined ? DL2C_UNDEFINED : inside ? DL2C_ARRIVED : DL2C_OUTSIDE;",
     ]
     head = f"static inline int64_t flow{k}_motion(const real *x, const real *p, real *y, real *duration)"
     return function(head, body, f"{place(plan.flow.span)}  {print_flow(plan.flow)}")
@@ -232,7 +232,7 @@ def _clocks(flow: Flow, end: str) -> list[str]:
 def _exit(k: int, j: int, edge: Edge, leaves: Leaves) -> list[str]:
     """When the motion leaves one condition of the domain."""
     if edge.kind == "equal":
-        return [f"const real exit{j} = dl2c_exit_equal();"]
+        return [f"const real exit{j} = dl2c_exit_zero();"]
     stem = f"flow{k}_domain_margin{j}"
     terms = _coefficients(stem, edge.margin, f"{place(edge.span)}  {edge.span.text}, margin", leaves)
     padded = ", ".join([*terms, "0.0", "0.0"][:3])

@@ -23,7 +23,10 @@ STATE = "int path, int input, const real *x, const real *p, const real *u"
 
 
 def input_functions(environment: Environment, leaves: Leaves) -> list[str]:
-    """The functions that the runtime asks about the values of inputs."""
+    """The functions that the runtime asks about the values of inputs: those of no_inputs.h where there are
+    none."""
+    if not any(path.admissions for path in environment.paths.paths):
+        return ['#include "no_inputs.h"\n']
     return [
         _limits(environment, leaves),
         _criticals(environment, leaves),

@@ -106,8 +106,7 @@ def _revise(model: Model) -> str:
 
 def _judge(model: Model, leaves: Leaves) -> str:
     body = [
-        "for (int64_t i = 0; i < count; i++)",
-        "  judged->reward[i] = 0.0;",
+        "for (int64_t i = 0; i < count; i++) judged->reward[i] = 0.0;",
         "for (int64_t i = 0; i < count; i++) {",
         "  judged->cost[i] = 0;",
         "  judged->undefined[i] = 0;",

@@ -1,8 +1,8 @@
-"""One environment as one C file.
+"""One environment as one C file, with a header and a file of its tables.
 
 The file has these sections: what it is, with its header (model_h.py); leaf functions, each below the
 dL text it stands for; functions of the flows, of the paths, of rewards and observations,
-of initial states; tables; the runtime, compiled with the model as one unit.
+of initial states; tables, included; the runtime, compiled with the model as one unit.
 """
 
 from dl2c.emit.leaf import Leaves
@@ -30,9 +30,12 @@ compiled in reasonable time."""
 
 
 def model_sources(environment: Environment) -> dict[str, str]:
-    """The generated files by name: `<model>.h` and `<model>.c`, and those of a monitor of every step."""
+    """The generated files by name: `<model>.h`, `<model>.c` and `<model>_tables.h`, and those of a monitor
+    of every step.
+    """
     stem = file_stem(environment.model.name)
     files = {f"{stem}.h": model_h(environment), f"{stem}.c": model_c(environment)}
+    files[f"{stem}_tables.h"] = tables_h(environment)
     return files if environment.monitor is None else files | monitor_sources(environment.monitor)
 
 
@@ -54,17 +57,18 @@ def model_c(environment: Environment) -> str:
         *sampler_functions(environment, leaves),
         *(text for unit in [environment.monitor] if unit for text in judging_functions(unit)),
     ]
-    tables = [
-        *path_tables(environment),
-        *watch_tables(environment),
-        *sampler_tables(environment),
-    ]
+    return "\n".join([_head(environment), *leaves.texts, *functions, _runtime(environment)])
+
+
+def tables_h(environment: Environment) -> str:
+    """The tables: of paths, of flows and watches, and last those that initial states are drawn from."""
+    guard = f"DL2C_GENERATED_{file_stem(environment.model.name).upper()}_TABLES_H"
     sections = [
-        _head(environment),
-        *leaves.texts,
-        *functions,
-        "".join(tables),
-        _runtime(),
+        f"{title_of(environment)}\n#ifndef {guard}\n#define {guard}\n",
+        "".join(path_tables(environment)),
+        "".join(watch_tables(environment)),
+        "".join(sampler_tables(environment)),
+        "#endif\n",
     ]
     return "\n".join(sections)
 
@@ -107,5 +111,7 @@ def _range(constant: Constant) -> Interval:
     return Interval(low, WHOLE.high if constant.bound.high is None else enclosure(constant.bound.high).high)
 
 
-def _runtime() -> str:
-    return '#include "batch.h" /* the runtime, compiled with this model as one unit */\n'
+def _runtime(environment: Environment) -> str:
+    tables = f"{file_stem(environment.model.name)}_tables.h"
+    runtime = '#include "batch.h" /* the runtime, compiled with this model as one unit */'
+    return f'#include "{tables}"\n{runtime}\n'

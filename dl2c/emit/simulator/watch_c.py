@@ -2,7 +2,7 @@
 
 Margin j of a flow is positive inside its atom. `model_margin` is its value in a state, `model_taylor`
 has models of all margins along a stretch, `model_condition` decides a formula from signs alone: 0 is
-the domain, then for watch w 1 + 3w what must stay, 2 + 3w what is due, 3 + 3w the goal. `model_keeps`
+the domain, then for watch w 1 + 3w what must stay, 2 + 3w what is due, 3 + 3w the goal. `model_keeps_watches`
 is a quick proof that no watch fails.
 """
 
@@ -199,7 +199,7 @@ def _keeps(environment: Environment, leaves: Leaves) -> str:
             continue
         body += selected(k, _kept(environment, k, plan, leaves))
     return function(
-        f"DL2C_INLINE bool model_keeps(int flow, {STATE}, real duration, const real *y)",
+        f"DL2C_INLINE bool model_keeps_watches(int flow, {STATE}, real duration, const real *y)",
         [*body, "return true;"],
         "Whether a flow of that duration, which ends in y, changes no watch that matters, "
         "by a sufficient condition.",

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * sundials_wheel.h -- SUNDIALS 2.6 as the casadi wheel carries it, loaded at run time.
+ * sundials_casadi.h -- SUNDIALS 2.6 as the casadi wheel carries it, loaded at run time.
  *
  * The declarations state facts of that interface, which no wheel ships a header for.
  */
-#ifndef DL2C_SUNDIALS_WHEEL_H
-#define DL2C_SUNDIALS_WHEEL_H
+#ifndef DL2C_SUNDIALS_CASADI_H
+#define DL2C_SUNDIALS_CASADI_H
 
 #include <dlfcn.h>
 #include <pthread.h>

@@ -1,23 +1,23 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * convoy.h -- a flow that dopri5.h follows, for several environments abreast.
+ * active_set.h -- a flow that dopri5.h follows, for several environments abreast.
  *
- * The lanes of a convoy attempt their steps together, each of its own length; whether a lane takes its
+ * The lanes of a set attempt their steps together, each of its own length; whether a lane takes its
  * step is a selection. Environments need different numbers of steps: where one leaves, the next of
- * its fleet joins. One that meets anything but plain motion until its time is up is left to the
+ * its block joins. One that meets anything but plain motion until its time is up is left to the
  * scalar step, which computes the same bits.
  */
-#ifndef DL2C_CONVOY_H
-#define DL2C_CONVOY_H
+#ifndef DL2C_ACTIVE_SET_H
+#define DL2C_ACTIVE_SET_H
 
 #include "lanes.h"
 
 #if DL2C_FLOWS_IN_LANES
 
-enum { DL2C_ABREAST = 8 };
+enum { DL2C_ACTIVE = 8 };
 
 /* The environments of a block, a row for each variable. */
-typedef struct dl2c_fleet {
+typedef struct dl2c_block_flow {
   real x[NX][DL2C_BLOCK]; /* where the flow begins, */
   real p[NP + NFROZEN + 1][DL2C_BLOCK];
   int64_t going[DL2C_BLOCK]; /* and which lanes follow it */
@@ -27,30 +27,30 @@ typedef struct dl2c_fleet {
   real rates[NX][DL2C_BLOCK]; /* in x */
   real wanted[DL2C_BLOCK];    /* length of the first attempt */
   real limit[DL2C_BLOCK];     /* dl2c_growth_limit */
-} dl2c_fleet;
+} dl2c_block_flow;
 
 /* Those under way. */
-typedef struct dl2c_convoy {
-  real p[NP + NFROZEN + 1][DL2C_ABREAST];
-  real y[NX][DL2C_ABREAST];
-  real rates[NX][DL2C_ABREAST]; /* in y */
-  real now[DL2C_ABREAST];
-  real stop[DL2C_ABREAST];
-  real wanted[DL2C_ABREAST]; /* length of the next attempt */
-  real limit[DL2C_ABREAST];  /* beyond which dl2c_bursts has a look */
-  int64_t going[DL2C_ABREAST];
-  int64_t there[DL2C_ABREAST];
-  int64_t lane[DL2C_ABREAST]; /* of the fleet, -1 for none */
-} dl2c_convoy;
+typedef struct dl2c_active_set {
+  real p[NP + NFROZEN + 1][DL2C_ACTIVE];
+  real y[NX][DL2C_ACTIVE];
+  real rates[NX][DL2C_ACTIVE]; /* in y */
+  real now[DL2C_ACTIVE];
+  real stop[DL2C_ACTIVE];
+  real wanted[DL2C_ACTIVE]; /* length of the next attempt */
+  real limit[DL2C_ACTIVE];  /* beyond which dl2c_bursts has a look */
+  int64_t going[DL2C_ACTIVE];
+  int64_t there[DL2C_ACTIVE];
+  int64_t lane[DL2C_ACTIVE]; /* of the block, -1 for none */
+} dl2c_active_set;
 
 /*
  * Control of environments, where it is plain: see dl2c_decide_lane. Which then are going.
  *   x: (NX, stride)   p: (NP, stride)   path: (count)   inputs: (count, NINPUT)
  */
-DL2C_INLINE void dl2c_fleet_set_out(dl2c_fleet *f, const real *x, const real *p, int64_t stride,
+DL2C_INLINE void dl2c_block_decide(dl2c_block_flow *f, const real *x, const real *p, int64_t stride,
                                     int64_t count, const int64_t *path, const real *inputs)
 {
-  DL2C_APART
+  DL2C_ALIAS_FREE
   for (int64_t i = 0; i < count; i++) {
     real own[NX];
     real start[NX];
@@ -66,9 +66,9 @@ DL2C_INLINE void dl2c_fleet_set_out(dl2c_fleet *f, const real *x, const real *p,
 }
 
 /* Rates, and the lengths of first attempts. */
-DL2C_INLINE void dl2c_fleet_start(dl2c_fleet *f, int64_t count)
+DL2C_INLINE void dl2c_block_start(dl2c_block_flow *f, int64_t count)
 {
-  DL2C_APART
+  DL2C_ALIAS_FREE
   for (int64_t i = 0; i < count; i++) {
     real x[NX];
     real p[NP + NFROZEN + 1];
@@ -93,8 +93,8 @@ DL2C_INLINE void dl2c_fleet_start(dl2c_fleet *f, int64_t count)
   }
 }
 
-/* Whether a step plainly has no events that matter (see dl2c_calm). */
-DL2C_INLINE bool dl2c_lane_calm(const real *x, const real *y, const real *p, real h,
+/* Whether a step plainly has no events that matter (see dl2c_event_free). */
+DL2C_INLINE bool dl2c_lane_event_free(const real *x, const real *y, const real *p, real h,
                                 const real (*k)[NX])
 {
   static const uint8_t watch[NWATCH + 1] = {DL2C_WATCHING};
@@ -105,14 +105,14 @@ DL2C_INLINE bool dl2c_lane_calm(const real *x, const real *y, const real *p, rea
     dl2c_dopri_terms(x[i], y[i], h, k, i, c);
     hull[i] = dl2c_terms_hull(c, DL2C_DOPRI_DEGREE, y[i]);
   }
-  return model_calm(DL2C_LANE_FLOW, hull, x, p, true, watch);
+  return model_event_free(DL2C_LANE_FLOW, hull, x, p, true, watch);
 }
 
 /* One attempt of every lane, as dl2c_dopri_step makes it. */
-DL2C_INLINE void dl2c_convoy_step(dl2c_convoy *c)
+DL2C_INLINE void dl2c_active_step(dl2c_active_set *c)
 {
-  DL2C_APART
-  for (int64_t i = 0; i < DL2C_ABREAST; i++) {
+  DL2C_ALIAS_FREE
+  for (int64_t i = 0; i < DL2C_ACTIVE; i++) {
     real x[NX];
     real p[NP + NFROZEN + 1];
     real k[7][NX];
@@ -131,7 +131,7 @@ DL2C_INLINE void dl2c_convoy_step(dl2c_convoy *c)
     const real error = dl2c_dopri_try(DL2C_LANE_FLOW, p, x, h, k, y);
     const real next = h * dl2c_dopri_factor(error);
     const bool fits = (error <= 1.0) & dl2c_all_finite(y, NX);
-    const bool calm = dl2c_lane_calm(x, y, p, h, (const real(*)[NX])k);
+    const bool calm = dl2c_lane_event_free(x, y, p, h, (const real(*)[NX])k);
     bool grown = false;
     DL2C_UNROLL
     for (int j = 0; j < NX; j++) grown |= fabs(y[j]) > c->limit[i];
@@ -151,7 +151,7 @@ DL2C_INLINE void dl2c_convoy_step(dl2c_convoy *c)
 }
 
 /* Notes where a lane that has come to its end is. */
-static void dl2c_leave(const dl2c_convoy *c, int64_t i, dl2c_fleet *f)
+static void dl2c_active_remove(const dl2c_active_set *c, int64_t i, dl2c_block_flow *f)
 {
   const int64_t lane = c->lane[i];
   f->there[lane] = c->there[i];
@@ -159,9 +159,9 @@ static void dl2c_leave(const dl2c_convoy *c, int64_t i, dl2c_fleet *f)
 }
 
 /* Ends the flow of those that have come to its end, as dl2c_arrive does. */
-DL2C_INLINE void dl2c_fleet_arrive(dl2c_fleet *f, int64_t count)
+DL2C_INLINE void dl2c_block_finish(dl2c_block_flow *f, int64_t count)
 {
-  DL2C_APART
+  DL2C_ALIAS_FREE
   for (int64_t i = 0; i < count; i++) {
     real x[NX];
     real y[NX];
@@ -176,14 +176,14 @@ DL2C_INLINE void dl2c_fleet_arrive(dl2c_fleet *f, int64_t count)
     DL2C_UNROLL
     for (int k = 0; k < NP + NFROZEN; k++) p[k] = f->p[k][i];
     dl2c_project(DL2C_LANE_FLOW, p, NULL, y);
-    dl2c_settle(DL2C_LANE_FLOW, x, p, f->stop[i], sign, y);
+    dl2c_snap(DL2C_LANE_FLOW, x, p, f->stop[i], sign, y);
     f->there[i] &= (int64_t)(dl2c_all_finite(y, NX) & model_inside(DL2C_LANE_FLOW, y, p));
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) f->y[k][i] = y[k];
   }
 }
 
-static void dl2c_join(dl2c_convoy *c, int64_t i, const dl2c_fleet *f, int64_t lane)
+static void dl2c_active_insert(dl2c_active_set *c, int64_t i, const dl2c_block_flow *f, int64_t lane)
 {
   for (int k = 0; k < NX; k++) c->y[k][i] = f->x[k][lane];
   for (int k = 0; k < NP + NFROZEN; k++) c->p[k][i] = f->p[k][lane];
@@ -197,28 +197,28 @@ static void dl2c_join(dl2c_convoy *c, int64_t i, const dl2c_fleet *f, int64_t la
 }
 
 /* Follows the flow in all lanes that go. */
-DL2C_LANES static void dl2c_fleet_sail(dl2c_fleet *f, int64_t count)
+DL2C_LANES static void dl2c_block_integrate(dl2c_block_flow *f, int64_t count)
 {
-  dl2c_convoy convoy;
+  dl2c_active_set set;
   int64_t next = 0;
-  memset(&convoy, 0, sizeof convoy);
-  for (int64_t i = 0; i < DL2C_ABREAST; i++) convoy.lane[i] = -1;
-  dl2c_fleet_start(f, count);
+  memset(&set, 0, sizeof set);
+  for (int64_t i = 0; i < DL2C_ACTIVE; i++) set.lane[i] = -1;
+  dl2c_block_start(f, count);
   for (int attempt = 0; attempt < DL2C_DOPRI_STEPS; attempt++) {
     int64_t going = 0;
-    for (int64_t i = 0; i < DL2C_ABREAST; i++) {
-      if (!convoy.going[i]) {
-        if (convoy.lane[i] >= 0) dl2c_leave(&convoy, i, f);
+    for (int64_t i = 0; i < DL2C_ACTIVE; i++) {
+      if (!set.going[i]) {
+        if (set.lane[i] >= 0) dl2c_active_remove(&set, i, f);
         while (next < count && !f->going[next]) next++;
-        convoy.lane[i] = next < count ? next : -1;
-        if (next < count) dl2c_join(&convoy, i, f, next++);
+        set.lane[i] = next < count ? next : -1;
+        if (next < count) dl2c_active_insert(&set, i, f, next++);
       }
-      going |= convoy.going[i];
+      going |= set.going[i];
     }
     if (!going) break;
-    dl2c_convoy_step(&convoy);
+    dl2c_active_step(&set);
   }
-  dl2c_fleet_arrive(f, count);
+  dl2c_block_finish(f, count);
 }
 
 #endif
