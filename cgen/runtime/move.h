@@ -227,11 +227,28 @@ DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
 /* Steps after which a block tries again to follow its flows abreast, and the part that has to succeed. */
 enum { DL2C_SCALAR_STEPS = 15, DL2C_WORTHWHILE = 4 };
 
+/* Moves some lanes of a block, `first` to `first + count`, which are in the scratch from `lane` on. */
+DL2C_INLINE void dl2c_move_some(dl2c_batch *b, int64_t first, int64_t lane, int64_t count,
+                                dl2c_scratch *s)
+{
+  const int64_t begin = first + lane;
+  const dl2c_clocks clocks = dl2c_clocks_of(b, begin);
+  dl2c_move_lanes(b->x + begin, b->p + begin, b->stride, count, s->moves.path + lane,
+                  b->out.inputs + begin * NINPUT, &clocks, s->moves.moved + lane);
+}
+
+/* Moves a lane of a block alone. */
+static void dl2c_move_one(dl2c_batch *b, int64_t first, int64_t lane, dl2c_scratch *s)
+{
+  dl2c_move_some(b, first, lane, 1, s);
+}
+
 /*
- * Moves the lanes of a block that can move together, and notes which have. Where few arrive together
- * they are moved one by one for a while: the bits are the same.
+ * Moves the lanes of a block that can move together, `group` at a time, and notes which have. Where few
+ * succeed they are moved one by one for a while: the bits are the same.
  */
-DL2C_INLINE void dl2c_move_together(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+DL2C_INLINE void dl2c_move_together(dl2c_batch *b, int64_t first, int64_t count, int64_t group,
+                                    dl2c_scratch *s)
 {
 #if DL2C_FLOWS_IN_LANES
   uint8_t *scalar_steps = &b->scalar_steps[first / DL2C_BLOCK];
@@ -244,12 +261,12 @@ DL2C_INLINE void dl2c_move_together(dl2c_batch *b, int64_t first, int64_t count,
   }
   if (*scalar_steps > 0) *scalar_steps -= 1;
 #endif
-  const dl2c_clocks clocks = dl2c_clocks_of(b, first);
-  if (DL2C_STEPS_IN_LANES && !DL2C_ONE_BY_ONE)
-    dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, s->moves.path,
-                    b->out.inputs + first * NINPUT, &clocks, s->moves.moved);
-  else
-    for (int64_t i = 0; i < count; i++) s->moves.moved[i] = 0;
+  int64_t lane = 0;
+  if (DL2C_STEPS_IN_LANES && !DL2C_ONE_BY_ONE) {
+    for (; lane + group <= count; lane += group) dl2c_move_some(b, first, lane, group, s);
+    for (; lane < count; lane++) dl2c_move_one(b, first, lane, s);
+  }
+  for (; lane < count; lane++) s->moves.moved[lane] = 0;
 }
 
 #if DL2C_MONITORED
@@ -258,8 +275,12 @@ DL2C_INLINE void dl2c_move_together(dl2c_batch *b, int64_t first, int64_t count,
 #define DL2C_VIOLATED(scratch, i) NULL
 #endif
 
-/* Moves a block: in lanes where the model and every state in it allow, else one by one. */
-DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
+/*
+ * Moves a block: in lanes, `group` of them at a time, where the model and every state in it allow, else one
+ * by one.
+ */
+DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, int64_t group,
+                                 dl2c_scratch *s)
 {
   const bool waits = b->options.autoreset == DL2C_AUTORESET_NEXT_STEP;
   const bool falls_back = b->options.on_blocked == DL2C_BLOCKED_FALLBACK;
@@ -277,7 +298,7 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, dl
   } else {
     for (int64_t i = 0; i < count; i++) s->moves.path[i] = -1;
   }
-  dl2c_move_together(b, first, count, s);
+  dl2c_move_together(b, first, count, group, s);
   uint8_t left[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) left[i] = !moved[i] & !waited[i];
   for (int64_t i = dl2c_next(left, 0, count); i < count; i = dl2c_next(left, i + 1, count))
