@@ -16,10 +16,10 @@ DL2C_INLINE void dl2c_read_lane(const real *x, const real *p, int64_t stride, in
 }
 
 /*
- * Whether the first value that dl2c_interval tries passes for every input of a path, so that each has
- * a value. Without a branch. False says nothing.
+ * Whether the first value that dl2c_interval tries is admissible for every input of a path. No
+ * branches. False means that it is not known whether there is an admissible value.
  */
-DL2C_INLINE bool dl2c_plainly_have_values(int path, const real *x, const real *p)
+DL2C_INLINE bool dl2c_surely_have_values(int path, const real *x, const real *p)
 {
   bool well = true;
   real u[NU + 1] = {0.0};
@@ -37,9 +37,9 @@ DL2C_INLINE bool dl2c_plainly_have_values(int path, const real *x, const real *p
   return well;
 }
 
-/* The same in lanes.   plain: (count) */
-DL2C_INLINE void dl2c_plain_lanes(int path, const real *x, const real *p, int64_t stride,
-                                  int64_t count, uint8_t *plain)
+/* The same in lanes.   sure: (count) */
+DL2C_INLINE void dl2c_sure_lanes(int path, const real *x, const real *p, int64_t stride,
+                                  int64_t count, uint8_t *sure)
 {
   int64_t flags[DL2C_BLOCK];
   DL2C_ALIAS_FREE
@@ -47,19 +47,22 @@ DL2C_INLINE void dl2c_plain_lanes(int path, const real *x, const real *p, int64_
     real own_x[NX];
     real own_p[NP + 1];
     dl2c_read_lane(x, p, stride, i, own_x, own_p);
-    flags[i] = dl2c_plainly_have_values(path, own_x, own_p);
+    flags[i] = dl2c_surely_have_values(path, own_x, own_p);
   }
-  for (int64_t i = 0; i < count; i++) plain[i] = flags[i] != 0;
+  for (int64_t i = 0; i < count; i++) sure[i] = flags[i] != 0;
 }
 
-/* Whether the inputs of a path have values, where it is open and that is not plain.   enabled: (count) */
+/*
+ * Whether the inputs of a path have values, where it is open and `sure` does not say so.
+ * enabled: (count)
+ */
 static void dl2c_search_lanes(int path, const real *x, const real *p, int64_t stride,
-                              int64_t count, const uint8_t *plain, uint8_t *enabled)
+                              int64_t count, const uint8_t *sure, uint8_t *enabled)
 {
   uint8_t asked[DL2C_BLOCK];
   const bool given[NU + 1] = {false};
   real u[NU + 1] = {0.0};
-  for (int64_t i = 0; i < count; i++) asked[i] = enabled[i] & !plain[i];
+  for (int64_t i = 0; i < count; i++) asked[i] = enabled[i] & !sure[i];
   for (int64_t i = dl2c_next(asked, 0, count); i < count; i = dl2c_next(asked, i + 1, count)) {
     real own_x[NX];
     real own_p[NP + 1];
@@ -79,11 +82,11 @@ DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t s
   model_guards(point, x, p, stride, count, enabled);
   if (NU == 0) return;
   const int first = POINT_START[point];
-  uint8_t plain[DL2C_BLOCK] = {0};
+  uint8_t sure[DL2C_BLOCK] = {0};
   DL2C_UNROLL
   for (int k = first; k < POINT_START[point + 1]; k++) {
-    if (DL2C_DECIDES_IN_LANES) dl2c_plain_lanes(k, x, p, stride, count, plain);
-    dl2c_search_lanes(k, x, p, stride, count, plain, enabled + (k - first) * stride);
+    if (DL2C_DECIDES_IN_LANES) dl2c_sure_lanes(k, x, p, stride, count, sure);
+    dl2c_search_lanes(k, x, p, stride, count, sure, enabled + (k - first) * stride);
   }
 }
 
@@ -104,7 +107,7 @@ static real dl2c_nearest(const dl2c_pieces *pieces, real wanted, int *piece)
   return pieces->high[pieces->count - 1];
 }
 
-/* How long all pieces are together. */
+/* The total length of all pieces. */
 static inline real dl2c_length(const dl2c_pieces *pieces)
 {
   real length = 0.0;

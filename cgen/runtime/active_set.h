@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * active_set.h -- a flow that dopri5.h follows, for several environments abreast.
+ * active_set.h -- a flow that dopri5.h integrates, for several environments at once.
  *
- * The lanes of a set attempt their steps together, each of its own length; whether a lane takes its
- * step is a selection. Environments need different numbers of steps: where one leaves, the next of
- * its block joins. One that meets anything but plain motion until its time is up is left to the
- * scalar step, which computes the same bits.
+ * An active set of DL2C_ACTIVE lanes attempts its steps together, each of its own length; whether
+ * a lane accepts its step is a selection. Environments need different numbers of steps: when a
+ * lane is finished, the next environment of the block takes its place. A lane that meets an event
+ * before its time is up is left to the scalar step, which computes the same bits.
  */
 #ifndef DL2C_ACTIVE_SET_H
 #define DL2C_ACTIVE_SET_H
@@ -16,35 +16,35 @@
 
 enum { DL2C_ACTIVE = 8 };
 
-/* The environments of a block, a row for each variable. */
+/* The environments of a block, one row per variable. */
 typedef struct dl2c_block_flow {
-  real x[NX][DL2C_BLOCK]; /* where the flow begins, */
+  real x[NX][DL2C_BLOCK]; /* state where the flow begins */
   real p[NP + NFROZEN + 1][DL2C_BLOCK];
-  int64_t going[DL2C_BLOCK]; /* and which lanes follow it */
-  int64_t there[DL2C_BLOCK]; /* out: which have come to its end, */
-  real y[NX][DL2C_BLOCK];    /* where that is, */
-  real stop[DL2C_BLOCK];     /* and how long it lasted */
-  real rates[NX][DL2C_BLOCK]; /* in x */
-  real wanted[DL2C_BLOCK];    /* length of the first attempt */
+  int64_t going[DL2C_BLOCK]; /* lanes that are integrated */
+  int64_t there[DL2C_BLOCK]; /* out: lanes that have reached the end of the flow */
+  real y[NX][DL2C_BLOCK];    /* their states there */
+  real stop[DL2C_BLOCK];     /* duration of the flow */
+  real rates[NX][DL2C_BLOCK]; /* at x */
+  real wanted[DL2C_BLOCK];    /* length of the first attempted step */
   real limit[DL2C_BLOCK];     /* dl2c_growth_limit */
 } dl2c_block_flow;
 
-/* Those under way. */
+/* The active set. */
 typedef struct dl2c_active_set {
   real p[NP + NFROZEN + 1][DL2C_ACTIVE];
   real y[NX][DL2C_ACTIVE];
-  real rates[NX][DL2C_ACTIVE]; /* in y */
+  real rates[NX][DL2C_ACTIVE]; /* at y */
   real now[DL2C_ACTIVE];
   real stop[DL2C_ACTIVE];
-  real wanted[DL2C_ACTIVE]; /* length of the next attempt */
-  real limit[DL2C_ACTIVE];  /* beyond which dl2c_bursts has a look */
+  real wanted[DL2C_ACTIVE]; /* length of the next attempted step */
+  real limit[DL2C_ACTIVE];  /* beyond which dl2c_blows_up checks */
   int64_t going[DL2C_ACTIVE];
   int64_t there[DL2C_ACTIVE];
-  int64_t lane[DL2C_ACTIVE]; /* of the block, -1 for none */
+  int64_t lane[DL2C_ACTIVE]; /* lane of the block, -1 for none */
 } dl2c_active_set;
 
 /*
- * Control of environments, where it is plain: see dl2c_decide_lane. Which then are going.
+ * Executes the control of every lane where dl2c_decide_lane can, and marks those lanes as going.
  *   x: (NX, stride)   p: (NP, stride)   path: (count)   inputs: (count, NINPUT)
  */
 DL2C_INLINE void dl2c_block_decide(dl2c_block_flow *f, const real *x, const real *p, int64_t stride,
@@ -65,7 +65,7 @@ DL2C_INLINE void dl2c_block_decide(dl2c_block_flow *f, const real *x, const real
   }
 }
 
-/* Rates, and the lengths of first attempts. */
+/* Rates and first step lengths of all lanes. */
 DL2C_INLINE void dl2c_block_start(dl2c_block_flow *f, int64_t count)
 {
   DL2C_ALIAS_FREE
@@ -93,7 +93,7 @@ DL2C_INLINE void dl2c_block_start(dl2c_block_flow *f, int64_t count)
   }
 }
 
-/* Whether a step plainly has no events that matter (see dl2c_event_free). */
+/* Whether a step is proved to have no event that matters (see dl2c_event_free). */
 DL2C_INLINE bool dl2c_lane_event_free(const real *x, const real *y, const real *p, real h,
                                 const real (*k)[NX])
 {
@@ -108,7 +108,7 @@ DL2C_INLINE bool dl2c_lane_event_free(const real *x, const real *y, const real *
   return model_event_free(DL2C_LANE_FLOW, hull, x, p, true, watch);
 }
 
-/* One attempt of every lane, as dl2c_dopri_step makes it. */
+/* One attempted step of every lane, as in dl2c_dopri_step. */
 DL2C_INLINE void dl2c_active_step(dl2c_active_set *c)
 {
   DL2C_ALIAS_FREE
@@ -131,12 +131,12 @@ DL2C_INLINE void dl2c_active_step(dl2c_active_set *c)
     const real error = dl2c_dopri_try(DL2C_LANE_FLOW, p, x, h, k, y);
     const real next = h * dl2c_dopri_factor(error);
     const bool fits = (error <= 1.0) & dl2c_all_finite(y, NX);
-    const bool calm = dl2c_lane_event_free(x, y, p, h, (const real(*)[NX])k);
+    const bool event_free = dl2c_lane_event_free(x, y, p, h, (const real(*)[NX])k);
     bool grown = false;
     DL2C_UNROLL
     for (int j = 0; j < NX; j++) grown |= fabs(y[j]) > c->limit[i];
-    const bool plain = calm & !grown;
-    const bool well = (now + h > now) & (!fits | plain);
+    const bool proved = event_free & !grown;
+    const bool well = (now + h > now) & (!fits | proved);
     const bool taken = (c->going[i] != 0) & fits & well;
     const bool there = taken & (after >= c->stop[i]);
     c->wanted[i] = dl2c_select(fits, next, dl2c_dopri_shorter(h, error, next));
@@ -150,7 +150,7 @@ DL2C_INLINE void dl2c_active_step(dl2c_active_set *c)
   }
 }
 
-/* Notes where a lane that has come to its end is. */
+/* Copies the result of a finished lane to the block. */
 static void dl2c_active_remove(const dl2c_active_set *c, int64_t i, dl2c_block_flow *f)
 {
   const int64_t lane = c->lane[i];
@@ -158,7 +158,7 @@ static void dl2c_active_remove(const dl2c_active_set *c, int64_t i, dl2c_block_f
   for (int k = 0; k < NX; k++) f->y[k][lane] = c->y[k][i];
 }
 
-/* Ends the flow of those that have come to its end, as dl2c_arrive does. */
+/* Completes the flow of the lanes that reached its end, as dl2c_arrive does. */
 DL2C_INLINE void dl2c_block_finish(dl2c_block_flow *f, int64_t count)
 {
   DL2C_ALIAS_FREE
@@ -196,7 +196,7 @@ static void dl2c_active_insert(dl2c_active_set *c, int64_t i, const dl2c_block_f
   c->there[i] = 0;
 }
 
-/* Follows the flow in all lanes that go. */
+/* Integrates the flow in all lanes that are going. */
 DL2C_LANES static void dl2c_block_integrate(dl2c_block_flow *f, int64_t count)
 {
   dl2c_active_set set;

@@ -65,8 +65,8 @@ static bool dl2c_bracket(const dl2c_search *search, int place, int64_t here, int
   const int direction = limit > here ? 1 : -1;
   *last = *there = here;
   for (uint64_t step = 1; *last != limit; step *= 2) {
-    const uint64_t room = dl2c_distance(limit, *last);
-    *there = dl2c_moved(*last, direction, step < room ? step : room);
+    const uint64_t distance = dl2c_distance(limit, *last);
+    *there = dl2c_moved(*last, direction, step < distance ? step : distance);
     if (dl2c_number_passes(search, place, *there) == wanted) return true;
     *last = *there;
   }
@@ -142,7 +142,9 @@ static bool dl2c_interval(const dl2c_search *search, int place, real *low, real 
   return dl2c_outermost(search, place, last, middle, *low, INPUT_HIGH[input], high);
 }
 
-/* Ends of the Box and roots, in order; roots outside count as the end that is nearer. How many. */
+/*
+ * Ends of the Box and roots, in order; a root outside counts as the nearer end. Returns how many.
+ */
 static int dl2c_list_criticals(const dl2c_search *search, int input, real *critical)
 {
   const real low = critical[0] = INPUT_LOW[input];
@@ -151,7 +153,7 @@ static int dl2c_list_criticals(const dl2c_search *search, int input, real *criti
       model_criticals(search->path, input, search->x, search->p, search->u, critical + 1);
   for (int k = 1; k <= found; k++) {
     critical[k] = dl2c_min(dl2c_max(critical[k], low), high);
-    for (int j = k; j > 1; j--) { /* no branch: what is smaller is hard to predict */
+    for (int j = k; j > 1; j--) { /* no branch: a comparison that the processor cannot predict */
       const real smaller = dl2c_min(critical[j], critical[j - 1]);
       critical[j] = dl2c_max(critical[j], critical[j - 1]);
       critical[j - 1] = smaller;

@@ -16,7 +16,7 @@ static inline void dl2c_see(const dl2c_trial *trial, int path, uint8_t *seen)
 }
 
 /* Whether a path decides by chance what the run has not decided yet. */
-static inline bool dl2c_ventures(const dl2c_trial *trial, int path)
+static inline bool dl2c_draws(const dl2c_trial *trial, int path)
 {
   bool found = false;
   for (int j = 0; NDECISION > NCHOICE && j < PATHS[path].nmet; j++)
@@ -29,10 +29,10 @@ static inline bool dl2c_ventures(const dl2c_trial *trial, int path)
  * new input, and a flow, unless masks are deep and chance has decided nothing on the way, nor how long
  * the flow lasts.
  */
-static inline bool dl2c_surely(const dl2c_trial *trial, int path, bool ventured)
+static inline bool dl2c_surely(const dl2c_trial *trial, int path, bool drawn)
 {
   const bool flows = PATHS[path].flow != DL2C_NO_FLOW;
-  const bool chance = ventured || (flows && FLOW_DRAW[PATHS[path].flow] >= 0);
+  const bool chance = drawn || (flows && FLOW_DRAW[PATHS[path].flow] >= 0);
   bool sure = PATHS[path].next == DL2C_END || (flows && (!DL2C_LOOKS_DEEP || chance));
   for (int j = 0; NU > 0 && j < PATHS[path].ninput; j++)
     sure |= !trial->given[PATHS[path].inputs[j].input];
@@ -43,10 +43,10 @@ static inline bool dl2c_surely(const dl2c_trial *trial, int path, bool ventured)
  * Whether some run passes every test up to its first flow, or where masks are deep up to its end;
  * marks what such runs decide. A run is not followed beyond a while loop that a new input may have
  * decided, nor without end.
- *   ask: constants and solver   ventured: chance has decided something in the run
+ *   ask: constants and solver   drawn: chance has decided something in the run
  *   enabled: (NPATH) open paths of the point where the run stands, used up   seen: (NMASK)
  */
-static bool dl2c_look(const dl2c_request *ask, dl2c_trial *trial, bool ventured, uint8_t *enabled,
+static bool dl2c_look(const dl2c_request *ask, dl2c_trial *trial, bool drawn, uint8_t *enabled,
                       uint8_t *seen)
 {
   bool found = false;
@@ -58,7 +58,7 @@ static bool dl2c_look(const dl2c_request *ask, dl2c_trial *trial, bool ventured,
     bool goes_on = false;
     for (int k = first; k < end && !goes_on; k++) {
       if (!enabled[k - first]) continue;
-      const bool chance = ventured || dl2c_ventures(trial, k);
+      const bool chance = drawn || dl2c_draws(trial, k);
       const bool sure = dl2c_surely(trial, k, chance);
       dl2c_trial ahead = *trial;
       if (!sure) dl2c_follow(ask, &ahead, k);
@@ -67,7 +67,7 @@ static bool dl2c_look(const dl2c_request *ask, dl2c_trial *trial, bool ventured,
         found = true;
       } else if (open == 1) {
         *trial = ahead;
-        ventured = chance;
+        drawn = chance;
         goes_on = true;
       } else {
         uint8_t next[NPATH];

@@ -57,7 +57,7 @@ static void dl2c_part(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch 
   for (; lane < count; lane++) dl2c_judge_one(b, first, lane, s);
 }
 
-/* Begins what is next after a step of a block: of all that ended, or had before. */
+/* Begins the next episodes after a step of a block: of those that ended, or had ended before. */
 static dl2c_status dl2c_follow_up(dl2c_batch *b, int64_t first, int64_t count, const dl2c_scratch *s)
 {
   const bool at_once = b->options.autoreset == DL2C_AUTORESET_SAME_STEP;
@@ -79,7 +79,7 @@ static dl2c_status dl2c_follow_up(dl2c_batch *b, int64_t first, int64_t count, c
   return found;
 }
 
-/* One step of environments `first` to `first + count`: move all, judge all, begin what is next. */
+/* One step of environments `first` to `first + count`: move all, judge all, begin next episodes. */
 static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count)
 {
   dl2c_scratch s;

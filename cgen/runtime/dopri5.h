@@ -38,8 +38,8 @@ enum { DL2C_DOPRI_STEPS = 100000 };
 #define DL2C_DOPRI_SHRINK 0.2
 
 /*
- * Near the fifth root of a value > 0; exact powers of two apart, a line and Newton's method. Without
- * a branch, as all that one attempt of a step consists of: lanes make it together.
+ * An approximation of the fifth root of a value > 0: exact powers of two, a line and Newton's
+ * method. Without a branch, so that lanes can use it.
  */
 static inline real dl2c_fifth_root(real value)
 {
@@ -138,7 +138,7 @@ static const real DL2C_DOPRI_ERROR[7] = {
     -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0,
 };
 
-/* What the interpolant has beyond Hermite's. */
+/* The term of the interpolant that Hermite's does not have. */
 static const real DL2C_DOPRI_BOW[7] = {
     -12715105075.0 / 11282082432.0,  0.0,
     87487479700.0 / 32700410799.0,   -10690763975.0 / 1880347072.0,
@@ -193,7 +193,7 @@ DL2C_INLINE real dl2c_dopri_try(int flow, const real *p, const real *x, real h, 
   return sqrt(sum) / DL2C_DOPRI_SHARE;
 }
 
-/* By what the next step is longer than one with this error. */
+/* The factor by which the next step is longer than one with this error. */
 DL2C_INLINE real dl2c_dopri_factor(real error)
 {
   const real wanted = DL2C_DOPRI_CARE / dl2c_fifth_root(error);

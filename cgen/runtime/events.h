@@ -100,8 +100,8 @@ static bool dl2c_reached(const dl2c_exit *exit, real stop, bool included)
 }
 
 /*
- * What the watches say of a stretch on which the domain lets the flow go as far as `limit`.
- * Returns where a violation cuts it, or 2.
+ * Updates the watches on a stretch on which the domain lets the flow go as far as `limit`. Returns
+ * where a violation cuts the flow, or 2.
  */
 static real dl2c_watch(int flow, const dl2c_events *events, real limit, uint8_t *watch)
 {

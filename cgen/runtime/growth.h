@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT-0 */
-/* growth.h -- when a solver's motion has come so near to a singularity that its state is unknown. */
+/* growth.h -- detects that a solver has come too close to a singularity to know its state. */
 #ifndef DL2C_GROWTH_H
 #define DL2C_GROWTH_H
 
 #include "model.h"
 
-/* A variable has grown when it is so many times what the largest one was, or 1. */
+/* A variable has grown when it is this many times the largest initial one, or 1. */
 #define DL2C_GROWN 0x1p20
 
-/* What a flow from x may not pass before its growth is looked at. */
+/* The size beyond which the growth of a flow from x is examined. */
 static inline real dl2c_growth_limit(const real *x)
 {
   real largest = 1.0;
@@ -17,15 +17,15 @@ static inline real dl2c_growth_limit(const real *x)
 }
 
 #if DL2C_SOLVED_FLOWS || DL2C_DOPRI_FLOWS
-/* The part of the time that has passed by which a solver may be off: ends are within ten tolerances. */
+/* The relative uncertainty of time: ends of flows are within ten tolerances. */
 #define DL2C_TIME_SHARE (10.0 * DL2C_RTOL)
 
 /*
- * Whether in y, at the time `now` of a flow, something has grown past the limit and would double within
- * what that time may be off by. Only a singularity does that: what grows exponentially from the
- * beginning is out of range long before. It is nearer than the solver knows where it is.
+ * Whether at time `now` some variable of y has grown past the limit and would double within the
+ * uncertainty of time. Only a singularity causes that: what grows exponentially from the beginning
+ * leaves the range of numbers long before.
  */
-static inline bool dl2c_bursts(int flow, const real *p, const real *y, real limit, real now)
+static inline bool dl2c_blows_up(int flow, const real *p, const real *y, real limit, real now)
 {
   bool grown = false;
   for (int k = 0; k < NX; k++) grown |= fabs(y[k]) > limit;

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * hull.h -- intervals that hold whatever doubles the same operations compute from doubles inside.
+ * hull.h -- intervals that contain whatever doubles the same operations compute from doubles
+ * inside.
  *
- * Rounding keeps order, so that the operations at the ends enclose those between them and no rounding
- * direction is needed. Functions of libm, which may be a unit off, are widened. Ends are finite; where
- * a value between them may be undefined or infinite both are NaN, for which no condition holds.
- * dl2c_hull_out makes an enclosure of the real values of it. The same operations in the same order as
- * dl2c/flows/hull.py.
+ * Rounding is monotone, so that the operations at the ends enclose those between them and no
+ * rounding mode is needed. Functions of libm, which may be off by one unit, are widened. Ends are
+ * finite; where a value between them may be undefined or infinite both are NaN, for which no
+ * condition holds. dl2c_hull_out turns an interval into an enclosure of the real values. The same
+ * operations in the same order as dl2c/flows/hull.py.
  */
 #ifndef DL2C_HULL_H
 #define DL2C_HULL_H
@@ -97,7 +98,7 @@ static inline dl2c_hull dl2c_hull_sqrt(dl2c_hull a)
   return dl2c_hull_of(sqrt(a.low), sqrt(a.high));
 }
 
-/* What a growing function of libm gives at the ends. */
+/* A monotone function of libm, evaluated at the ends. */
 static inline dl2c_hull dl2c_hull_grown(real low, real high)
 {
   return dl2c_hull_of(low - (fabs(low) * DL2C_LIBM_ERROR + DBL_MIN),

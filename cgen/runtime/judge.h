@@ -5,7 +5,7 @@
 
 #include "move.h"
 
-/* How the step ends each episode, if it does; a predicate's ending goes before all others. */
+/* How the step ends each episode, if it does; the ending of a predicate takes precedence. */
 DL2C_INLINE void dl2c_endings(int64_t count, const dl2c_options *options,
                               const int64_t *restrict steps, const int64_t *restrict stalled,
                               const uint8_t *restrict open, const uint8_t *restrict attempt,

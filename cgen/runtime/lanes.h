@@ -1,17 +1,18 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * lanes.h -- a step of many environments at once, for models whose step draws nothing and has one flow.
+ * lanes.h -- a step of many environments at once, for models whose step draws nothing and has one
+ * flow.
  *
- * Every lane chooses its path and moves along the flow by selection, without branches;
- * lanes that meet something out of the ordinary, as an input that is not admissible, are left to
- * the scalar step, which computes the same bits.
+ * Every lane selects its path and moves along the flow without branches. Lanes with an exception,
+ * such as an input that is not admissible, are left to the scalar step, which computes the same
+ * bits.
  */
 #ifndef DL2C_LANES_H
 #define DL2C_LANES_H
 
 #include "step.h"
 
-/* What the lanes of a block did. */
+/* Decisions and moves of the lanes of a block. */
 typedef struct dl2c_moves {
   int64_t path[DL2C_BLOCK];      /* the path taken, -1 for none */
   uint8_t requested[DL2C_BLOCK]; /* it is the one requested */
@@ -70,8 +71,9 @@ DL2C_INLINE bool dl2c_all_admissible(int path, const real *x, const real *p, con
 }
 
 /*
- * Inputs and assignments of the path that a lane takes, from x into y. False where it is not that
- * simple.   path: -1 for none   inputs: (NINPUT) as requested, which are all that there are
+ * Inputs and assignments of the path that a lane takes, from x into y. False where the scalar step
+ * is needed.
+ *   path: -1 for none   inputs: (NINPUT) as requested, which are all that there are
  */
 DL2C_INLINE bool dl2c_decide_lane(int64_t path, const real *x, const real *p, const real *inputs,
                                   real *y)
@@ -89,7 +91,7 @@ DL2C_INLINE bool dl2c_decide_lane(int64_t path, const real *x, const real *p, co
   return well & dl2c_all_finite(y, NX);
 }
 
-/* What a batch counts of its environments. */
+/* Clocks and counters of the environments of a batch. */
 typedef struct dl2c_clocks {
   real *duration;   /* of the last step */
   real *time;       /* in this episode, shown */
@@ -99,8 +101,9 @@ typedef struct dl2c_clocks {
 } dl2c_clocks;
 
 /*
- * Counts a step of lane i that took so long, if it has moved. An episode stalls where its time stands
- * still: at a Zeno point durations get lost in rounding before they are zero, if they ever are.
+ * Counts a step of lane i of this duration, if it has moved. An episode stalls when its time no
+ * longer advances: at a Zeno point durations are lost in rounding before they are zero, if they
+ * ever are.
  */
 DL2C_INLINE void dl2c_count(const dl2c_clocks *clocks, int64_t i, bool moved, real duration)
 {
@@ -117,8 +120,8 @@ DL2C_INLINE void dl2c_count(const dl2c_clocks *clocks, int64_t i, bool moved, re
 }
 
 /*
- * Assignments and flow of every lane, in place; lanes with something out of the ordinary do not move.
- * Whether they do first as wide as the numbers that decide it (see model_guards).
+ * Assignments and flow of every lane, in place; lanes with an exception do not move. Whether a
+ * lane moves is first computed in words as wide as its numbers (see model_guards).
  *   x: (NX, stride)   p: (NP, stride)   path: (count) -1 for lanes that may not move
  *   inputs: (count, NINPUT)
  */

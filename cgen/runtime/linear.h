@@ -21,8 +21,9 @@ typedef struct dl2c_linear {
 } dl2c_linear;
 
 /*
- * A flow that needs more series than a few is a case for the solver, if there is one. Where that fails
- * too, as it does for fast oscillations, many are allowed: about a second of work for a few variables.
+ * A flow that needs more series than a few is passed to the solver, if there is one. If that fails
+ * too, as it does for fast oscillations, many are allowed: about a second of work for a few
+ * variables.
  */
 enum { DL2C_FEW_SERIES = 10000, DL2C_MANY_SERIES = 2000000 };
 
@@ -72,8 +73,8 @@ static real dl2c_linear_rest(const real (*c)[NX], real h)
 }
 
 /*
- * The next track, as long as a series of degree 12 gives every digit. False: not a finite one, or there
- * were too many; then `steps` is more than `most`.
+ * The next track, as long as a series of degree 12 gives every digit. False: it is not finite, or
+ * there were too many series; then `steps` is more than `most`.
  */
 static bool dl2c_linear_step(dl2c_linear *linear, int flow, const real *p, dl2c_track *track)
 {

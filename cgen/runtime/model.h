@@ -13,7 +13,7 @@
  *          DL2C_JOINT_INPUTS, DL2C_DECIDES_IN_LANES, DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD,
  *          DL2C_LOOKS_DEEP, DL2C_WATCHES_ALL, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
- *   #define DL2C_FLOWS_IN_LANES 1                steps follow that flow abreast, of lanes that need more or less of it
+ *   #define DL2C_FLOWS_IN_LANES 1                steps integrate that flow in an active set of lanes
  *   #define DL2C_MONITORED 1                     steps are judged by the model's monitor
  *   typedef float dl2c_obs;                      one observation entry, or double
  *   static const dl2c_path PATHS[];              all paths, grouped by point
@@ -46,7 +46,7 @@
  *   int model_solution(int flow, x, p, real (*c)[13])            by powers of the time; kernels QUICK, SOLUTION
  *   bool model_inside(int flow, y, p)                            whether a flow may end in y
  *   bool model_begin(int flow, x, p, real *horizon)              how long it may last; false: undefined
- *   void model_snap(int flow, x, p, real end, sign, real *y)   clocks and bounds that were met
+ *   void model_snap(int flow, x, p, real end, sign, real *y)     clocks and bounds that were met
  *   real model_margin(int flow, int margin, x, p)                positive inside its atom, as it is written
  *   void model_taylor(int flow, const dl2c_taylor *z, x, p, dl2c_taylor *g)   all margins where x moves like z
  *   bool model_condition(int flow, int formula, const int8_t *sign)  formulas over signs of margins
@@ -54,8 +54,8 @@
  *   void model_lie(int flow, x, p, real *lie)                    (3, NMARGIN) of margins; the same kernels
  *   void model_freeze(int flow, x, real *p)                      what does not change along a flow from x, from p[NP] on
  *   void model_invariants(int flow, y, p, real *off, real (*by)[NX])   what it conserves; kernels LINEAR, NUMERIC, DOPRI
- *   bool model_keeps_watches(int flow, x, p, real duration, y)           it plainly changes no watch
- *   bool model_event_free(int flow, const dl2c_hull *z, x, p, bool bounded, watch)   no event where x is inside z
+ *   bool model_keeps_watches(int flow, x, p, real duration, y)   it is proved to change no watch
+ *   bool model_event_free(int flow, const dl2c_hull *z, x, p, bool bounded, watch)   no event inside z
  *   void model_rates(int flow, x, p, real *dx)                   the right-hand sides of its ODE
  *   bool model_moves(int flow, int variable)                     whether they name it; where a flow is of kernel DOPRI
  *   void model_roots(int flow, x, p, real *g, real *dg)          margins of its domain, their Lie derivatives
@@ -117,7 +117,7 @@ typedef enum dl2c_motion {
   DL2C_UNDEFINED = 1, /* a value is undefined or too large */
   DL2C_OUTSIDE = 2,   /* rounding put the end point outside the domain */
   DL2C_UNSOLVED = 3,  /* the solver failed */
-  DL2C_DOUBTFUL = 4,  /* rounding may decide where it ends: that takes a closer look */
+  DL2C_DOUBTFUL = 4,  /* rounding may decide where it ends: search for the end */
 } dl2c_motion;
 
 /* How a flow is followed. */
@@ -137,8 +137,9 @@ typedef enum dl2c_watched {
 } dl2c_watched;
 
 /*
- * A margin of degree 0 to 2 over a stretch of time: its Bernstein coefficients, which enclose it. The
- * operations of dl2c_curve_of in their order, so that these are the coefficients of its curve.
+ * A margin of degree 0 to 2 over an interval of time: its Bernstein coefficients, which enclose
+ * it. The same operations in the same order as dl2c_curve_of, so that these are the coefficients
+ * of its curve.
  */
 typedef struct dl2c_span {
   real b0, b1, b2;
@@ -156,7 +157,7 @@ static inline dl2c_span dl2c_parabola(real c0, real c1, real c2, real length)
   return (dl2c_span){c0, middle, c2 * (length * length) + half + middle};
 }
 
-/* Whether the margin plainly keeps to its condition: >= 0, > 0, != 0, = 0. */
+/* Whether the coefficients prove that the margin stays >= 0, > 0, != 0, = 0. */
 static inline bool dl2c_stays_nonnegative(dl2c_span s) { return (s.b0 >= 0.0) & (s.b1 >= 0.0) & (s.b2 >= 0.0); }
 static inline bool dl2c_stays_positive(dl2c_span s) { return (s.b0 > 0.0) & (s.b1 > 0.0) & (s.b2 > 0.0); }
 static inline bool dl2c_stays_nonzero(dl2c_span s)
@@ -171,7 +172,7 @@ typedef enum dl2c_end {
   DL2C_TRUNCATE = 2,
 } dl2c_end;
 
-/* Environments that are moved and judged together: what they need fits the first cache. */
+/* Environments that are moved and judged together: their data fit into the first-level cache. */
 enum { DL2C_BLOCK = 64 };
 
 /* What the annotated predicates say of the states of a block. */

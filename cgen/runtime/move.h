@@ -57,7 +57,7 @@ static inline dl2c_clocks dl2c_clocks_of(const dl2c_batch *b, int64_t first)
                        b->steps + first, b->stalled + first};
 }
 
-/* Shows what the lanes of a block decided. */
+/* Writes the decisions of the lanes of a block to the results. */
 DL2C_INLINE void dl2c_show_moves(dl2c_batch *b, int64_t first, int64_t count,
                                  const dl2c_moves *moves)
 {
@@ -73,7 +73,7 @@ DL2C_INLINE void dl2c_show_moves(dl2c_batch *b, int64_t first, int64_t count,
            sizeof(real) * (size_t)(count * NINPUT));
 }
 
-/* Shows what a run of environment i decided. */
+/* Writes the decisions of a run of environment i to the results. */
 static void dl2c_show_run(dl2c_batch *b, int64_t i, const dl2c_trial *run)
 {
   for (int c = 0; c < NCHOICE; c++)
@@ -109,7 +109,7 @@ static inline dl2c_request dl2c_request_of(const dl2c_batch *b, int64_t i, const
   };
 }
 
-/* Takes over what a run of environment i came to, or where it stands if there was none. */
+/* Takes over the final state of a run of environment i, or its present state if there was none. */
 static dl2c_attempt dl2c_record(dl2c_batch *b, int64_t i, const dl2c_trial *run, bool moved,
                                 uint8_t *watch)
 {
@@ -152,7 +152,9 @@ static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch, int32
 }
 
 #if DL2C_FLOWS_IN_LANES
-/* The control of environment i, up to its flow from run->x. False where it is not that simple. */
+/*
+ * The control of environment i, up to its flow from run->x. False where the scalar step is needed.
+ */
 static bool dl2c_decide_one(const dl2c_batch *b, int64_t i, dl2c_trial *run, real *p)
 {
   uint8_t enabled[NPATH];
@@ -170,8 +172,8 @@ static bool dl2c_decide_one(const dl2c_batch *b, int64_t i, dl2c_trial *run, rea
 }
 
 /*
- * Moves environments of a block abreast, and notes which have moved: those whose control is plain,
- * and what `path` says of it, decide in lanes, the others one by one.
+ * Integrates the flow of a block in the active set, and notes which lanes have moved. Control is
+ * executed in lanes where `path` gives a path, else one by one.
  */
 DL2C_INLINE void dl2c_move_active(dl2c_batch *b, int64_t first, int64_t count, const int64_t *path,
                                  const uint8_t *waited, uint8_t *moved, uint8_t *watch)
@@ -224,7 +226,9 @@ DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
   }
 }
 
-/* Steps after which a block tries again to follow its flows abreast, and the part that has to succeed. */
+/*
+ * Steps after which a block tries the active set again, and the fraction that has to succeed: 1/4.
+ */
 enum { DL2C_SCALAR_STEPS = 15, DL2C_WORTHWHILE = 4 };
 
 /* Moves some lanes of a block, `first` to `first + count`, which are in the scratch from `lane` on. */

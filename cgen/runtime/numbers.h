@@ -27,7 +27,7 @@ typedef double real;
 #define DL2C_UNROLL
 #endif
 
-/* For loops over lanes each of which has its own places in memory. */
+/* For loops over lanes whose iterations do not access each other's memory. */
 #if defined(__clang__)
 #define DL2C_ALIAS_FREE _Pragma("clang loop vectorize(assume_safety)")
 #pragma clang diagnostic ignored "-Wpass-failed"
@@ -82,7 +82,7 @@ static inline int32_t dl2c_pick(int32_t condition, int32_t a, int32_t b)
   return b ^ ((a ^ b) & -condition);
 }
 
-/* The first place from i on where a flag is set, `count` for none: eight at a time where few are. */
+/* The first index from i on where a flag is set, `count` for none. Tests eight flags at a time. */
 static inline int64_t dl2c_next(const uint8_t *flags, int64_t i, int64_t count)
 {
   uint64_t word = 0;
@@ -162,7 +162,7 @@ static inline double dl2c_observe_double(real a, double low, double high, int32_
   return raised > high ? high : raised;
 }
 
-/* Steps between two doubles by number; they may be further apart than an int64_t reaches. */
+/* The distance of two doubles by number; it may exceed the range of int64_t. */
 static inline uint64_t dl2c_distance(int64_t a, int64_t b)
 {
   return a > b ? (uint64_t)a - (uint64_t)b : (uint64_t)b - (uint64_t)a;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * numeric.h -- flows that are followed track by track: a solution in closed form, power series, the
- * solver, or dopri5.h.
+ * numeric.h -- flows that are followed track by track: by a solution in closed form, power series,
+ * the solver, or dopri5.h.
  */
 #ifndef DL2C_NUMERIC_H
 #define DL2C_NUMERIC_H
@@ -41,8 +41,8 @@ static bool dl2c_solution_track(int flow, const real *x, const real *p, real sto
   return dl2c_all_finite(track->end, NX);
 }
 
-/* What makes the tracks of a flow. */
-typedef struct dl2c_motor {
+/* The source of the tracks of a flow. */
+typedef struct dl2c_integrator {
   int flow;
   uint8_t kernel; /* that of the flow, or NUMERIC where its series are too many */
   int32_t series; /* how many there may be */
@@ -57,85 +57,90 @@ typedef struct dl2c_motor {
     dl2c_dopri dopri; /* for flows of kernel DOPRI */
 #endif
   };
-} dl2c_motor;
+} dl2c_integrator;
 
-static bool dl2c_motor_start(dl2c_motor *motor, const real *x, real stop)
+static bool dl2c_integrator_start(dl2c_integrator *integrator, const real *x, real stop)
 {
 #if DL2C_SOLVED_FLOWS
-  if (motor->kernel == DL2C_NUMERIC) {
-    const bool stiffly = FLOW_KERNEL[motor->flow] == DL2C_LINEAR;
-    return dl2c_solver_begin(motor->solver, motor->flow, x, motor->p, stop, stiffly);
+  if (integrator->kernel == DL2C_NUMERIC) {
+    const bool stiffly = FLOW_KERNEL[integrator->flow] == DL2C_LINEAR;
+    return dl2c_solver_begin(integrator->solver, integrator->flow, x, integrator->p, stop, stiffly);
   }
 #endif
 #if DL2C_DOPRI_FLOWS
-  if (motor->kernel == DL2C_DOPRI)
-    return dl2c_dopri_start(&motor->dopri, motor->flow, x, motor->p, stop);
+  if (integrator->kernel == DL2C_DOPRI)
+    return dl2c_dopri_start(&integrator->dopri, integrator->flow, x, integrator->p, stop);
 #endif
-  if (motor->kernel < DL2C_LINEAR) {
-    motor->solution = (dl2c_solution){.x = x, .stop = stop};
+  if (integrator->kernel < DL2C_LINEAR) {
+    integrator->solution = (dl2c_solution){.x = x, .stop = stop};
     return true;
   }
 #if DL2C_LINEAR_FLOWS
-  dl2c_linear_start(&motor->linear, motor->flow, x, motor->p, stop, motor->series);
+  dl2c_linear_start(&integrator->linear, integrator->flow, x, integrator->p, stop, integrator->series);
 #endif
   return true;
 }
 
-static bool dl2c_motor_step(dl2c_motor *motor, dl2c_track *track)
+static bool dl2c_integrator_step(dl2c_integrator *integrator, dl2c_track *track)
 {
 #if DL2C_SOLVED_FLOWS
-  if (motor->kernel == DL2C_NUMERIC) return dl2c_solver_step(motor->solver, track);
+  if (integrator->kernel == DL2C_NUMERIC) return dl2c_solver_step(integrator->solver, track);
 #endif
 #if DL2C_DOPRI_FLOWS
-  if (motor->kernel == DL2C_DOPRI)
-    return dl2c_dopri_step(&motor->dopri, motor->flow, motor->p, track);
+  if (integrator->kernel == DL2C_DOPRI)
+    return dl2c_dopri_step(&integrator->dopri, integrator->flow, integrator->p, track);
 #endif
 #if DL2C_LINEAR_FLOWS
-  if (motor->kernel == DL2C_LINEAR)
-    return dl2c_linear_step(&motor->linear, motor->flow, motor->p, track);
+  if (integrator->kernel == DL2C_LINEAR)
+    return dl2c_linear_step(&integrator->linear, integrator->flow, integrator->p, track);
 #endif
-  motor->solution.done = true;
-  return dl2c_solution_track(motor->flow, motor->solution.x, motor->p, motor->solution.stop, track);
+  integrator->solution.done = true;
+  return dl2c_solution_track(integrator->flow, integrator->solution.x, integrator->p, integrator->solution.stop, track);
 }
 
-static bool dl2c_motor_done(const dl2c_motor *motor)
+static bool dl2c_integrator_done(const dl2c_integrator *integrator)
 {
 #if DL2C_SOLVED_FLOWS
-  if (motor->kernel == DL2C_NUMERIC) return dl2c_solver_done(motor->solver);
+  if (integrator->kernel == DL2C_NUMERIC) return dl2c_solver_done(integrator->solver);
 #endif
 #if DL2C_DOPRI_FLOWS
-  if (motor->kernel == DL2C_DOPRI) return dl2c_dopri_done(&motor->dopri);
+  if (integrator->kernel == DL2C_DOPRI) return dl2c_dopri_done(&integrator->dopri);
 #endif
 #if DL2C_LINEAR_FLOWS
-  if (motor->kernel == DL2C_LINEAR) return dl2c_linear_done(&motor->linear);
+  if (integrator->kernel == DL2C_LINEAR) return dl2c_linear_done(&integrator->linear);
 #endif
-  return motor->solution.done;
+  return integrator->solution.done;
 }
 
-/* Whether a solver's motion has come to where it is unknown (see dl2c_bursts).   limit: dl2c_growth_limit */
-static bool dl2c_lost(const dl2c_motor *motor, const dl2c_track *track, real limit)
+/*
+ * Whether a solver has come too close to a singularity (see dl2c_blows_up).   limit:
+ * dl2c_growth_limit
+ */
+static bool dl2c_lost(const dl2c_integrator *integrator, const dl2c_track *track, real limit)
 {
 #if DL2C_SOLVED_FLOWS || DL2C_DOPRI_FLOWS
-  if (motor->kernel > DL2C_LINEAR)
-    return dl2c_bursts(motor->flow, motor->p, track->end, limit, track->from + track->length);
+  if (integrator->kernel > DL2C_LINEAR)
+    return dl2c_blows_up(integrator->flow, integrator->p, track->end, limit, track->from + track->length);
 #endif
-  (void)motor, (void)track, (void)limit;
+  (void)integrator, (void)track, (void)limit;
   return false;
 }
 
-/* A track that stays in x, for what is watched where a flow has no time. */
-static void dl2c_rest(const real *x, dl2c_track *track)
+/* A track that stays at x, for what is watched where a flow takes no time. */
+static void dl2c_constant_track(const real *x, dl2c_track *track)
 {
   *track = (dl2c_track){.from = 0.0};
   for (int k = 0; k < NX; k++) track->c[k][0] = track->end[k] = x[k];
 }
 
 /*
- * A retreat steps back each time four times as far: at most by this part of a track, or to where
- * rounding last told all margins from zero.
+ * A retreat steps back four times as far each time: by at most this part of a track, or to where
+ * all margins last had certain signs.
  */
 #define DL2C_FARTHEST_BACK 0x1p-12
-/* One that went further than this is halved until it is known as well as this. */
+/*
+ * A retreat that went further than this is refined by bisection until it is known as well as this.
+ */
 #define DL2C_RETREAT_FINE 0x1p-40
 
 /* Whether the state at a place of a track, its invariants met, is inside the domain. */
@@ -169,8 +174,8 @@ static bool dl2c_back(const dl2c_stretch *stretch, real place, real *y, real *du
 }
 
 /*
- * Rounding told no margin from zero all along, and no place near the end is inside the domain: steps
- * towards the start of the flow, which is inside.
+ * No margin has a certain sign, and no place near the end is inside the domain: steps towards the
+ * start of the flow, which is inside.
  */
 static void dl2c_back_to_start(const dl2c_stretch *stretch, real place, real *y, real *duration)
 {
@@ -204,8 +209,8 @@ static dl2c_motion dl2c_arrive(const dl2c_stretch *stretch, real place, bool set
   return DL2C_ARRIVED;
 }
 
-/* One flow that is followed, and how it ended. */
-typedef struct dl2c_pursuit {
+/* One flow to follow, and its result. */
+typedef struct dl2c_integration {
   const real *x;  /* (NX) where it begins */
   real cap;       /* how long it may last at most, */
   real reach;     /* and how long instead of its horizon, 0 for no longer */
@@ -213,86 +218,86 @@ typedef struct dl2c_pursuit {
   real *y;        /* (NX) out: where it ends, */
   real duration;  /* out: when, */
   bool ended;     /* out: and whether its domain ended it */
-} dl2c_pursuit;
+} dl2c_integration;
 
-/* Follows a flow with one motor. */
-static dl2c_motion dl2c_pursue_with(dl2c_motor *motor, dl2c_pursuit *pursuit)
+/* Follows a flow with one source of tracks. */
+static dl2c_motion dl2c_integrate_with(dl2c_integrator *integrator, dl2c_integration *task)
 {
-  const int flow = motor->flow;
-  const real *x = pursuit->x;
-  const real *p = motor->p;
+  const int flow = integrator->flow;
+  const real *x = task->x;
+  const real *p = integrator->p;
   real horizon;
   dl2c_track track;
   int8_t sign[NMARGIN];
   real place = 1.0;
-  memcpy(pursuit->y, x, sizeof(real) * NX);
-  pursuit->duration = 0.0;
-  pursuit->ended = false;
+  memcpy(task->y, x, sizeof(real) * NX);
+  task->duration = 0.0;
+  task->ended = false;
   if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
-  if (pursuit->reach > 0.0) horizon = pursuit->reach;
-  const real stop = horizon < pursuit->cap ? horizon : pursuit->cap;
+  if (task->reach > 0.0) horizon = task->reach;
+  const real stop = horizon < task->cap ? horizon : task->cap;
   dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .track = &track};
   if (!(stop > 0.0)) {
-    dl2c_rest(x, &track);
-    (void)dl2c_look_along(&stretch, false, pursuit->watch, &place, sign);
+    dl2c_constant_track(x, &track);
+    (void)dl2c_search_track(&stretch, false, task->watch, &place, sign);
     return DL2C_ARRIVED;
   }
-  if (!dl2c_motor_start(motor, x, stop)) return DL2C_UNSOLVED;
+  if (!dl2c_integrator_start(integrator, x, stop)) return DL2C_UNSOLVED;
   const real grown = dl2c_growth_limit(x);
   dl2c_halt halt = DL2C_NO_HALT;
   do {
-    if (!dl2c_motor_step(motor, &track) || dl2c_lost(motor, &track, grown))
+    if (!dl2c_integrator_step(integrator, &track) || dl2c_lost(integrator, &track, grown))
       return FLOW_KERNEL[flow] < DL2C_LINEAR ? DL2C_UNDEFINED : DL2C_UNSOLVED;
-    halt = dl2c_look_along(&stretch, true, pursuit->watch, &place, sign);
-  } while (halt == DL2C_NO_HALT && !dl2c_motor_done(motor));
+    halt = dl2c_search_track(&stretch, true, task->watch, &place, sign);
+  } while (halt == DL2C_NO_HALT && !dl2c_integrator_done(integrator));
   if (halt == DL2C_GIVES_UP) return DL2C_UNDEFINED;
   if (halt == DL2C_NO_HALT) place = 1.0;
-  pursuit->ended = halt == DL2C_LEAVES;
+  task->ended = halt == DL2C_LEAVES;
   const real time = halt == DL2C_NO_HALT ? stop : dl2c_time_at(&track, place);
-  return dl2c_arrive(&stretch, place, halt != DL2C_CUT, time, sign, pursuit->y, &pursuit->duration);
+  return dl2c_arrive(&stretch, place, halt != DL2C_CUT, time, sign, task->y, &task->duration);
 }
 
 /*
- * Follows a flow, with another motor where one fails: series that are too many are a sign of
- * stiffness, and the flow begins anew with the solver; where that fails too, with many series.
+ * Follows a flow, with another source of tracks where one fails: needing too many series is a sign
+ * of stiffness, and the flow begins anew with the solver; where that fails too, with many series.
  */
-static dl2c_motion dl2c_pursue_stiff(dl2c_motor *motor, dl2c_pursuit *pursuit)
+static dl2c_motion dl2c_integrate_stiff(dl2c_integrator *integrator, dl2c_integration *task)
 {
-  motor->kernel = FLOW_KERNEL[motor->flow];
+  integrator->kernel = FLOW_KERNEL[integrator->flow];
 #if DL2C_LINEAR_FLOWS
-  motor->series = DL2C_MANY_SERIES;
+  integrator->series = DL2C_MANY_SERIES;
 #endif
 #if DL2C_SOLVED_FLOWS && DL2C_LINEAR_FLOWS
-  if (motor->kernel == DL2C_LINEAR) {
+  if (integrator->kernel == DL2C_LINEAR) {
     uint8_t before[NWATCH + 1];
-    memcpy(before, pursuit->watch, NWATCH);
-    motor->series = DL2C_FEW_SERIES;
-    dl2c_motion motion = dl2c_pursue_with(motor, pursuit);
-    if (motion != DL2C_UNSOLVED || motor->linear.steps <= motor->series) return motion;
-    memcpy(pursuit->watch, before, NWATCH);
-    motor->kernel = DL2C_NUMERIC;
-    motion = dl2c_pursue_with(motor, pursuit);
+    memcpy(before, task->watch, NWATCH);
+    integrator->series = DL2C_FEW_SERIES;
+    dl2c_motion motion = dl2c_integrate_with(integrator, task);
+    if (motion != DL2C_UNSOLVED || integrator->linear.steps <= integrator->series) return motion;
+    memcpy(task->watch, before, NWATCH);
+    integrator->kernel = DL2C_NUMERIC;
+    motion = dl2c_integrate_with(integrator, task);
     if (motion != DL2C_UNSOLVED) return motion;
-    memcpy(pursuit->watch, before, NWATCH);
-    motor->kernel = DL2C_LINEAR;
-    motor->series = DL2C_MANY_SERIES;
+    memcpy(task->watch, before, NWATCH);
+    integrator->kernel = DL2C_LINEAR;
+    integrator->series = DL2C_MANY_SERIES;
   }
 #endif
-  return dl2c_pursue_with(motor, pursuit);
+  return dl2c_integrate_with(integrator, task);
 }
 
 /* Follows a flow; where rounding put its end outside the domain it ends a little earlier. */
-static dl2c_motion dl2c_pursue(dl2c_motor *motor, dl2c_pursuit *pursuit)
+static dl2c_motion dl2c_integrate(dl2c_integrator *integrator, dl2c_integration *task)
 {
-  const dl2c_motion motion = dl2c_pursue_stiff(motor, pursuit);
+  const dl2c_motion motion = dl2c_integrate_stiff(integrator, task);
   if (motion != DL2C_OUTSIDE) return motion;
   uint8_t closed[NWATCH + 1];
-  dl2c_pursuit earlier = *pursuit;
-  earlier.cap = pursuit->duration - pursuit->duration * DL2C_RETREAT_FINE;
+  dl2c_integration earlier = *task;
+  earlier.cap = task->duration - task->duration * DL2C_RETREAT_FINE;
   earlier.watch = closed;
   memset(closed, DL2C_MET, sizeof closed);
-  const dl2c_motion again = dl2c_pursue_stiff(motor, &earlier);
-  pursuit->duration = earlier.duration;
+  const dl2c_motion again = dl2c_integrate_stiff(integrator, &earlier);
+  task->duration = earlier.duration;
   return again == DL2C_OUTSIDE ? DL2C_UNDEFINED : again;
 }
 
@@ -303,22 +308,22 @@ static dl2c_motion dl2c_flow_tracks(int flow, dl2c_travel *travel, real *y)
   uint8_t closed[NWATCH + 1];
   memcpy(x, y, sizeof x);
   memset(closed, DL2C_MET, sizeof closed);
-  dl2c_motor motor;
-  motor.flow = flow;
-  motor.p = travel->p;
-  motor.solver = travel->solver;
-  dl2c_pursuit pursuit = {
+  dl2c_integrator integrator;
+  integrator.flow = flow;
+  integrator.p = travel->p;
+  integrator.solver = travel->solver;
+  dl2c_integration task = {
       .x = x, .cap = (real)INFINITY, .reach = FLOW_REACH[flow], .watch = closed, .y = y};
-  if (pursuit.reach > 0.0 && (dl2c_pursue(&motor, &pursuit) != DL2C_ARRIVED || !pursuit.ended))
-    pursuit.reach = 0.0;
+  if (task.reach > 0.0 && (dl2c_integrate(&integrator, &task) != DL2C_ARRIVED || !task.ended))
+    task.reach = 0.0;
   if (travel->part < 1.0) {
-    const dl2c_motion longest = dl2c_pursue(&motor, &pursuit);
+    const dl2c_motion longest = dl2c_integrate(&integrator, &task);
     if (longest != DL2C_ARRIVED) return longest;
-    pursuit.cap = pursuit.duration * travel->part;
+    task.cap = task.duration * travel->part;
   }
-  pursuit.watch = travel->watch;
-  const dl2c_motion motion = dl2c_pursue(&motor, &pursuit);
-  travel->duration = pursuit.duration;
+  task.watch = travel->watch;
+  const dl2c_motion motion = dl2c_integrate(&integrator, &task);
+  travel->duration = task.duration;
   return motion;
 }
 

@@ -20,7 +20,7 @@ typedef struct dl2c_track {
   real end[NX];
 } dl2c_track;
 
-/* How far rounding takes a value of a track, relative to the sum of its terms. */
+/* The rounding error of a value of a track, relative to the sum of its terms. */
 #define DL2C_TRACK_ROUNDING 0x1p-46
 
 /* The state along a track, s in [0,1].   x: (NX) */
@@ -37,7 +37,10 @@ static void dl2c_track_at(const dl2c_track *track, real s, real *x)
   }
 }
 
-/* What one variable stays in: s^i is between 0 and 1, and rounding adds little.   c: (degree + 1) */
+/*
+ * An interval that contains one variable: s^i is between 0 and 1, and rounding adds little.   c:
+ * (degree + 1)
+ */
 DL2C_INLINE dl2c_hull dl2c_terms_hull(const real *c, int degree, real end)
 {
   real down = 0.0;
@@ -51,7 +54,7 @@ DL2C_INLINE dl2c_hull dl2c_terms_hull(const real *c, int degree, real end)
   return dl2c_hull_of(dl2c_min(c[0] + down - rounding, end), dl2c_max(c[0] + up + rounding, end));
 }
 
-/* What a track stays in.   x: (NX) */
+/* Intervals that contain the state along a track.   x: (NX) */
 static inline void dl2c_track_hull(const dl2c_track *track, dl2c_hull *x)
 {
   for (int k = 0; k < NX; k++) x[k] = dl2c_terms_hull(track->c[k], track->degree, track->end[k]);

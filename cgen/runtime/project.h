@@ -5,12 +5,12 @@
 
 #include "model.h"
 
-/* A gradient of which less is left than this part counts as a combination of those before it. */
+/* A gradient of which less than this part is left counts as a combination of those before it. */
 #define DL2C_DEPENDENT 0x1p-20
 
 /*
- * The part of a gradient that is orthogonal to the first `count` of `axes`, which are each other's.
- * Returns its square, 0 where nothing is left.   rest: (NX)
+ * The part of a gradient that is orthogonal to the first `count` of `axes`, which are orthogonal
+ * to each other. Returns its square, 0 where nothing is left.   rest: (NX)
  */
 static inline real dl2c_orthogonal(const real *gradient, const real (*axes)[NX],
                                    const real *squares, int count, real *rest)

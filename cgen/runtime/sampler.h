@@ -2,9 +2,10 @@
 /*
  * sampler.h -- initial states: a box by its share, a uniform point in it, then the precondition.
  *
- * Names that have nothing to do with each other are blocks, and drawn apart. Where equalities bend
- * the set of initial states, a box belongs to a chart of it, which says what the drawn numbers
- * are; a point is kept with a probability by the part of the set that it stands for.
+ * Names that no condition connects are in different blocks, which are drawn independently. Where
+ * equalities make the set of initial states a manifold, a box belongs to a chart of it, which says
+ * what the drawn numbers are; a point is kept with a probability proportional to the part of the
+ * set that it stands for.
  */
 #ifndef DL2C_SAMPLER_H
 #define DL2C_SAMPLER_H
@@ -24,7 +25,7 @@ static inline bool dl2c_draw(dl2c_rng *rng, int block, real *drawn, int *of_char
     const real place = dl2c_rng_unit(rng) * (real)count;
     box += (int)place;
     const bool other = place - (real)(int)place >= SAMPLE_SHARE[box];
-    box = dl2c_pick(other, SAMPLE_ALIAS[box], box); /* no branch: which one is hard to predict */
+    box = dl2c_pick(other, SAMPLE_ALIAS[box], box); /* no branch: the processor cannot predict it */
   }
   const int chart = *of_chart = SAMPLE_CHART[NCHART > 1 ? box : 0];
   for (int k = 0; k < SAMPLE_FREE[chart]; k++)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT-0 */
-/* snapshot.h -- all that an environment keeps between steps, to go on from there again. */
+/* snapshot.h -- everything that an environment keeps between steps, saved and restored. */
 #ifndef DL2C_SNAPSHOT_H
 #define DL2C_SNAPSHOT_H
 
@@ -34,7 +34,7 @@ static void dl2c_keep(const dl2c_batch *b, int64_t i, dl2c_snapshot *kept)
   }
 }
 
-/* Puts environment i where another one, or itself, was, and shows it. */
+/* Restores environment i from the snapshot of itself or another one, and shows it. */
 static void dl2c_return_to(dl2c_batch *b, int64_t i, const dl2c_snapshot *kept)
 {
   b->seed[i] = kept->seed;

@@ -25,15 +25,17 @@ struct dl2c_batch {
   struct dl2c_team *team;     /* threads beside the caller's, NULL for none */
   dl2c_rng *rng;     /* (n) what the environment decides, only where it does */
   dl2c_start *start; /* (n) likewise */
-  uint8_t *scalar_steps;     /* (blocks) steps for which flows are not followed abreast, see dl2c_move_together */
+  uint8_t *scalar_steps;     /*
+   * (blocks) steps before the active set is tried again, see dl2c_move_together
+   */
   uint8_t *seen;     /* (n, NMASK) alternatives of open runs, only where masks look ahead */
 };
 
 #define DL2C_NSTART (POINT_START[1])
 
 /*
- * An odd number of cache lines from row to row: with a power of two the values of one
- * environment would compete for the same few places in the cache.
+ * An odd number of cache lines from row to row: with a power of two the values of one environment
+ * would compete for the same cache sets.
  */
 static int64_t dl2c_stride(int64_t n)
 {
@@ -103,7 +105,7 @@ DL2C_INLINE void dl2c_any_enabled(const dl2c_batch *b, int64_t first, int64_t co
     for (int64_t i = 0; i < count; i++) some[i] |= enabled[k * stride + i];
 }
 
-/* The mask of an environment that looked ahead.   seen, mask: (NMASK) */
+/* The mask of an environment whose masks look ahead.   seen, mask: (NMASK) */
 static inline void dl2c_mask(const uint8_t *seen, bool final, int8_t *mask)
 {
   for (int c = 0; c < NCHOICE; c++) {

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * stretch.h -- what margins do on a stretch of a track: every change of sign is bracketed.
+ * stretch.h -- what margins do on an interval of a track: every change of sign is bracketed.
  *
- * On a stretch each margin, as it is written, has a Taylor model (taylor.h). Where the model keeps
- * away from zero the margin's sign is certain. Where the model is monotone the margin changes its
- * sign at most once, up to the model's error; a change is found by the margin's sign in doubles.
- * Anything else halves the stretch, until the error is that of rounding: then the margin counts as
- * zero there, unless its value in doubles is further on the other side than rounding can take it.
- * So a condition is judged wrongly at most where the term that it is written with is within
- * rounding of its boundary.
+ * On an interval, called stretch here, each margin, as it is written, has a Taylor model
+ * (taylor.h). Where the model excludes zero the margin's sign is certain. Where the model is
+ * monotone the margin changes its sign at most once, up to the model's error; the change is found
+ * by the margin's sign in doubles. Otherwise the stretch is bisected, until the error is that of
+ * rounding: then the margin counts as zero there, unless its value in doubles is further on the
+ * other side than rounding can take it. So a condition is judged wrongly at most where the term
+ * that it is written with is within rounding of its boundary.
  *
  * The same operations in the same order as dl2c/flows/search.py.
  */
@@ -24,20 +24,20 @@ typedef struct dl2c_stretch {
   const real *x, *p;
   const dl2c_track *track;
   real low, width; /* the part, within [0, 1] */
-  real clear;      /* where rounding last told all margins from zero */
-  int32_t looks;   /* how many parts of the track were looked at */
-  bool begun;      /* some part lies behind, */
-  bool known;      /* and so do these signs: */
+  real clear;      /* the last place where all margins had certain signs */
+  int32_t parts;   /* number of stretches examined */
+  bool begun;      /* a stretch was examined before */
+  bool known;      /* and these signs are known: */
   int8_t here[NMARGIN];  /* at its start, */
   int8_t since[NMARGIN]; /* and just after; */
-  bool near[NMARGIN];    /* whether a margin was nearly zero just before */
+  bool near[NMARGIN];    /* whether a margin was within rounding of zero just before */
 } dl2c_stretch;
 
 /* Stretches are not halved below this part of a track. */
 #define DL2C_NARROWEST 0x1p-50
 /* A change of sign is bracketed well enough within this part of a track. */
 #define DL2C_CLOSE 0x1p-44
-/* Events that are at most so far apart, relative to their place, are one. */
+/* Events whose relative distance is at most this are one. */
 #define DL2C_TOGETHER 0x1p-49
 
 /* The time since the flow began at a place of the track. */
@@ -56,8 +56,9 @@ static int dl2c_sign_at(const dl2c_stretch *stretch, int margin, real place)
 }
 
 /*
- * Where margins that are zero in y go, by their Lie derivatives; those within their rounding
- * errors count as zero.   g: (NMARGIN) models of the margins   after: (NMARGIN) changed where it can be told
+ * The signs just after y of margins that are zero there, by their Lie derivatives; those within
+ * their rounding errors count as zero.
+ *   g: (NMARGIN) models of the margins   after: (NMARGIN) changed where it can be told
  */
 static void dl2c_lie_signs(int flow, const real *y, const real *p, const dl2c_taylor *g,
                            const int8_t *at, int8_t *after)
@@ -102,8 +103,9 @@ static void dl2c_solution_signs(const dl2c_stretch *stretch, int8_t *after)
 }
 
 /*
- * Signs where a stretch begins, if what came before does not tell. A flow begins with the very
- * values: a margin that is zero there goes where its derivatives say.   g: (NMARGIN) on the stretch
+ * Signs where a stretch begins, if what came before does not tell. A flow begins with exact
+ * values: a margin that is zero there has the sign of its first derivative that is not.
+ *   g: (NMARGIN) on the stretch
  */
 static void dl2c_begin_signs(dl2c_stretch *stretch, const dl2c_taylor *g)
 {
@@ -121,7 +123,7 @@ static void dl2c_begin_signs(dl2c_stretch *stretch, const dl2c_taylor *g)
   else dl2c_lie_signs(stretch->flow, stretch->x, stretch->p, g, stretch->here, stretch->since);
 }
 
-/* About where the model, which is monotone, is zero: by Newton's method between two signs. */
+/* An approximate zero of a monotone model: Newton's method between two signs. */
 static real dl2c_model_zero(const dl2c_stretch *stretch, const dl2c_taylor *g, int before)
 {
   const real *c = g->c;
@@ -143,9 +145,9 @@ static real dl2c_model_zero(const dl2c_stretch *stretch, const dl2c_taylor *g, i
 }
 
 /*
- * Where a margin, whose model is monotone, leaves the side on which it was: a place where doubles make
- * it zero, if one is met in steps of 1, 2, 4, ... doubles from where the model is zero, else the last
- * double before.
+ * Where a margin, whose model is monotone, leaves the side on which it was: a place where doubles
+ * make it zero, if one is found in steps of 1, 2, 4, ... doubles from the zero of the model, else
+ * the last double before.
  */
 static real dl2c_change(const dl2c_stretch *stretch, int margin, const dl2c_taylor *g, int before)
 {
@@ -174,7 +176,7 @@ static real dl2c_change(const dl2c_stretch *stretch, int margin, const dl2c_tayl
   return dl2c_from_ordinal(near > low ? near : far);
 }
 
-/* Where a model turns round; the middle if it does not. */
+/* The extremum of a model; the middle if it has none. */
 static real dl2c_turn(const dl2c_stretch *stretch, const dl2c_taylor *g)
 {
   const real *c = g->c;
@@ -192,8 +194,8 @@ static real dl2c_turn(const dl2c_stretch *stretch, const dl2c_taylor *g)
 }
 
 /*
- * A crossing at a place of the track, or where another is that rounding does not tell apart from it.
- *   vague: how uncertain the place is
+ * A crossing at a place of the track, or at another one that rounding does not distinguish from
+ * it. vague: how uncertain the place is
  */
 static void dl2c_cross_at(const dl2c_stretch *stretch, int j, real place, real vague, int after,
                           dl2c_events *events)
@@ -209,7 +211,7 @@ static void dl2c_cross_at(const dl2c_stretch *stretch, int j, real place, real v
 /* What is known of a margin at the end of a stretch. */
 typedef struct dl2c_leg {
   int8_t sign;
-  bool near; /* it comes so near to zero that its sign is the one before */
+  bool near; /* it is so near to zero that its sign is that before */
 } dl2c_leg;
 
 /* Notes the sign of a margin over a stretch, as far as it does not change.   turned: it was near zero */
@@ -250,7 +252,7 @@ static int dl2c_sure_sign(const dl2c_stretch *stretch, int margin, real place)
   return (value.low > off) - (value.high < -off);
 }
 
-/* Whether a margin that had a sign surely has the other one at a place of the track. */
+/* Whether a margin that had a sign is certain to have the other one at a place of the track. */
 static bool dl2c_surely_passed(const dl2c_stretch *stretch, int margin, real place, int sign)
 {
   return dl2c_sign_at(stretch, margin, place) == -sign
@@ -275,7 +277,7 @@ static real dl2c_last_of(const dl2c_stretch *stretch, int margin, real from, rea
   return dl2c_from_ordinal(near);
 }
 
-/* A margin comes so near to zero at the end of a stretch that its value there decides. */
+/* A margin is so near to zero at the end of a stretch that its value there decides. */
 static dl2c_leg dl2c_comes_near(const dl2c_stretch *stretch, int j, int sign, dl2c_events *events)
 {
   const real end = stretch->low + stretch->width;
@@ -288,7 +290,7 @@ static dl2c_leg dl2c_comes_near(const dl2c_stretch *stretch, int j, int sign, dl
   return (dl2c_leg){(int8_t)after, false};
 }
 
-/* A margin turns round so near to zero that its value there decides whether it passes it. */
+/* A margin has an extremum so near to zero that its value there decides whether it crosses. */
 static void dl2c_turns_near(const dl2c_stretch *stretch, int j, const dl2c_taylor *g, int sign,
                             dl2c_events *events)
 {
@@ -302,9 +304,9 @@ static void dl2c_turns_near(const dl2c_stretch *stretch, int j, const dl2c_taylo
   dl2c_cross_at(stretch, j, dl2c_last_of(stretch, j, turn, end, -sign), 0.0, sign, events);
 }
 
-/* A margin whose model is monotone; `slope` is the least of it. */
+/* A margin whose model is monotone; `slope` is its least slope. */
 static bool dl2c_monotone_events(const dl2c_stretch *stretch, int j, const dl2c_taylor *g, bool fine,
-                                 real slope, bool turned, dl2c_events *events, dl2c_leg *leg)
+                                 real slope, bool turned, dl2c_events *events, dl2c_leg *ending)
 {
   const real first_value = dl2c_taylor_at(g, -1.0);
   const real last_value = dl2c_taylor_at(g, 1.0);
@@ -314,43 +316,43 @@ static bool dl2c_monotone_events(const dl2c_stretch *stretch, int j, const dl2c_
   const int first = sure_first ? dl2c_sign_of(first_value) : stretch->since[j];
   const int last = sure_last ? dl2c_sign_of(last_value) : 0;
   if (first * last < 0 && !fine && !(g->r * stretch->width <= slope * DL2C_CLOSE)) return false;
-  *leg = dl2c_keeps(stretch, j, first != 0 ? first : last, turned, events);
+  *ending = dl2c_keeps(stretch, j, first != 0 ? first : last, turned, events);
   events->ends[j] = !sure_last;
   if (first * last < 0) {
     const real vague = g->r / slope * stretch->width;
     dl2c_cross_at(stretch, j, dl2c_change(stretch, j, g, first), vague, last, events);
-    leg->sign = (int8_t)last;
+    ending->sign = (int8_t)last;
   }
-  if (first != 0 && !sure_last) *leg = dl2c_comes_near(stretch, j, first, events);
+  if (first != 0 && !sure_last) *ending = dl2c_comes_near(stretch, j, first, events);
   return true;
 }
 
-/* A margin that rounding does not tell from zero all along. */
+/* A margin that is within rounding of zero on the whole stretch. */
 static dl2c_leg dl2c_vague_events(const dl2c_stretch *stretch, int j, const dl2c_taylor *g,
                                   real first_slope, bool turned, dl2c_events *events)
 {
   const real *c = g->c;
   const int came = stretch->since[j];
   const real last_slope = c[1] + 2.0 * c[2] + 3.0 * c[3] + 4.0 * c[4];
-  const dl2c_leg leg = dl2c_keeps(stretch, j, came, turned, events);
+  const dl2c_leg ending = dl2c_keeps(stretch, j, came, turned, events);
   events->ends[j] = true;
   if (came * first_slope < 0.0 && came * last_slope <= 0.0)
     return dl2c_comes_near(stretch, j, came, events);
   if (came != 0 && !(came * first_slope >= 0.0 && came * last_slope > 0.0))
     dl2c_turns_near(stretch, j, g, came, events);
-  return leg;
+  return ending;
 }
 
 /*
- * What a margin does on a stretch. Returns whether that is known; else the stretch should be halved.
- * One without a value counts as zero: conditions that say so stand beside it.
- *   leg: what is known at the end
+ * What a margin does on a stretch. Returns whether that is known; else the stretch should be
+ * bisected. A margin without a value counts as zero: definedness is a condition of its own.
+ * ending: what is known at the end
  */
 static bool dl2c_margin_events(const dl2c_stretch *stretch, int j, const dl2c_taylor *g,
-                               dl2c_events *events, dl2c_leg *leg)
+                               dl2c_events *events, dl2c_leg *ending)
 {
   if ((g->lacks & DL2C_LACKS_VALUE) != 0 || !isfinite(g->c[0])) {
-    *leg = dl2c_keeps(stretch, j, 0, false, events);
+    *ending = dl2c_keeps(stretch, j, 0, false, events);
     return true;
   }
   const real *c = g->c;
@@ -358,19 +360,22 @@ static bool dl2c_margin_events(const dl2c_stretch *stretch, int j, const dl2c_ta
   const bool turned = stretch->near[j] && !(stretch->since[j] * first_slope < 0.0);
   const int always = dl2c_taylor_sign(g);
   if (always != 0) {
-    *leg = dl2c_keeps(stretch, j, always, turned, events);
+    *ending = dl2c_keeps(stretch, j, always, turned, events);
     return true;
   }
   const bool narrow = stretch->width <= DL2C_NARROWEST || g->lacks != 0;
   const bool fine = (isfinite(g->r) && g->r <= DL2C_FINE * g->e) || narrow;
   const real slope = fabs(c[1]) - 2.0 * fabs(c[2]) - 3.0 * fabs(c[3]) - 4.0 * fabs(c[4]);
-  if (slope > 0.0) return dl2c_monotone_events(stretch, j, g, fine, slope, turned, events, leg);
+  if (slope > 0.0) return dl2c_monotone_events(stretch, j, g, fine, slope, turned, events, ending);
   if (!narrow && !(fine && dl2c_taylor_size(g) <= 2.0 * g->r)) return false;
-  *leg = dl2c_vague_events(stretch, j, g, first_slope, turned, events);
+  *ending = dl2c_vague_events(stretch, j, g, first_slope, turned, events);
   return true;
 }
 
-/* What happens on a stretch. False where a margin's model leaves it open, so that it should be halved. */
+/*
+ * The events of a stretch. False where a margin's model does not decide them, so that it should be
+ * bisected.
+ */
 static bool dl2c_stretch_events(dl2c_stretch *stretch, const dl2c_taylor *x, dl2c_events *events)
 {
   const int n = FLOW_MARGINS[stretch->flow];

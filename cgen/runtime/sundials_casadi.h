@@ -65,8 +65,7 @@ enum { DL2C_SUNDIALS_COUNT = sizeof DL2C_SUNDIALS_NAMES / sizeof DL2C_SUNDIALS_N
 _Static_assert(sizeof(dl2c_sundials) == DL2C_SUNDIALS_COUNT * sizeof(void *),
                "functions and data pointers are of one size");
 
-/* The one thing that changes after loading: written once, under the lock, before any solver exists.
- */
+/* The only global variable: written once, under the lock, before any solver exists. */
 static dl2c_sundials dl2c_wheel;
 static bool dl2c_wheel_loaded = false;
 static char dl2c_wheel_path[4096]; /* of a library to be opened when it is needed */
@@ -90,18 +89,18 @@ enum { DL2C_OPENING = RTLD_NOW | RTLD_LOCAL };
 #endif
 
 /* Fills the table from the library at a path; says in `problem` what is wrong with it. */
-static bool dl2c_wheel_open(const char *path, char *problem, size_t room)
+static bool dl2c_wheel_open(const char *path, char *problem, size_t size)
 {
   void *const library = dlopen(path, DL2C_OPENING);
   if (library == NULL) {
-    snprintf(problem, room, "%s", dlerror());
+    snprintf(problem, size, "%s", dlerror());
     return false;
   }
   void *found[DL2C_SUNDIALS_COUNT];
   for (int k = 0; k < DL2C_SUNDIALS_COUNT; k++) {
     found[k] = dlsym(library, DL2C_SUNDIALS_NAMES[k]);
     if (found[k] == NULL) {
-      snprintf(problem, room, "%s has no function %s", path, DL2C_SUNDIALS_NAMES[k]);
+      snprintf(problem, size, "%s has no function %s", path, DL2C_SUNDIALS_NAMES[k]);
       dlclose(library);
       return false;
     }

@@ -2,10 +2,10 @@
 /*
  * target.h -- initial states near random targets.
  *
- * A target is uniform in the box around what is drawn for a chart, admissible or not. The nearest
- * of a few states drawn as ever is the start; then it moves to admissible points that are nearer:
- * sometimes along one axis, part of the way to the target, else anywhere in a cube that grows
- * when that succeeds and shrinks when it fails. Distances are relative to the box.
+ * A target is uniform in the box around what is drawn for a chart, admissible or not. The search
+ * starts from the nearest of a few states drawn as usual; then it moves to admissible points that
+ * are nearer: sometimes along one axis, part of the way to the target, else anywhere in a cube
+ * that grows on success and shrinks on failure. Distances are relative to the box.
  */
 #ifndef DL2C_TARGET_H
 #define DL2C_TARGET_H

@@ -51,7 +51,7 @@ static inline dl2c_taylor dl2c_taylor_number(real a)
   return t;
 }
 
-/* How far the polynomial goes from its middle; with the middle, how large it is; where it is at u. */
+/* The radius of the polynomial about its middle; its size with the middle; its value at u. */
 static inline real dl2c_taylor_spread(const dl2c_taylor *a)
 {
   return fabs(a->c[1]) + fabs(a->c[2]) + fabs(a->c[3]) + fabs(a->c[4]);
@@ -223,7 +223,7 @@ static inline dl2c_taylor dl2c_taylor_compose(const dl2c_taylor *a, const real *
   return t;
 }
 
-/* Known by its hull alone. */
+/* A model of which only the hull is known. */
 static inline dl2c_taylor dl2c_taylor_unknown(int32_t lacks, dl2c_hull hull)
 {
   dl2c_taylor t = {.r = (real)INFINITY, .e = (real)INFINITY, .lacks = lacks};
@@ -232,7 +232,7 @@ static inline dl2c_taylor dl2c_taylor_unknown(int32_t lacks, dl2c_hull hull)
 }
 
 /*
- * What a function of a model lacks that does not have a value for all numbers near it. `some`: it may
+ * The flag of a function that does not have a value for all numbers near a model's. `some`: it may
  * have one on the stretch.
  */
 static inline int32_t dl2c_taylor_lacks(const dl2c_taylor *a, bool some)
@@ -241,10 +241,10 @@ static inline int32_t dl2c_taylor_lacks(const dl2c_taylor *a, bool some)
   return a->lacks | (rounding ? DL2C_LACKS_DIGITS : 0) | (some ? 0 : DL2C_LACKS_VALUE);
 }
 
-/* How large q^5 / (1 - q) is: the rest of a geometric series, 0 <= q < 1. */
+/* q^5 / (1 - q): the remainder of a geometric series, 0 <= q < 1. */
 static inline real dl2c_geometric_rest(real q) { return q * q * q * q * q / (1.0 - q); }
 
-/* The sign that a quantity has all along; 0 if it may have several. */
+/* The sign of a quantity on the whole stretch; 0 if it may have several. */
 static inline int dl2c_taylor_sign(const dl2c_taylor *a)
 {
   if (a->hull.low > 0.0) return 1;

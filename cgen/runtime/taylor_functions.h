@@ -142,10 +142,10 @@ static inline dl2c_taylor dl2c_taylor_arcsin(const dl2c_taylor *a)
   const real middle = a->c[0];
   const real far = fabs(middle) + d;
   if (!(far < 0.999999)) return dl2c_taylor_unknown(lacks, hull);
-  const real room = (1.0 - far) * (1.0 + far);
+  const real complement = (1.0 - far) * (1.0 + far);
   const real slope = 1.0 / sqrt((1.0 - middle) * (1.0 + middle));
   const real f[] = {asin(middle), slope, 0.5 * middle * (slope * slope * slope), 0.0, 0.0};
-  const real rest = d * d * d * (1.0 + 2.0 * (far * far)) / (5.9 * (room * room * sqrt(room)));
+  const real rest = d * d * d * (1.0 + 2.0 * (far * far)) / (5.9 * (complement * complement * sqrt(complement)));
   return dl2c_taylor_compose(a, f, rest, 8.0 * DL2C_SLOP * (1.0 + slope * d), hull);
 }
 

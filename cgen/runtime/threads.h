@@ -2,9 +2,9 @@
 /*
  * threads.h -- the blocks of a batch, shared among threads.
  *
- * Environments do not touch each other, so results do not depend on who steps which. Threads take
+ * Environments are independent, so results do not depend on which thread steps which. Threads take
  * blocks in order until none is left. Each sees the batch through a copy of its own, which differs
- * in the solver alone. -DDL2C_NO_THREADS leaves the caller's thread only, for systems without
+ * in the solver alone. -DDL2C_NO_THREADS leaves only the caller's thread, for systems without
  * others.
  */
 #ifndef DL2C_THREADS_H
@@ -40,7 +40,10 @@ DL2C_INLINE dl2c_status dl2c_do_block(dl2c_batch *b, int64_t block, dl2c_work wo
   return work(b, first, rest < DL2C_BLOCK ? rest : DL2C_BLOCK, order);
 }
 
-/* All blocks in order, up to the first that fails. What a monitor objects to stops nothing. */
+/*
+ * All blocks in order, up to the first that fails. A violation that a monitor reports stops
+ * nothing.
+ */
 DL2C_INLINE dl2c_status dl2c_alone(dl2c_batch *b, dl2c_work work, const dl2c_order *order)
 {
   const int64_t blocks = dl2c_blocks(b);
@@ -126,7 +129,7 @@ static void dl2c_take_part(dl2c_team *team, dl2c_batch *view)
   }
 }
 
-static void *dl2c_serve(void *data)
+static void *dl2c_worker(void *data)
 {
   dl2c_member *const member = data;
   dl2c_team *const team = member->team;
@@ -175,7 +178,7 @@ static dl2c_status dl2c_recruit(dl2c_team *team, const dl2c_batch *b)
       dl2c_solver_new(DL2C_RTOL, DL2C_ATOL, DL2C_STIFF, &member->view.solver);
   if (solver != DL2C_OK) return solver;
 #endif
-  if (pthread_create(&member->thread, NULL, dl2c_serve, member) == 0) {
+  if (pthread_create(&member->thread, NULL, dl2c_worker, member) == 0) {
     team->size++;
     return DL2C_OK;
   }
@@ -185,7 +188,7 @@ static dl2c_status dl2c_recruit(dl2c_team *team, const dl2c_batch *b)
   return DL2C_ERR_NOMEM;
 }
 
-/* Gives a finished batch its threads: as many as there are blocks at most. */
+/* Starts the threads of a batch: as many as there are blocks at most. */
 static dl2c_status dl2c_team_create(dl2c_batch *b, int32_t threads)
 {
   const int64_t blocks = dl2c_blocks(b);

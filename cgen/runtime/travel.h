@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * travel.h -- following a flow: how long its domain lets it last, what is watched on the way.
+ * travel.h -- follows a flow: how long its domain lets it last, what is watched on the way.
  *
- * Simple flows have straight-line motion (model_motion), whose end is a root of degree two at most.
+ * Simple flows have straight-line code (model_motion), whose end is a root of degree two at most.
  * Where that root is in doubt, and for all other flows, motion is followed track by track and
- * searched (numeric.h, search.h). The same operations in the same order as dl2c/interp/follow.py for
- * flows with a solution in closed form.
+ * searched (numeric.h, search.h). The same operations in the same order as dl2c/interp/follow.py
+ * for flows with a solution in closed form.
  */
 #ifndef DL2C_TRAVEL_H
 #define DL2C_TRAVEL_H
 
 #include "model.h"
 
-/* What is asked of a flow, and what became of it. */
+/* A flow to follow, and its result. */
 typedef struct dl2c_travel {
   const real *p;
   struct dl2c_solver *solver; /* NULL where no flow needs one */
@@ -25,7 +25,7 @@ typedef struct dl2c_travel {
 #include "numeric.h"
 #endif
 
-/* A retreat of straight-line motion steps back so often, from 2^-52 to 2^-40 of the time. */
+/* The number of steps of a retreat, from 2^-52 to 2^-40 of the time. */
 enum { DL2C_RETREATS = 7 };
 
 /* Rounding put the end of a motion from x outside the domain: steps back until it is inside. */
@@ -55,7 +55,7 @@ static dl2c_motion dl2c_stop(int flow, const real *x, const real *p, real end, r
   return DL2C_DOUBTFUL;
 }
 
-/* Straight-line motion as long as the domain allows; DOUBTFUL where that takes a closer look. */
+/* Straight-line motion as long as the domain allows; DOUBTFUL where the end has to be searched. */
 static inline dl2c_motion dl2c_longest(int flow, const real *x, const real *p, real *y,
                                        real *duration)
 {
@@ -65,8 +65,8 @@ static inline dl2c_motion dl2c_longest(int flow, const real *x, const real *p, r
 }
 
 /*
- * What the watches say of straight-line motion from x. Returns the time after which it is cut, or
- * infinity; negative where it takes too many looks.
+ * Updates the watches along straight-line motion from x. Returns the time after which it is cut,
+ * or infinity; negative where the search for events gives up.
  */
 static real dl2c_watch_motion(int flow, const real *x, const real *p, real length, uint8_t *watch)
 {
@@ -75,9 +75,9 @@ static real dl2c_watch_motion(int flow, const real *x, const real *p, real lengt
   int8_t sign[NMARGIN];
   real place;
   dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .track = &track};
-  if (!(length > 0.0)) dl2c_rest(x, &track);
+  if (!(length > 0.0)) dl2c_constant_track(x, &track);
   else if (!dl2c_solution_track(flow, x, p, length, &track)) return -1.0;
-  const dl2c_halt halt = dl2c_look_along(&stretch, false, watch, &place, sign);
+  const dl2c_halt halt = dl2c_search_track(&stretch, false, watch, &place, sign);
   if (halt == DL2C_GIVES_UP) return -1.0;
   if (halt == DL2C_CUT) return dl2c_time_at(&track, place);
 #else
@@ -105,7 +105,7 @@ static inline dl2c_motion dl2c_flow_straight(int flow, dl2c_travel *travel, cons
   return motion;
 }
 
-/* Moves y along a flow. What is left of y is meaningless unless it settled. */
+/* Moves y along a flow. y is meaningless unless the result is DL2C_ARRIVED. */
 static inline dl2c_motion dl2c_flow(int flow, dl2c_travel *travel, real *y)
 {
   real x[NX];

@@ -11,7 +11,10 @@
 
 #include "numbers.h"
 
-/* A value counts as zero if it is no further from it than this, relative to the terms that make it. */
+/*
+ * A value counts as zero if it is within this of zero, relative to the terms that it is the sum
+ * of.
+ */
 #define DL2C_TOUCH 0x1p-48
 
 /* The highest degree of a polynomial in an input. */

@@ -138,13 +138,13 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     exits = [f"exit{j}" for j in range(len(plan.edges))]
     body += _reached(k, plan.flow, exits) if plan.flow.reach is not None else [f"real end = {limits[0]};"]
     body += [f"end = dl2c_select({name} < end, {name}, end);" for name in (*limits[1:], *exits)]
-    shy = [f"hit{j}" for j, w in enumerate(plan.edges) if w.kind in ("open", "apart")]
-    used = {*shy, *(f"hit{j}" for j, w in enumerate(plan.edges) if w.snap is not None)}
+    short = [f"hit{j}" for j, w in enumerate(plan.edges) if w.kind in ("open", "apart")]
+    used = {*short, *(f"hit{j}" for j, w in enumerate(plan.edges) if w.snap is not None)}
     hits = {f"hit{j}": name for j, name in enumerate(exits)}
     body += [f"const bool {hit} = {name} <= end;" for hit, name in hits.items() if hit in used]
     body.append("const bool moves = end > 0.0;")
-    if shy:
-        body.append(f"end = dl2c_select({' | '.join(shy)}, dl2c_before(end), end);")
+    if short:
+        body.append(f"end = dl2c_select({' | '.join(short)}, dl2c_before(end), end);")
     conditions = [] if defined is None else [defined]
     conditions += [f"isfinite({limit})" for limit in limits if limit.startswith("left")]
     conditions.append("(!moves | dl2c_all_finite(y, NX))")

@@ -35,7 +35,7 @@ def sampler_functions(environment: Environment, leaves: Leaves) -> list[str]:
         _by_chart(
             "bool model_accept(int chart, const real *x, const real *p)",
             [[_accepted(c, leaves, _suffix(k, charts))] for k, c in enumerate(charts)],
-            "What is left of the precondition, with room for rounding: true in doubles proves it.",
+            "What is left of the precondition, with a margin for rounding: true in doubles proves it.",
             "return false;",
         ),
     ]
@@ -112,7 +112,7 @@ def _density(chart: SampleChart, leaves: Leaves, suffix: str) -> str:
 
 def _accepted(chart: SampleChart, leaves: Leaves, suffix: str) -> str:
     printed = print_formula(chart.acceptance)
-    about = printed if len(printed) <= MOST_TEXT else "The precondition, with room for rounding."
+    about = printed if len(printed) <= MOST_TEXT else "The precondition, with a margin for rounding."
     return f"return {leaves.condition(f'initial_accepted{suffix}', chart.acceptance, about)};"
 
 
