@@ -26,7 +26,7 @@ LAYERS = (
         "configuration",
         "progress",
     ),
-    *("parse", "resolve", "ir", "quantifiers", "flows", "lower", "interval", "paths", "interp"),
+    *("ir", "parse", "resolve", "quantifiers", "flows", "lower", "interval", "paths", "interp"),
     *("smt", "sampling", "symbolic", "monitor", "policy", "emit"),
     *("native", "pipeline", "picture", "env", "training", "ray"),
     *("lint", "report", "commands", "cli", "experiments", "__main__"),

@@ -9,9 +9,9 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import assert_never
 
 from dl2c.emit import names
+from dl2c.ir.functions import FUNCTIONS as LIBRARY
 from dl2c.symbolic.tape import Instruction, Tape
 from dl2c.symbolic.terms import LARGEST
 
@@ -32,14 +32,10 @@ INFIX = {
     "or": ("|", DISJUNCTION),
 }
 MIRRORED = {"<": ">", "<=": ">="}
-FUNCTIONS = {
-    "abs": "fabs",
-    "min": "dl2c_min",
-    "max": "dl2c_max",
-    "arcsin": "asin",
-    "arctan": "atan",
-    "sign": "dl2c_sign",
-} | {f: f for f in ("sqrt", "exp", "sin", "cos", "tan", "tanh", "pow", "log")}
+FUNCTIONS = {name: row.c for name, row in LIBRARY.items()} | {"log": "log", "sign": "dl2c_sign"}
+MATH = "|".join(c for c in FUNCTIONS.values() if not c.startswith("dl2c_"))
+"""Those of <math.h>, as a pattern."""
+
 TRUTHS = frozenset({"lt", "le", "eq", "ne", "and", "or", "not"})
 
 
@@ -151,18 +147,10 @@ def _expression(
             sign, level = INFIX[instruction.operation]
             left, right = (_condition(instruction.args, texts, k, level) for k in (0, 1))
             return f"{left} {sign} {right}", level
-        case "abs" | "min" | "max" | "sqrt" | "exp" | "sin" | "cos":
-            return _function_call(instruction, texts, suffix), ATOM
-        case "tan" | "arcsin" | "arctan" | "tanh" | "pow" | "log" | "sign":
-            return _function_call(instruction, texts, suffix), ATOM
-        case _:
-            assert_never(instruction.operation)
-
-
-def _function_call(instruction: Instruction, texts: list[tuple[str, int]], suffix: str) -> str:
-    arguments = ", ".join(texts[a][0] for a in instruction.args)
-    called = FUNCTIONS[instruction.operation]
-    return f"{called if called.startswith('dl2c_') else called + suffix}({arguments})"
+        case function:
+            arguments = ", ".join(texts[a][0] for a in instruction.args)
+            called = FUNCTIONS[function]
+            return f"{called if called.startswith('dl2c_') else called + suffix}({arguments})", ATOM
 
 
 def _value(tape: Tape, texts: list[tuple[str, int]], k: int) -> tuple[str, int]:

@@ -4,9 +4,10 @@ from collections.abc import Iterator
 
 from dl2c.flows.exact import MAX_ROOT_DEGREE
 from dl2c.flows.kernel import FlowPlan, Kernel, constant_along
-from dl2c.ir.logic import atoms, operands
+from dl2c.ir.functions import FUNCTIONS
+from dl2c.ir.logic import atoms, subterms
 from dl2c.ir.margins import margin_of
-from dl2c.ir.model import Call, Compare, Formula, Model, Term
+from dl2c.ir.model import Call, Compare, Formula, Model
 from dl2c.ir.printer import print_formula
 
 MOTIONS: dict[Kernel, str] = {
@@ -15,8 +16,6 @@ MOTIONS: dict[Kernel, str] = {
     "cvodes": "the solver's interpolant; that this is within the tolerances of the solution is not",
     "dopri5": "the method's interpolant; that this is within the tolerances of the solution is not",
 }
-
-LIBM = frozenset({"exp", "sin", "cos", "tan", "arcsin", "arctan", "tanh", "pow"})
 
 
 def certainties(plan: FlowPlan, model: Model) -> Iterator[tuple[str, str]]:
@@ -47,13 +46,7 @@ def _of_atom(atom: Compare, plan: FlowPlan) -> str:
 
 def _searched(formula: Formula, plan: FlowPlan) -> str:
     """Conditions that are enclosed along a motion; a crossing is found up to rounding of the condition."""
-    named = sorted({f for a in atoms(formula) for side in (a.left, a.right) for f in _functions(side)})
+    calls = {t.function for t in subterms(formula) if isinstance(t, Call)}
+    named = sorted(name for name in calls if not FUNCTIONS[name].exact)
     library = f"; {', '.join(named)} of the C library taken as 2^-50 off at most" if named else ""
     return f"certified along {MOTIONS[plan.kernel]}{library}"
-
-
-def _functions(term: Term) -> Iterator[str]:
-    if isinstance(term, Call) and term.function in LIBM:
-        yield term.function
-    for part in operands(term):
-        yield from _functions(part)

@@ -9,7 +9,8 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import cast
 
-from dl2c.ir.logic import minus, number, plus, times
+from dl2c.ir.functions import FUNCTIONS
+from dl2c.ir.logic import minus, number, operands, plus, subterms, times, with_operands
 from dl2c.ir.margins import fraction
 from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Kind, Mul, Neg, Number, Pow, Sub, Symbol, Term
 from dl2c.ir.normal import MAX_TERMS, Monomial, Normal, added, multiplied, normal_form, powers, quotient
@@ -123,20 +124,13 @@ class _Derivation:
     def algebraic(self, term: Term) -> Term:
         """The term with a symbol for each function, roots of one term being powers of one symbol."""
         match term:
-            case Number() | Symbol():
-                return term
-            case Neg(child):
-                return Neg(self.algebraic(child))
-            case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
-                return type(term)(self.algebraic(left), self.algebraic(right))
-            case Pow(base, exponent):
-                return Pow(self.algebraic(base), exponent)
             case Call("sqrt", (argument,)):
                 return self._root(argument, Fraction(1, 2))
             case Call("pow", (argument, Number(exponent))):
                 return self._root(argument, exponent)
-            case Call(function, args):
-                return self._symbol(Call(function, tuple(map(self.algebraic, args))))
+            case _:
+                parts = with_operands(term, tuple(map(self.algebraic, operands(term))))
+                return self._symbol(parts) if isinstance(parts, Call) else parts
 
     def _root(self, argument: Term, exponent: Fraction) -> Term:
         if exponent == 0 or max(abs(exponent.numerator), exponent.denominator) > LARGEST_ROOT:
@@ -186,18 +180,11 @@ class _Derivation:
         match call:
             case Call("pow", (_, Number(exponent))) if self._roots:
                 slope = Div(Number(exponent), Pow(symbol, exponent.denominator - 1))
-            case Call("exp"):
-                slope = symbol
-            case Call("sin", args):
-                slope = self._symbol(Call("cos", args))
-            case Call("cos", args):
-                slope = Neg(self._symbol(Call("sin", args)))
-            case Call("tan"):
-                slope = Add(ONE, Pow(symbol, 2))
-            case Call("tanh"):
-                slope = Sub(ONE, Pow(symbol, 2))
-            case Call("arctan", (argument,)):
-                slope = Div(ONE, Add(ONE, Pow(argument, 2)))
+            case Call(function, (argument,)) if (derivative := FUNCTIONS[function].slope) is not None:
+                slope = derivative(symbol, argument)
+                if any(isinstance(t, Call) and t.function == "sqrt" for t in subterms(slope)):
+                    raise _Unknown
+                slope = self.algebraic(slope)
             case _:
                 raise _Unknown
         return times(slope, inner)

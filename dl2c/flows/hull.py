@@ -6,7 +6,11 @@ undefined or infinite both are NaN, for which no condition holds.
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import TypeAlias
+
+from dl2c.ir.functions import FUNCTIONS as LIBRARY
+from dl2c.ir.functions import greatest, least
 
 Hull: TypeAlias = tuple[float, float]
 
@@ -18,15 +22,6 @@ LIBM_ERROR = 2.0**-50
 
 UNKNOWN: Hull = (math.nan, math.nan)
 SMALLEST = 2.0**-1022
-
-
-def least(a: float, b: float) -> float:
-    """The second where neither is smaller, as dL's min."""
-    return a if a < b else b
-
-
-def greatest(a: float, b: float) -> float:
-    return a if a > b else b
 
 
 def hull_of(low: float, high: float) -> Hull:
@@ -105,20 +100,9 @@ def _grown(low: float, high: float) -> Hull:
     return hull_of(low - (abs(low) * LIBM_ERROR + SMALLEST), high + (abs(high) * LIBM_ERROR + SMALLEST))
 
 
-def exp(a: Hull) -> Hull:
-    return _grown(value(math.exp, a[0]), value(math.exp, a[1]))
-
-
-def tanh(a: Hull) -> Hull:
-    return _grown(math.tanh(a[0]), math.tanh(a[1]))
-
-
-def arctan(a: Hull) -> Hull:
-    return _grown(math.atan(a[0]), math.atan(a[1]))
-
-
-def arcsin(a: Hull) -> Hull:
-    return _grown(value(math.asin, a[0]), value(math.asin, a[1]))
+def rising(a: Hull, function: Callable[[float], float]) -> Hull:
+    """Of a function of libm that grows."""
+    return _grown(value(function, a[0]), value(function, a[1]))
 
 
 def tan(a: Hull) -> Hull:
@@ -155,7 +139,7 @@ def cos(a: Hull) -> Hull:
 
 FUNCTIONS: dict[str, Callable[..., Hull]] = {
     "neg": neg, "add": add, "sub": sub, "mul": mul, "div": div, "square": square, "abs": absolute,
-    "min": minimum, "max": maximum, "sqrt": sqrt, "exp": exp, "sin": sin, "cos": cos, "tan": tan,
-    "arcsin": arcsin, "arctan": arctan, "tanh": tanh, "pow": power,
+    "min": minimum, "max": maximum, "sqrt": sqrt, "sin": sin, "cos": cos, "tan": tan, "pow": power,
+    **{n: partial(rising, function=row.value) for n, row in LIBRARY.items() if row.rising is not None},
 }  # fmt: skip
 """By the names that operations have in dL."""

@@ -228,7 +228,7 @@ def maximum(a: Taylor, b: Taylor) -> Taylor:
 
 
 def exp(a: Taylor) -> Taylor:
-    enclosed = hull.exp(a.hull)
+    enclosed = hull.rising(a.hull, math.exp)
     d = a.deviation
     if not (d < 1 and abs(a.c[0]) < 700):
         return unknown(_lacks(a), enclosed)
@@ -264,7 +264,7 @@ def tanh(a: Taylor) -> Taylor:
     v = math.tanh(a.c[0])
     slope = 1.0 - v * v
     f = (v, slope, -v * slope, slope * (3.0 * (v * v) - 1.0) / 3.0, 0.0)
-    return compose(a, f, 0.2 * (d * d * d * d), 8.0 * SLOP * (1.0 + d), hull.tanh(a.hull))
+    return compose(a, f, 0.2 * (d * d * d * d), 8.0 * SLOP * (1.0 + d), hull.rising(a.hull, math.tanh))
 
 
 def arctan(a: Taylor) -> Taylor:
@@ -273,12 +273,12 @@ def arctan(a: Taylor) -> Taylor:
     slope = 1.0 / (1.0 + middle * middle)
     third = slope * slope * slope * (3.0 * (middle * middle) - 1.0) / 3.0
     f = (math.atan(middle), slope, -middle * (slope * slope), third, 0.0)
-    return compose(a, f, 0.2 * (d * d * d * d), 8.0 * SLOP * (1.0 + d), hull.arctan(a.hull))
+    return compose(a, f, 0.2 * (d * d * d * d), 8.0 * SLOP * (1.0 + d), hull.rising(a.hull, math.atan))
 
 
 def arcsin(a: Taylor) -> Taylor:
     """The third derivative grows with the size of the argument."""
-    enclosed = hull.arcsin(a.hull)
+    enclosed = hull.rising(a.hull, math.asin)
     d = a.deviation
     middle = a.c[0]
     far = abs(middle) + d

@@ -30,25 +30,23 @@ from dl2c.interval.rounding import (
     sqrt_down,
     sqrt_up,
 )
-from dl2c.ir.logic import holds
+from dl2c.ir.functions import FUNCTIONS, Function
+from dl2c.ir.logic import COMPARISONS, fold
 from dl2c.ir.model import (
     Add,
-    And,
+    Binary,
     Call,
     Compare,
     Comparison,
     Div,
     Formula,
-    Function,
     Mul,
     Neg,
     Number,
-    Or,
     Pow,
     Sub,
     Symbol,
     Term,
-    Truth,
 )
 
 LIBM_ULPS = 4
@@ -93,16 +91,10 @@ def evaluate(term: Term, box: Box) -> Interval:
             return box[term]
         case Neg(child):
             return negated(evaluate(child, box))
-        case Add(left, right):
-            return plus(evaluate(left, box), evaluate(right, box))
-        case Sub(left, right):
-            return plus(evaluate(left, box), negated(evaluate(right, box)))
         case Mul(left, right) if left == right:
             return power(evaluate(left, box), 2)
-        case Mul(left, right):
-            return times(evaluate(left, box), evaluate(right, box))
-        case Div(left, right):
-            return quotient(evaluate(left, box), evaluate(right, box))
+        case Binary():
+            return OPERATIONS[type(term)](evaluate(term.left, box), evaluate(term.right, box))
         case Pow(child, exponent):
             return power(evaluate(child, box), exponent)
         case Call(function, args):
@@ -116,27 +108,24 @@ def truth(formula: Formula, box: Box) -> Verdict:
 
     An atom with an undefined subterm is false.
     """
-    match formula:
-        case Truth(value):
-            return "true" if value else "false"
-        case Compare(op, Number(a), Number(b)):
-            return "true" if holds(op, a, b) else "false"
-        case Compare(op, left, right):
-            return compared(op, evaluate(left, box), evaluate(right, box))
-        case And(children):
-            return _all([truth(c, box) for c in children])
-        case Or(children):
-            return _any([truth(c, box) for c in children])
-        case _:
-            assert_never(formula)
+
+    def decided(atom: Compare) -> Verdict:
+        left, right = atom.left, atom.right
+        if isinstance(left, Number) and isinstance(right, Number):
+            return "true" if COMPARISONS[atom.op](left.value, right.value) else "false"
+        return compared(atom.op, evaluate(left, box), evaluate(right, box))
+
+    return fold(formula, lambda value: "true" if value else "false", decided, _all, _any)
 
 
-def _all(verdicts: list[Verdict]) -> Verdict:
-    return "false" if "false" in verdicts else "unknown" if "unknown" in verdicts else "true"
+def _all(verdicts: Iterable[Verdict]) -> Verdict:
+    found = set(verdicts)
+    return "false" if "false" in found else "unknown" if "unknown" in found else "true"
 
 
-def _any(verdicts: list[Verdict]) -> Verdict:
-    return "true" if "true" in verdicts else "unknown" if "unknown" in verdicts else "false"
+def _any(verdicts: Iterable[Verdict]) -> Verdict:
+    found = set(verdicts)
+    return "true" if "true" in found else "unknown" if "unknown" in found else "false"
 
 
 def compared(op: Comparison, a: Interval, b: Interval) -> Verdict:
@@ -255,6 +244,14 @@ def quotient(a: Interval, b: Interval) -> Interval:
     return Interval(around.low, around.high, a.total and b.total and not b.contains(0.0))
 
 
+OPERATIONS: Mapping[type[Binary], Callable[[Interval, Interval], Interval]] = {
+    Add: plus,
+    Sub: minus,
+    Mul: times,
+    Div: quotient,
+}
+
+
 def power(a: Interval, n: int) -> Interval:
     """a to a positive integer power."""
     assert n > 0
@@ -280,12 +277,12 @@ def magnitude(a: Interval) -> Interval:
     return Interval(0.0 if a.contains(0.0) else min(abs(a.low), abs(a.high)), high, a.total)
 
 
-def applied(function: Function, args: tuple[Interval, ...]) -> Interval:
-    """An enclosure of a builtin function's values."""
+def applied(name: str, args: tuple[Interval, ...]) -> Interval:
+    """An enclosure of a function's values."""
     if any(a.empty for a in args):
         return EMPTY
     a, b = args[0], args[-1]
-    match function:
+    match name:
         case "abs":
             return magnitude(a)
         case "min":
@@ -296,17 +293,6 @@ def applied(function: Function, args: tuple[Interval, ...]) -> Interval:
             if a.high < 0:
                 return EMPTY
             return Interval(sqrt_down(max(a.low, 0.0)), sqrt_up(a.high), a.total and a.low >= 0)
-        case "exp":
-            return _increasing(_exp, a, Interval(0.0, INF))
-        case "tanh":
-            return _increasing(math.tanh, a, UNIT)
-        case "arctan":
-            return _increasing(math.atan, a, WHOLE)
-        case "arcsin":
-            inside = meet(a, UNIT)
-            if inside.empty:
-                return EMPTY
-            return _increasing(math.asin, Interval(inside.low, inside.high, a.total and inside == a), WHOLE)
         case "sin":
             return _wave(math.sin, math.pi / 2, a)
         case "cos":
@@ -314,11 +300,11 @@ def applied(function: Function, args: tuple[Interval, ...]) -> Interval:
         case "tan":
             if _hits(math.pi / 2, math.pi, a):
                 return Interval(-INF, INF, False)
-            return _increasing(math.tan, a, WHOLE)
+            return _padded(math.tan(a.low), math.tan(a.high), a.total)
         case "pow":
             return _real_power(a, b)
         case _:
-            assert_never(function)
+            return _rising(FUNCTIONS[name], a)
 
 
 def _padded(low: float, high: float, total: bool) -> Interval:
@@ -328,13 +314,19 @@ def _padded(low: float, high: float, total: bool) -> Interval:
     return Interval(MAX if below == INF else below, above, total)
 
 
-def _increasing(function: Callable[[float], float], a: Interval, values: Interval) -> Interval:
-    return meet(_padded(function(a.low), function(a.high), a.total), values)
+def _rising(function: Function, a: Interval) -> Interval:
+    """Of a function that grows, from its values at the ends of what lies in its domain."""
+    assert function.rising is not None
+    inside = meet(a, Interval(*function.among))
+    if inside.empty:
+        return EMPTY
+    low, high = (_value(function.value, x) for x in (inside.low, inside.high))
+    return meet(_padded(low, high, a.total and inside == a), Interval(*function.rising))
 
 
-def _exp(x: float) -> float:
+def _value(function: Callable[..., float], *args: float) -> float:
     try:
-        return math.exp(x)
+        return function(*args)
     except OverflowError:
         return INF
 
@@ -361,12 +353,5 @@ def _real_power(a: Interval, b: Interval) -> Interval:
     """exp(b * log(a)) where a > 0, extended to a = 0 where b > 0."""
     if a.low < 0 or (a.low == 0 and b.low <= 0):
         return Interval(-INF, INF, False)
-    corners = [_pow(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
+    corners = [_value(math.pow, x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
     return meet(_padded(min(corners), max(corners), a.total and b.total), Interval(0.0, INF))
-
-
-def _pow(x: float, y: float) -> float:
-    try:
-        return math.pow(x, y)
-    except OverflowError:
-        return INF

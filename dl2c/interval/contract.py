@@ -177,20 +177,11 @@ def _narrow_atom(atom: _Atom) -> bool:
     left, right = atom.left, atom.right
     if compared(atom.op, left.value(), right.value()) == "false":
         return False
-    match atom.op:
-        case "<" | "<=":
-            return _narrow_ordered(left, right)
-        case ">" | ">=":
-            return _narrow_ordered(right, left)
-        case "=":
-            return _narrow(left, right.value()) and _narrow(right, left.value())
-        case "!=":
-            return True
-        case _:
-            assert_never(atom.op)
-
-
-def _narrow_ordered(small: Node, large: Node) -> bool:
+    if atom.op == "!=":
+        return True
+    if atom.op == "=":
+        return _narrow(left, right.value()) and _narrow(right, left.value())
+    small, large = (left, right) if atom.op in ("<", "<=") else (right, left)
     return _narrow(small, Interval(-INF, large.value().high)) and _narrow(
         large, Interval(small.value().low, INF)
     )

@@ -9,19 +9,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import assert_never
 
-from dl2c.interval.arithmetic import (
-    Box,
-    Interval,
-    applied,
-    enclosure,
-    minus,
-    negated,
-    plus,
-    power,
-    quotient,
-    times,
-)
-from dl2c.ir.model import Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
+from dl2c.interval.arithmetic import OPERATIONS, Box, Interval, applied, enclosure, negated, power
+from dl2c.ir.model import Binary, Call, Mul, Neg, Number, Pow, Symbol, Term
 
 
 @dataclass(slots=True, eq=False)
@@ -84,16 +73,10 @@ class Graph:
                 return Node(term, (), _unassigned)
             case Neg(child):
                 return Node(term, (self.node(child),), negated)
-            case Add(left, right):
-                return Node(term, (self.node(left), self.node(right)), plus)
-            case Sub(left, right):
-                return Node(term, (self.node(left), self.node(right)), minus)
             case Mul(left, right) if left == right:
                 return Node(term, (self.node(left),), partial(_raised, 2))
-            case Mul(left, right):
-                return Node(term, (self.node(left), self.node(right)), times)
-            case Div(left, right):
-                return Node(term, (self.node(left), self.node(right)), quotient)
+            case Binary():
+                return Node(term, (self.node(term.left), self.node(term.right)), OPERATIONS[type(term)])
             case Pow(base, exponent):
                 return Node(term, (self.node(base),), partial(_raised, exponent))
             case Call(function, args):

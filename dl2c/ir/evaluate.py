@@ -6,29 +6,13 @@ undefined or non-finite subterm raises `Undefined`; an atom that has one is fals
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from fractions import Fraction
 from typing import TypeAlias, assert_never
 
-from dl2c.ir.logic import holds
-from dl2c.ir.model import (
-    LARGEST_STATE,
-    Add,
-    And,
-    Call,
-    Compare,
-    Div,
-    Formula,
-    Mul,
-    Neg,
-    Number,
-    Or,
-    Pow,
-    Sub,
-    Symbol,
-    Term,
-    Truth,
-)
+from dl2c.ir.functions import FUNCTIONS
+from dl2c.ir.logic import ARITHMETIC, COMPARISONS, true_where
+from dl2c.ir.model import LARGEST_STATE, Binary, Call, Compare, Div, Formula, Neg, Number, Pow, Symbol, Term
 
 Value: TypeAlias = float | Fraction
 Environment: TypeAlias = Mapping[Symbol, Value | None]
@@ -59,51 +43,36 @@ def evaluate(term: Term, env: Environment, exact: bool = False) -> Value:
             return value
         case Neg(child):
             return -evaluate(child, env, exact)
-        case Add(left, right):
-            return finite(evaluate(left, env, exact) + evaluate(right, env, exact))
-        case Sub(left, right):
-            return finite(evaluate(left, env, exact) - evaluate(right, env, exact))
-        case Mul(left, right):
-            return finite(evaluate(left, env, exact) * evaluate(right, env, exact))
         case Div(left, right):
             dividend, divisor = evaluate(left, env, exact), evaluate(right, env, exact)
             if divisor == 0:
                 raise Undefined("division by zero")
             return finite(dividend / divisor)
+        case Binary():
+            operation = ARITHMETIC[type(term)]
+            return finite(operation(evaluate(term.left, env, exact), evaluate(term.right, env, exact)))
         case Pow(base, exponent):
             return _power(evaluate(base, env, exact), exponent)
-        case Call("abs", (arg,)):
-            return abs(evaluate(arg, env, exact))
-        case Call("min", (left, right)):
-            a, b = evaluate(left, env, exact), evaluate(right, env, exact)
-            return a if a < b else b
-        case Call("max", (left, right)):
-            a, b = evaluate(left, env, exact), evaluate(right, env, exact)
-            return a if a > b else b
         case Call("sqrt", (arg,)):
             return square_root(evaluate(arg, env, exact))
         case Call(function, args):
-            return _library(function, [float(evaluate(a, env, exact)) for a in args], exact)
+            values = [evaluate(a, env, exact) for a in args]
+            row = FUNCTIONS[function]
+            return row.value(*values) if row.exact else _library(function, values, exact)
         case _:
             assert_never(term)
 
 
 def truth(formula: Formula, env: Environment, exact: bool = False) -> bool:
     """Whether a formula holds; an atom with an undefined subterm does not (semantics 5)."""
-    match formula:
-        case Truth(value):
-            return value
-        case Compare(op, left, right):
-            try:
-                return holds(op, evaluate(left, env, exact), evaluate(right, env, exact))
-            except Undefined:
-                return False
-        case And(children):
-            return all(truth(c, env, exact) for c in children)
-        case Or(children):
-            return any(truth(c, env, exact) for c in children)
-        case _:
-            assert_never(formula)
+
+    def holds(atom: Compare) -> bool:
+        try:
+            return COMPARISONS[atom.op](evaluate(atom.left, env, exact), evaluate(atom.right, env, exact))
+        except Undefined:
+            return False
+
+    return true_where(formula, holds)
 
 
 def finite(value: Value) -> Value:
@@ -138,22 +107,10 @@ def _power(base: Value, exponent: int) -> Value:
     return finite(half * half)
 
 
-LIBRARY: dict[str, Callable[..., float]] = {
-    "exp": math.exp,
-    "sin": math.sin,
-    "cos": math.cos,
-    "tan": math.tan,
-    "arcsin": math.asin,
-    "arctan": math.atan,
-    "tanh": math.tanh,
-    "pow": math.pow,
-}
-
-
-def _library(function: str, args: list[float], exact: bool) -> Value:
+def _library(function: str, args: list[Value], exact: bool) -> Value:
     """A transcendental function through doubles; in exact evaluation the result is that double."""
     try:
-        value = finite(LIBRARY[function](*args))
+        value = finite(FUNCTIONS[function].value(*map(float, args)))
     except (OverflowError, ValueError, ZeroDivisionError):
         raise Undefined(function) from None
     return Fraction(value) if exact else value

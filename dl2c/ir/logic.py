@@ -4,23 +4,26 @@ All functions are total on well-formed trees and keep the order of floating-poin
 operations; only subterms made of numbers alone are folded, exactly.
 """
 
+import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
-from typing import assert_never
+from functools import reduce
+from typing import Any, TypeVar, assert_never
 
+from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.model import (
-    FALSE,
     ONE,
-    TRUE,
     ZERO,
     Add,
     And,
+    Binary,
     Call,
     Compare,
     Comparison,
     Div,
     Flow,
     Formula,
+    Junction,
     Model,
     Mul,
     Neg,
@@ -34,7 +37,26 @@ from dl2c.ir.model import (
 )
 from dl2c.work import spend
 
+T = TypeVar("T")
+
 NEGATED: dict[Comparison, Comparison] = {"=": "!=", "!=": "=", "<": ">=", "<=": ">", ">": "<=", ">=": "<"}
+
+ARITHMETIC: Mapping[type[Binary], Callable[[Any, Any], Any]] = {
+    Add: operator.add,
+    Sub: operator.sub,
+    Mul: operator.mul,
+    Div: lambda a, b: a / b,
+}
+"""How Python computes them: with numbers, arrays, and the expressions of solvers."""
+
+COMPARISONS: Mapping[Comparison, Callable[[Any, Any], Any]] = {
+    "=": operator.eq,
+    "!=": operator.ne,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
 
 
 def number(value: int | Fraction) -> Number:
@@ -54,22 +76,16 @@ def folded(term: Term) -> Term:
     match term:
         case Neg(Number(a)):
             return Number(-a)
-        case Add(Number(a), Number(b)):
-            return Number(a + b)
-        case Sub(Number(a), Number(b)):
-            return Number(a - b)
-        case Mul(Number(a), Number(b)):
-            return Number(a * b)
-        case Div(Number(a), Number(b)) if b != 0:
-            return Number(a / b)
+        case Div(Number(), Number(b)) if b == 0:
+            return term
+        case Binary(Number(a), Number(b)):
+            return Number(ARITHMETIC[type(term)](a, b))
         case Pow(Number(a), n) if n * max(a.numerator.bit_length(), a.denominator.bit_length()) <= MAX_BITS:
             return Number(a**n)
         case Call("abs", (Number(a),)):
             return Number(abs(a))
-        case Call("min", (Number(a), Number(b))):
-            return Number(min(a, b))
-        case Call("max", (Number(a), Number(b))):
-            return Number(max(a, b))
+        case Call("min" | "max" as name, (Number(a), Number(b))):
+            return Number(FUNCTIONS[name].value(a, b))
         case _:
             return term
 
@@ -93,34 +109,26 @@ def times(a: Term, b: Term) -> Term:
 
 def conjunction(formulas: Iterable[Formula]) -> Formula:
     """Their n-ary conjunction, flattened, with truth values absorbed."""
-    parts: list[Formula] = []
-    for formula in formulas:
-        match formula:
-            case Truth(False):
-                return FALSE
-            case Truth(True):
-                pass
-            case And(children):
-                parts.extend(children)
-            case _:
-                parts.append(formula)
-    return TRUE if not parts else parts[0] if len(parts) == 1 else And(tuple(parts))
+    return _joined(And, formulas)
 
 
 def disjunction(formulas: Iterable[Formula]) -> Formula:
     """Their n-ary disjunction, flattened, with truth values absorbed."""
+    return _joined(Or, formulas)
+
+
+def _joined(kind: type[And | Or], formulas: Iterable[Formula]) -> Formula:
+    neutral = kind is And
     parts: list[Formula] = []
     for formula in formulas:
-        match formula:
-            case Truth(True):
-                return TRUE
-            case Truth(False):
-                pass
-            case Or(children):
-                parts.extend(children)
-            case _:
-                parts.append(formula)
-    return FALSE if not parts else parts[0] if len(parts) == 1 else Or(tuple(parts))
+        if isinstance(formula, Truth):
+            if formula.value != neutral:
+                return formula
+        elif isinstance(formula, kind):
+            parts.extend(formula.children)
+        else:
+            parts.append(formula)
+    return Truth(neutral) if not parts else parts[0] if len(parts) == 1 else kind(tuple(parts))
 
 
 def domain_at_end(flow: Flow) -> Formula:
@@ -140,34 +148,77 @@ def conjuncts(formula: Formula) -> tuple[Formula, ...]:
             return (formula,)
 
 
-def negation(formula: Formula) -> Formula:
-    """The negation in normal form. An undefined atom is false in both."""
+def fold(
+    formula: Formula,
+    truth: Callable[[bool], T],
+    atom: Callable[[Compare], T],
+    every: Callable[[Iterable[T]], T],
+    some: Callable[[Iterable[T]], T],
+) -> T:
+    """What is made of a formula: of its truth values and atoms, joined by `every` in conjunctions and by
+    `some` in disjunctions, which may stop early.
+    """
     match formula:
         case Truth(value):
-            return Truth(not value)
-        case Compare(op, left, right):
-            return Compare(NEGATED[op], left, right, span=formula.span)
+            return truth(value)
+        case Compare():
+            return atom(formula)
         case And(children):
-            return disjunction(negation(c) for c in children)
+            return every(fold(c, truth, atom, every, some) for c in children)
         case Or(children):
-            return conjunction(negation(c) for c in children)
+            return some(fold(c, truth, atom, every, some) for c in children)
         case _:
             assert_never(formula)
 
 
+def true_where(formula: Formula, atom: Callable[[Compare], bool]) -> bool:
+    """The truth of a formula from that of its atoms, which are asked as far as they decide it."""
+    return fold(formula, bool, atom, all, any)
+
+
+def rewritten(formula: Formula, change: Callable[[Compare], Formula]) -> Formula:
+    """The formula with every atom replaced, truth values absorbed."""
+    return fold(formula, Truth, change, conjunction, disjunction)
+
+
+def with_atoms(formula: Formula, change: Callable[[Compare], Compare]) -> Formula:
+    """The formula with every atom replaced, and nothing simplified."""
+    match formula:
+        case Truth():
+            return formula
+        case Compare():
+            return change(formula)
+        case And(children) | Or(children):
+            return type(formula)(tuple(with_atoms(c, change) for c in children))
+        case _:
+            assert_never(formula)
+
+
+def negation(formula: Formula) -> Formula:
+    """The negation in normal form. An undefined atom is false in both."""
+    return fold(formula, lambda value: Truth(not value), negated, disjunction, conjunction)
+
+
+def negated(atom: Compare) -> Compare:
+    """The opposite comparison."""
+    return Compare(NEGATED[atom.op], atom.left, atom.right, span=atom.span)
+
+
 def oriented(formula: Formula) -> Formula:
     """The same formula with `>` and `>=` turned round, so that equal conditions compare equal."""
-    match formula:
-        case Compare(">", left, right):
-            return Compare("<", right, left)
-        case Compare(">=", left, right):
-            return Compare("<=", right, left)
-        case And(children):
-            return And(tuple(oriented(c) for c in children))
-        case Or(children):
-            return Or(tuple(oriented(c) for c in children))
-        case _:
-            return formula
+    return with_atoms(formula, ascending)
+
+
+def ascending(atom: Compare) -> Compare:
+    """The atom with `<` for `>` and `<=` for `>=`."""
+    if atom.op not in (">", ">="):
+        return atom
+    return Compare("<" if atom.op == ">" else "<=", atom.right, atom.left, span=atom.span)
+
+
+def difference(atom: Compare) -> Term:
+    """Left minus right."""
+    return atom.left if atom.right == ZERO else Sub(atom.left, atom.right)
 
 
 def delta(formula: Formula) -> Term | None:
@@ -175,50 +226,28 @@ def delta(formula: Formula) -> Term | None:
 
     None where a truth value decides alone, which has no finite distance.
     """
-    match formula:
-        case Truth():
-            return None
-        case Compare(op, left, right):
-            match op:
-                case "<" | "<=":
-                    return folded(Sub(right, left))
-                case ">" | ">=":
-                    return folded(Sub(left, right))
-                case "=":
-                    return folded(Neg(folded(Call("abs", (folded(Sub(left, right)),)))))
-                case "!=":
-                    return folded(Call("abs", (folded(Sub(left, right)),)))
-                case _:
-                    assert_never(op)
-        case And(children) | Or(children):
-            terms = [delta(c) for c in children]
-            present = [t for t in terms if t is not None]
-            assert len(present) == len(terms), "conjunction and disjunction absorb truth values"
-            result = present[0]
-            for term in present[1:]:
-                result = Call("min" if isinstance(formula, And) else "max", (result, term))
-            return result
-        case _:
-            assert_never(formula)
+    if isinstance(formula, Truth):
+        return None
+    if isinstance(formula, Compare):
+        left, right = formula.left, formula.right
+        if formula.op in ("<", "<="):
+            return folded(Sub(right, left))
+        signed = folded(Sub(left, right))
+        if formula.op in (">", ">="):
+            return signed
+        size = folded(Call("abs", (signed,)))
+        return size if formula.op == "!=" else folded(Neg(size))
+    terms = [t for c in formula.children if (t := delta(c)) is not None]
+    assert len(terms) == len(formula.children), "conjunction and disjunction absorb truth values"
+    function = "min" if isinstance(formula, And) else "max"
+    return reduce(lambda a, b: Call(function, (a, b)), terms)
 
 
 def substituted(term: Term, values: Mapping[Symbol, Term]) -> Term:
     """The term with symbols replaced, all at once. Nothing is folded: each operation keeps its rounding."""
-    match term:
-        case Number():
-            return term
-        case Symbol():
-            return values.get(term, term)
-        case Neg(child):
-            return Neg(substituted(child, values))
-        case Pow(base, exponent):
-            return Pow(substituted(base, values), exponent)
-        case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
-            return type(term)(substituted(left, values), substituted(right, values))
-        case Call(function, args):
-            return Call(function, tuple(substituted(a, values) for a in args))
-        case _:
-            assert_never(term)
+    if isinstance(term, Symbol):
+        return values.get(term, term)
+    return with_operands(term, tuple(substituted(t, values) for t in operands(term)))
 
 
 def fixed_values(model: Model) -> dict[Symbol, Term]:
@@ -242,7 +271,7 @@ def with_operands(term: Term, parts: tuple[Term, ...]) -> Term:
             return Neg(*parts)
         case Pow(_, exponent):
             return Pow(parts[0], exponent)
-        case Add() | Sub() | Mul() | Div():
+        case Binary():
             return type(term)(*parts)
         case Call(function):
             return Call(function, parts)
@@ -252,17 +281,7 @@ def with_operands(term: Term, parts: tuple[Term, ...]) -> Term:
 
 def mapped(formula: Formula, change: Callable[[Term], Term]) -> Formula:
     """The formula with `change` applied to both sides of every atom; decided atoms become truth values."""
-    match formula:
-        case Truth():
-            return formula
-        case Compare(op, left, right):
-            return decided(Compare(op, change(left), change(right), span=formula.span))
-        case And(children):
-            return conjunction(mapped(c, change) for c in children)
-        case Or(children):
-            return disjunction(mapped(c, change) for c in children)
-        case _:
-            assert_never(formula)
+    return rewritten(formula, lambda a: decided(Compare(a.op, change(a.left), change(a.right), span=a.span)))
 
 
 def decided(atom: Compare) -> Formula:
@@ -276,21 +295,7 @@ def decided(atom: Compare) -> Formula:
 
 def holds(op: Comparison, a: Fraction | float, b: Fraction | float) -> bool:
     """Whether `a op b`."""
-    match op:
-        case "=":
-            return a == b
-        case "!=":
-            return a != b
-        case "<":
-            return a < b
-        case "<=":
-            return a <= b
-        case ">":
-            return a > b
-        case ">=":
-            return a >= b
-        case _:
-            assert_never(op)
+    return COMPARISONS[op](a, b)
 
 
 def operands(term: Term) -> tuple[Term, ...]:
@@ -302,35 +307,45 @@ def operands(term: Term) -> tuple[Term, ...]:
             return (child,)
         case Pow(base, _):
             return (base,)
-        case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
-            return (left, right)
+        case Binary():
+            return (term.left, term.right)
         case Call(_, args):
             return args
         case _:
             assert_never(term)
 
 
+def subterms(*parts: Term | Formula) -> Iterator[Term]:
+    """Every term and each of its subterms before what is inside it, from left to right."""
+    for part in parts:
+        if isinstance(part, Truth | Compare | Junction):
+            yield from subterms(*sides(part))
+        else:
+            yield part
+            yield from subterms(*operands(part))
+
+
 def always_defined(term: Term) -> bool:
     """Whether no state of reasonable size leaves the term without a value."""
-    match term:
-        case Div() | Call("sqrt" | "exp" | "tan" | "arcsin" | "pow"):
-            return False
-        case _:
-            return all(always_defined(t) for t in operands(term))
+    return not any(
+        isinstance(t, Div) or (isinstance(t, Call) and not FUNCTIONS[t.function].total)
+        for t in subterms(term)
+    )
 
 
 def atoms(formula: Formula) -> Iterator[Compare]:
     """Every atom, left to right."""
-    match formula:
-        case Truth():
-            return
-        case Compare():
-            yield formula
-        case And(children) | Or(children):
-            for child in children:
-                yield from atoms(child)
-        case _:
-            assert_never(formula)
+    if isinstance(formula, Compare):
+        yield formula
+    elif isinstance(formula, Junction):
+        for child in formula.children:
+            yield from atoms(child)
+
+
+def sides(formula: Formula) -> Iterator[Term]:
+    """Both sides of every atom, left to right."""
+    for atom in atoms(formula):
+        yield from (atom.left, atom.right)
 
 
 def symbols(*parts: Term | Formula) -> set[Symbol]:
@@ -339,14 +354,15 @@ def symbols(*parts: Term | Formula) -> set[Symbol]:
     found: set[Symbol] = set()
     stack: list[Term] = []
     for part in parts:
-        if isinstance(part, (Truth, Compare, And, Or)):
-            for atom in atoms(part):
-                stack += (atom.left, atom.right)
-        else:
-            stack.append(part)
+        stack += sides(part) if isinstance(part, Truth | Compare | Junction) else (part,)
     while stack:
         term = stack.pop()
         if isinstance(term, Symbol):
             found.add(term)
         stack += operands(term)
     return found
+
+
+def size(*parts: Term | Formula) -> int:
+    """How many numbers, symbols and operations are written."""
+    return sum(1 for _ in subterms(*parts))

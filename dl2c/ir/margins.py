@@ -9,33 +9,19 @@ are split into cases, and divisors and square roots bring the condition that the
 from collections.abc import Callable
 from typing import TypeAlias
 
+from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import (
     atoms,
     conjunction,
+    difference,
     disjunction,
     folded,
     negation,
     operands,
+    rewritten,
     with_term,
 )
-from dl2c.ir.model import (
-    ONE,
-    ZERO,
-    Add,
-    And,
-    Call,
-    Compare,
-    Div,
-    Formula,
-    Mul,
-    Neg,
-    Number,
-    Or,
-    Pow,
-    Sub,
-    Term,
-    Truth,
-)
+from dl2c.ir.model import ZERO, Add, Call, Compare, Div, Formula, Mul, Neg, Number, Pow, Sub, Term
 
 MAX_ATOMS = 256
 """A condition that would need more cases is refused."""
@@ -53,8 +39,8 @@ class TooManyCases(Exception):
 
 def margin_of(atom: Compare) -> Term:
     """A term that is positive inside the atom and 0 on its boundary; for `=` and `!=` left minus right."""
-    left, right = (atom.right, atom.left) if atom.op in ("<", "<=") else (atom.left, atom.right)
-    return left if right == ZERO else Sub(left, right)
+    mirrored = Compare(atom.op, atom.right, atom.left) if atom.op in ("<", "<=") else atom
+    return difference(mirrored)
 
 
 def smooth(formula: Formula, moves: Moves, as_written: bool = False) -> Formula:
@@ -63,23 +49,20 @@ def smooth(formula: Formula, moves: Moves, as_written: bool = False) -> Formula:
     Divisors that move are multiplied out, unless margins are wanted `as_written`.
     """
     made = _smooth(formula, moves, as_written)
-    if sum(1 for _ in atoms(made)) > MAX_ATOMS:
+    if len(list(atoms(made))) > MAX_ATOMS:
         raise TooManyCases(f"more than {MAX_ATOMS} comparisons")
     return made
 
 
 def _smooth(formula: Formula, moves: Moves, as_written: bool) -> Formula:
-    match formula:
-        case Truth():
-            return formula
-        case And(children):
-            return conjunction(_smooth(c, moves, as_written) for c in children)
-        case Or(children):
-            return disjunction(_smooth(c, moves, as_written) for c in children)
-        case Compare(op, span=span):
-            kind = {"<=": ">=", "<": ">"}.get(op, op)
-            assert kind in (">=", ">", "=", "!=")
-            return _atom(Compare(kind, margin_of(formula), ZERO, span=span), moves, as_written, 0)
+    return rewritten(formula, lambda atom: _atom(_over_margin(atom), moves, as_written, 0))
+
+
+def _over_margin(atom: Compare) -> Compare:
+    """`margin >= 0`, `> 0`, `= 0` or `!= 0`."""
+    kind = {"<=": ">=", "<": ">"}.get(atom.op, atom.op)
+    assert kind in (">=", ">", "=", "!=")
+    return Compare(kind, margin_of(atom), ZERO, span=atom.span)
 
 
 def _atom(atom: Compare, moves: Moves, as_written: bool, depth: int) -> Formula:
@@ -89,12 +72,12 @@ def _atom(atom: Compare, moves: Moves, as_written: bool, depth: int) -> Formula:
     found = _kink(atom.left, moves, 1)
     if found is None:
         margin = atom.left if as_written else cleared(atom.left, moves, atom.op in ("=", "!="))
-        return conjunction([*_defined(atom.left, moves), Compare(atom.op, margin, ZERO, span=atom.span)])
+        return conjunction([*_defined(atom.left), Compare(atom.op, margin, ZERO, span=atom.span)])
     call, direction = found
     branches = _branches(call)
     cases = [Compare(atom.op, with_term(atom.left, call, b), ZERO, span=atom.span) for b in branches]
     parts = [_atom(c, moves, as_written, depth + 1) for c in cases]
-    if direction is not None and atom.op in (">=", ">"):
+    if direction and atom.op in (">=", ">"):
         grows = (direction > 0) == (call.function != "min")
         return disjunction(parts) if grows else conjunction(parts)
     first, second = branches
@@ -115,37 +98,27 @@ def _branches(call: Call) -> tuple[Term, Term]:
     return first, second
 
 
-def _kink(term: Term, moves: Moves, direction: int | None) -> tuple[Call, int | None] | None:
+def _kink(term: Term, moves: Moves, direction: int) -> tuple[Call, int] | None:
     """The first `abs`, `min` or `max` without one inside, and how the term follows it: 1 it grows, -1 it
-    falls, None where that depends on the state.
+    falls, 0 where that depends on the state.
     """
     if not moves(term):
         return None
     match term:
         case Call("abs" | "min" | "max", args):
-            inner = [k for a in args if (k := _kink(a, moves, None)) is not None]
+            inner = [k for a in args if (k := _kink(a, moves, 0)) is not None]
             return inner[0] if inner else (term, direction)
         case Add(left, right):
             sides = ((left, direction), (right, direction))
         case Sub(left, right):
-            sides = ((left, direction), (right, _opposite(direction)))
+            sides = ((left, direction), (right, -direction))
         case Neg(child):
-            sides = ((child, _opposite(direction)),)
-        case Mul(Number(value), right):
-            sides = ((right, _scaled(direction, value >= 0)),)
-        case Mul(left, Number(value)):
-            sides = ((left, _scaled(direction, value >= 0)),)
+            sides = ((child, -direction),)
+        case Mul(Number(value), factor) | Mul(factor, Number(value)):
+            sides = ((factor, direction if value >= 0 else -direction),)
         case _:
-            sides = tuple((t, None) for t in operands(term))
+            sides = tuple((t, 0) for t in operands(term))
     return next((k for t, d in sides if (k := _kink(t, moves, d)) is not None), None)
-
-
-def _opposite(direction: int | None) -> int | None:
-    return None if direction is None else -direction
-
-
-def _scaled(direction: int | None, positive: bool) -> int | None:
-    return direction if positive else _opposite(direction)
 
 
 def cleared(term: Term, moves: Moves, zero_alone: bool = False) -> Term:
@@ -188,20 +161,14 @@ def times(term: Term, factor: Term | None) -> Term:
     return term if factor is None else folded(Mul(term, factor))
 
 
-def _defined(term: Term, moves: Moves) -> list[Formula]:
+def _defined(term: Term) -> list[Formula]:
     """When a term without kinks has a value, as far as a state decides it."""
-    found = [f for t in operands(term) for f in _defined(t, moves)]
+    found = [f for t in operands(term) for f in _defined(t)]
     match term:
         case Div(_, divisor) if divisor == ZERO or not isinstance(divisor, Number):
             found.append(Compare("!=", divisor, ZERO))
-        case Call("sqrt", (argument,)):
-            found.append(Compare(">=", argument, ZERO))
-        case Call("arcsin", (argument,)):
-            found += [Compare(">=", Sub(ONE, argument), ZERO), Compare(">=", Add(ONE, argument), ZERO)]
-        case Call("tan", (argument,)):
-            found.append(Compare("!=", Call("cos", (argument,)), ZERO))
-        case Call("pow", (base, _)):
-            found.append(Compare(">", base, ZERO))
+        case Call(function, args) if (domain := FUNCTIONS[function].domain) is not None:
+            found += domain(*args)
         case _:
             pass
     return list(dict.fromkeys(found))

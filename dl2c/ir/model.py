@@ -26,10 +26,6 @@ def _span() -> Span:
 Kind: TypeAlias = Literal["variable", "constant", "input", "time", "start"]
 """Program variable, episode constant, agent input (by key), time since a flow began, value at its start."""
 
-Function: TypeAlias = Literal[
-    "abs", "min", "max", "sqrt", "exp", "sin", "cos", "tan", "arcsin", "arctan", "tanh", "pow"
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Number:
@@ -48,27 +44,27 @@ class Neg:
 
 
 @dataclass(frozen=True, slots=True)
-class Add:
+class Binary:
+    """An arithmetic operation on two terms: one of the four below."""
+
     left: "Term"
     right: "Term"
 
 
-@dataclass(frozen=True, slots=True)
-class Sub:
-    left: "Term"
-    right: "Term"
+class Add(Binary):
+    __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Mul:
-    left: "Term"
-    right: "Term"
+class Sub(Binary):
+    __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Div:
-    left: "Term"
-    right: "Term"
+class Mul(Binary):
+    __slots__ = ()
+
+
+class Div(Binary):
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +80,9 @@ class Pow:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A builtin function. `min(a, b)` is a where a < b, else b; `max(a, b)` a where a > b, else b."""
+    """A function by its name in `functions.FUNCTIONS`."""
 
-    function: Function
+    function: str
     args: tuple["Term", ...]
 
 
@@ -117,13 +113,18 @@ class Compare:
 
 
 @dataclass(frozen=True, slots=True)
-class And:
+class Junction:
+    """A conjunction or a disjunction of several formulas."""
+
     children: tuple["Formula", ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Or:
-    children: tuple["Formula", ...]
+class And(Junction):
+    __slots__ = ()
+
+
+class Or(Junction):
+    __slots__ = ()
 
 
 Formula: TypeAlias = Truth | Compare | And | Or

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import TypeAlias, assert_never
 
 from dl2c.ir.logic import folded, minus, plus, times
-from dl2c.ir.model import ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
+from dl2c.ir.model import ZERO, Add, Binary, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
 
 MAX_DEGREE = 32
 """Coefficients of higher powers are too long to be of use."""
@@ -28,22 +28,9 @@ def polynomial(term: Term, curves: Mapping[Symbol, Coefficients]) -> Coefficient
         case Neg(child):
             inner = polynomial(child, curves)
             return None if inner is None else tuple(folded(Neg(c)) for c in inner)
-        case Add(left, right):
-            a, b = polynomial(left, curves), polynomial(right, curves)
-            return None if a is None or b is None else _sum(a, b)
-        case Sub(left, right):
-            a, b = polynomial(left, curves), polynomial(right, curves)
-            return None if a is None or b is None else _difference(a, b)
-        case Mul(left, right):
-            a, b = polynomial(left, curves), polynomial(right, curves)
-            if a is None or b is None or len(a) + len(b) - 2 > MAX_DEGREE:
-                return None
-            return _product(a, b)
-        case Div(left, right):
-            a, b = polynomial(left, curves), polynomial(right, curves)
-            if a is None or b is None or len(b) != 1:
-                return None
-            return tuple(_quotient(c, b[0]) for c in a)
+        case Binary():
+            a, b = polynomial(term.left, curves), polynomial(term.right, curves)
+            return None if a is None or b is None else _combined(term, a, b)
         case Pow(base, exponent):
             a = polynomial(base, curves)
             if a is None or (len(a) - 1) * exponent > MAX_DEGREE:
@@ -58,16 +45,21 @@ def polynomial(term: Term, curves: Mapping[Symbol, Coefficients]) -> Coefficient
             assert_never(term)
 
 
+def _combined(term: Add | Sub | Mul | Div, a: Coefficients, b: Coefficients) -> Coefficients | None:
+    """The sum, difference, product or quotient of two polynomials."""
+    match term:
+        case Add():
+            return trimmed([plus(x, y) for x, y in _paired(a, b)])
+        case Sub():
+            return trimmed([minus(x, y) for x, y in _paired(a, b)])
+        case Mul():
+            return None if len(a) + len(b) - 2 > MAX_DEGREE else _product(a, b)
+        case Div():
+            return None if len(b) != 1 else tuple(_quotient(c, b[0]) for c in a)
+
+
 def _quotient(a: Term, b: Term) -> Term:
     return ZERO if a == ZERO and isinstance(b, Number) and b != ZERO else folded(Div(a, b))
-
-
-def _sum(a: Coefficients, b: Coefficients) -> Coefficients:
-    return trimmed([plus(x, y) for x, y in _paired(a, b)])
-
-
-def _difference(a: Coefficients, b: Coefficients) -> Coefficients:
-    return trimmed([minus(x, y) for x, y in _paired(a, b)])
 
 
 def _product(a: Coefficients, b: Coefficients) -> Coefficients:

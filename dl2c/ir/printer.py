@@ -3,7 +3,7 @@
 What a person reads in `dl2c emit --stage ir` and in the comments of generated C.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from typing import assert_never
 
@@ -12,6 +12,7 @@ from dl2c.ir.model import (
     And,
     Assign,
     AssignAny,
+    Binary,
     Block,
     Bound,
     Call,
@@ -38,6 +39,7 @@ from dl2c.ir.model import (
 )
 
 ATOM, POWER, PRODUCT, SUM = 4, 3, 2, 1
+SIGNS: Mapping[type, str] = {Add: "+", Sub: "-", Mul: "*", Div: "/"}
 SHORT = 17
 """Decimals with more digits after the point are printed as the double they stand for, if they do."""
 
@@ -74,20 +76,20 @@ def _term(term: Term) -> tuple[str, int]:
             return name, ATOM
         case Neg(child):
             return f"-{_wrapped(child, POWER)}", SUM
-        case Add(left, right):
-            return f"{_wrapped(left, SUM)} + {_wrapped(right, PRODUCT)}", SUM
-        case Sub(left, right):
-            return f"{_wrapped(left, SUM)} - {_wrapped(right, PRODUCT)}", SUM
-        case Mul(left, right):
-            return f"{_wrapped(left, PRODUCT)} * {_wrapped(right, POWER)}", PRODUCT
-        case Div(left, right):
-            return f"{_wrapped(left, PRODUCT)} / {_wrapped(right, POWER)}", PRODUCT
+        case Add() | Sub():
+            return _infix(term, SUM, PRODUCT)
+        case Mul() | Div():
+            return _infix(term, PRODUCT, POWER)
         case Pow(base, exponent):
             return f"{_wrapped(base, ATOM)}^{exponent}", POWER
         case Call(function, args):
             return f"{function}({', '.join(print_term(a) for a in args)})", ATOM
         case _:
             assert_never(term)
+
+
+def _infix(term: Binary, level: int, right: int) -> tuple[str, int]:
+    return f"{_wrapped(term.left, level)} {SIGNS[type(term)]} {_wrapped(term.right, right)}", level
 
 
 def _wrapped(term: Term, level: int) -> str:
@@ -101,14 +103,10 @@ def print_formula(formula: Formula) -> str:
             return "true" if value else "false"
         case Compare(op, left, right):
             return f"{print_term(left)} {op} {print_term(right)}"
-        case And(children):
-            return " & ".join(
-                f"({print_formula(c)})" if isinstance(c, Or) else print_formula(c) for c in children
-            )
-        case Or(children):
-            return " | ".join(
-                f"({print_formula(c)})" if isinstance(c, And) else print_formula(c) for c in children
-            )
+        case And(children) | Or(children):
+            other = Or if isinstance(formula, And) else And
+            parts = (f"({print_formula(c)})" if isinstance(c, other) else print_formula(c) for c in children)
+            return (" & " if isinstance(formula, And) else " | ").join(parts)
         case _:
             assert_never(formula)
 

@@ -11,26 +11,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
-from typing import TypeAlias, assert_never
+from typing import TypeAlias
 
-from dl2c.ir.logic import folded, mapped, substituted, symbols
-from dl2c.ir.model import (
-    ONE,
-    ZERO,
-    Add,
-    And,
-    Call,
-    Compare,
-    Formula,
-    Mul,
-    Neg,
-    Number,
-    Or,
-    Sub,
-    Symbol,
-    Term,
-    Truth,
-)
+from dl2c.ir.logic import folded, mapped, substituted, symbols, with_atoms
+from dl2c.ir.model import ONE, ZERO, Add, Call, Compare, Formula, Mul, Neg, Number, Sub, Symbol, Term
 
 Scale: TypeAlias = Callable[[Compare], Iterator[Term]]
 """The terms whose sizes the slack of an atom grows with."""
@@ -69,47 +53,28 @@ def slack_of(atom: Compare, tolerance: Fraction, scale: Scale = terms_of) -> Ter
 def widened(atom: Compare, slack: Term) -> Compare:
     """The atom, missed by `slack` at most; `!=` as it is."""
     left, right, span = atom.left, atom.right, atom.span
-    match atom.op:
-        case "!=":
-            return atom
-        case "=":
-            difference = left if right == ZERO else folded(Sub(left, right))
-            return Compare("<=", folded(Call("abs", (difference,))), slack, span=span)
-        case "<" | "<=":
-            return Compare(atom.op, left, slack if right == ZERO else folded(Add(right, slack)), span=span)
-        case ">" | ">=":
-            return Compare(atom.op, folded(Add(left, slack)), right, span=span)
-        case _:
-            assert_never(atom.op)
-
-
-def _with_atoms(formula: Formula, change: Callable[[Compare], Compare]) -> Formula:
-    """The formula with every atom changed, and nothing simplified."""
-    match formula:
-        case Truth():
-            return formula
-        case Compare():
-            return change(formula)
-        case And(children):
-            return And(tuple(_with_atoms(c, change) for c in children))
-        case Or(children):
-            return Or(tuple(_with_atoms(c, change) for c in children))
-        case _:
-            assert_never(formula)
+    if atom.op == "!=":
+        return atom
+    if atom.op == "=":
+        difference = left if right == ZERO else folded(Sub(left, right))
+        return Compare("<=", folded(Call("abs", (difference,))), slack, span=span)
+    if atom.op in ("<", "<="):
+        return Compare(atom.op, left, slack if right == ZERO else folded(Add(right, slack)), span=span)
+    return Compare(atom.op, folded(Add(left, slack)), right, span=span)
 
 
 def relaxed(formula: Formula, tolerance: Fraction, scale: Scale = terms_of) -> Formula:
     """Each atom widened by its slack, `!=` kept."""
     if tolerance == 0:
         return formula
-    return _with_atoms(formula, lambda atom: widened(atom, slack_of(atom, tolerance, scale)))
+    return with_atoms(formula, lambda atom: widened(atom, slack_of(atom, tolerance, scale)))
 
 
 def equalities_relaxed(formula: Formula, tolerance: Fraction) -> Formula:
     """Only the equalities widened, as by `relaxed`."""
     if tolerance == 0:
         return formula
-    return _with_atoms(
+    return with_atoms(
         formula, lambda atom: widened(atom, slack_of(atom, tolerance)) if atom.op == "=" else atom
     )
 
@@ -158,10 +123,10 @@ def least_slack(formula: Formula, tolerance: Fraction) -> Formula:
 
     def least(atom: Compare) -> Compare:
         match atom:
-            case Compare("<=", Call("abs", (difference,)), Symbol(_, "start"), span=span):
-                return Compare("=", difference, ZERO, span=span)
+            case Compare("<=", Call("abs", (exact,)), Symbol(_, "start"), span=span):
+                return Compare("=", exact, ZERO, span=span)
             case Compare(op, left, right, span=span):
                 values = {s: Number(tolerance) for s in symbols(left, right) if s.kind == "start"}
                 return Compare(op, substituted(left, values), substituted(right, values), span=span)
 
-    return _with_atoms(formula, least)
+    return with_atoms(formula, least)

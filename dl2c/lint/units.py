@@ -12,6 +12,7 @@ from fractions import Fraction
 from typing import TypeAlias
 
 from dl2c.diagnostics import Diagnostic, warning
+from dl2c.ir.functions import FUNCTIONS
 from dl2c.parse import tree
 from dl2c.resolve.problem import Problem
 from dl2c.resolve.symbols import Node, Symbols, children
@@ -23,8 +24,6 @@ Scope: TypeAlias = Mapping[str, "Unit | None"]
 _FACTOR = re.compile(r"\s*([*/ ]?)\s*([A-Za-z%]+|1)(?:\^(-?[0-9]+))?")
 WITHOUT = ("1", "rad", "sr")
 """Units of quantities that have none."""
-
-SAME, ANGLES = ("abs", "min", "max"), ("sin", "cos", "tan", "exp", "tanh", "arcsin", "arctan")
 
 
 def unit_of(text: str) -> Unit | None:
@@ -142,7 +141,7 @@ class _Units:
         match term:
             case tree.Variable(name):
                 return scope[name] if name in scope else self.called(name, (), scope)
-            case tree.FuncOf(name, args) if name in (*SAME, *ANGLES, "sqrt"):
+            case tree.FuncOf(name, args) if name in FUNCTIONS:
                 return self.builtin(name, args, scope)
             case tree.FuncOf(name, ()) if name in scope:
                 return scope[name]
@@ -167,11 +166,12 @@ class _Units:
         return {} if _is_number(term) else self.term(term, scope)
 
     def builtin(self, name: str, args: tuple[tree.Term, ...], scope: Scope) -> Unit | None:
-        if name in ANGLES:
+        unit_is = FUNCTIONS[name].unit
+        if unit_is == "none":
             for unit, arg in ((self.term(a, scope), a) for a in args):
                 self.same({}, unit, f"the argument of {name}", arg.span.text, arg.span)
             return {}
-        if name == "sqrt":
+        if unit_is == "root":
             unit = self.term(args[0], scope)
             return None if unit is None else {n: e / 2 for n, e in unit.items()}
         if len(args) == 1:

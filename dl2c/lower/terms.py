@@ -8,7 +8,7 @@ eliminated and for distances that do not exist.
 import sys
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import assert_never, cast
+from typing import assert_never
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir import model as ir
@@ -59,7 +59,7 @@ def _lowered(term: tree.Term, scope: Scope) -> ir.Term:
         case tree.FuncOf("e", ()):
             return ir.Number(E)
         case tree.FuncOf(name, args):
-            return folded(ir.Call(cast(ir.Function, name), tuple(lower_term(a, scope) for a in args)))
+            return folded(ir.Call(name, tuple(lower_term(a, scope) for a in args)))
         case tree.Neg(child):
             return folded(ir.Neg(lower_term(child, scope)))
         case tree.Plus(left, right):

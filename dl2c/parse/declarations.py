@@ -12,6 +12,7 @@ from itertools import count
 from lark import Token, Tree
 
 from dl2c.diagnostics import CompileError
+from dl2c.ir.functions import KYX_MATH
 from dl2c.parse import build, errors
 from dl2c.parse.build import Node, Reading
 from dl2c.parse.scan import Code
@@ -40,24 +41,6 @@ _SORTS: dict[str, Sort] = {
     "HG": "HP",
     "P": "HP",
 }
-LIBRARY = (
-    "abs",
-    "arcsin",
-    "arctan",
-    "cos",
-    "div",
-    "e",
-    "exp",
-    "max",
-    "min",
-    "pi",
-    "sin",
-    "sqrt",
-    "tan",
-    "tanh",
-)
-"""The names of the package kyx.math, the only one there is."""
-
 _IMPORT = re.compile(
     r"import\s+(?P<package>[A-Za-z]\w*(?:\.[A-Za-z]\w*)*)\."
     r"(?:(?P<name>[A-Za-z]\w*|\*)|\{(?P<names>\s*[A-Za-z]\w*\s*(?:,\s*[A-Za-z]\w*\s*)*)\})\s*;\s*\Z"
@@ -189,7 +172,7 @@ def read_import(code: Code, start: int, end: int, read: Reading) -> tuple[str, .
         read.warnings.append(errors.misspelt_package(span))
         package = "kyx" + package.removeprefix("keyx")
     names = [n.strip() for n in (statement.group("names") or statement.group("name")).split(",")]
-    unknown = names if package != "kyx.math" else [n for n in names if n not in (*LIBRARY, "*")]
+    unknown = names if package != "kyx.math" else [n for n in names if n not in (*KYX_MATH, "*")]
     if unknown:
-        raise CompileError(errors.unknown_import(span, f"{package}.{n}", LIBRARY) for n in unknown)
+        raise CompileError(errors.unknown_import(span, f"{package}.{n}", sorted(KYX_MATH)) for n in unknown)
     return tuple(f"{package}.{name}" for name in names)

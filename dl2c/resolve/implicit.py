@@ -9,6 +9,10 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import TypeAlias
 
+from dl2c.ir import model as ir
+from dl2c.ir.functions import FUNCTIONS
+from dl2c.ir.logic import subterms, with_term
+from dl2c.ir.printer import print_term
 from dl2c.parse import tree
 from dl2c.parse.parser import parse_term
 from dl2c.resolve.symbols import mentioned, nodes
@@ -20,16 +24,6 @@ Factor: TypeAlias = tuple[Fraction, tree.Term | None]
 """A number, and what it is multiplied by."""
 
 ZERO, ONE = parse_term("0"), parse_term("1")
-
-LIBRARY = {
-    "exp": (("1", "{f}"),),
-    "sin": (("0", "{g}"), ("1", "-{f}")),
-    "cos": (("1", "-{g}"), ("0", "{f}")),
-    "tanh": (("0", "1 - {f}^2"),),
-    "arctan": (("0", "1/(1 + {t}^2)"),),
-    "arcsin": (("0", "1/sqrt(1 - {t}^2)"),),
-}
-"""The value at time 0 and the rate, first of the function `f`, then of another variable `g` it needs."""
 
 
 def solve(function: tree.Declaration, expanded: Solution) -> Solution | None:
@@ -62,13 +56,34 @@ def _needed(first: str, rates: dict[str, tree.Term]) -> list[str]:
 
 
 def _of_library(system: list[tuple[tree.Term, tree.Term]], names: list[str], time: str) -> Solution | None:
-    letters = dict(zip("fg", names, strict=False)) | {"t": time}
-    for known, equations in LIBRARY.items():
-        if len(equations) == len(names) and system == [
-            (parse_term(value), parse_term(rate.format(**letters))) for value, rate in equations
-        ]:
+    """A function with poles goes on after the first one, where its differential equation ends."""
+    for known, row in FUNCTIONS.items():
+        if not row.has_poles and system == _equations(known, names, time):
             return lambda at: tree.FuncOf(known, (at,), span=at.span)
     return None
+
+
+def _equations(function: str, names: list[str], time: str) -> list[tuple[tree.Term, tree.Term]]:
+    """The values at time 0 and the rates of a function and of the one that its rate needs, as variables of
+    these `names`; nothing where there are fewer or more.
+    """
+    slope, at = FUNCTIONS[function].slope, ir.Symbol(time, "time")
+    if slope is None:
+        return []
+    first = ir.Call(function, (at,))
+    calls = [first, *(t for t in subterms(slope(first, at)) if isinstance(t, ir.Call) and t.args == (at,))]
+    calls = list(dict.fromkeys(calls))
+    if len(calls) != len(names):
+        return []
+    found: list[tuple[tree.Term, tree.Term]] = []
+    for call in calls:
+        row = FUNCTIONS[call.function]
+        assert row.slope is not None
+        rate = row.slope(call, at)
+        for other, name in zip(calls, names, strict=True):
+            rate = with_term(rate, other, ir.Symbol(name, "variable"))
+        found.append((parse_term(f"{row.value(0.0):g}"), parse_term(print_term(rate))))
+    return found
 
 
 def _linear(

@@ -9,25 +9,13 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, assert_never
 
 from dl2c.diagnostics import Diagnostic
+from dl2c.ir.functions import KYX_MATH
 from dl2c.parse import tree
 from dl2c.resolve import errors
 from dl2c.work import spend
 
-BUILTINS: dict[str, int] = {
-    "abs": 1,
-    "div": 2,
-    "min": 2,
-    "max": 2,
-    "sqrt": 1,
-    "exp": 1,
-    "sin": 1,
-    "cos": 1,
-    "tan": 1,
-    "arcsin": 1,
-    "arctan": 1,
-    "tanh": 1,
-}
-"""Functions of kyx.math that can be executed, with their arity; usable with or without import."""
+BUILTINS = {name: arity for name, arity in KYX_MATH.items() if arity}
+"""Functions of kyx.math, with their arity; usable with or without import."""
 
 NULLARY_BUILTINS = ("e", "pi")
 """Numbers of kyx.math; ordinary names unless imported."""

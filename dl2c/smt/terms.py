@@ -11,24 +11,8 @@ from typing import Any, TypeAlias, assert_never
 
 import z3 as untyped_z3
 
-from dl2c.ir.model import (
-    Add,
-    And,
-    Call,
-    Compare,
-    Comparison,
-    Div,
-    Formula,
-    Mul,
-    Neg,
-    Number,
-    Or,
-    Pow,
-    Sub,
-    Symbol,
-    Term,
-    Truth,
-)
+from dl2c.ir.logic import ARITHMETIC, COMPARISONS, fold
+from dl2c.ir.model import Add, Binary, Call, Compare, Div, Formula, Mul, Neg, Number, Pow, Sub, Symbol, Term
 
 z3: Any = untyped_z3
 """Z3 publishes no types; what it returns is an `Expression`."""
@@ -55,39 +39,18 @@ class Untranslatable(Exception):
 
 def condition(formula: Formula, context: Expression) -> Expression:
     """The formula as a Z3 Boolean. Raises `Untranslatable`, `TooLarge`."""
-    match formula:
-        case Truth(value):
-            return z3.BoolVal(value, context)
-        case Compare(op, left, right):
-            for side in (left, right):
-                _check_size(side)
-            defined: list[Expression] = []
-            a, b = real(left, context, defined), real(right, context, defined)
-            return z3.And(*defined, _compared(op, a, b)) if defined else _compared(op, a, b)
-        case And(children):
-            return z3.And(*(condition(c, context) for c in children))
-        case Or(children):
-            return z3.Or(*(condition(c, context) for c in children))
-        case _:
-            assert_never(formula)
 
+    def compared(atom: Compare) -> Expression:
+        for side in (atom.left, atom.right):
+            _check_size(side)
+        defined: list[Expression] = []
+        verdict = COMPARISONS[atom.op](*(real(t, context, defined) for t in (atom.left, atom.right)))
+        return z3.And(*defined, verdict) if defined else verdict
 
-def _compared(op: Comparison, a: Expression, b: Expression) -> Expression:
-    match op:
-        case "=":
-            return a == b
-        case "!=":
-            return a != b
-        case "<":
-            return a < b
-        case "<=":
-            return a <= b
-        case ">":
-            return a > b
-        case ">=":
-            return a >= b
-        case _:
-            assert_never(op)
+    def truth(value: bool) -> Expression:
+        return z3.BoolVal(value, context)
+
+    return fold(formula, truth, compared, lambda parts: z3.And(*parts), lambda parts: z3.Or(*parts))
 
 
 def real(term: Term, context: Expression, defined: list[Expression]) -> Expression:
@@ -99,17 +62,14 @@ def real(term: Term, context: Expression, defined: list[Expression]) -> Expressi
             return z3.Real(name, context)
         case Neg(child):
             return -real(child, context, defined)
-        case Add(left, right):
-            return real(left, context, defined) + real(right, context, defined)
-        case Sub(left, right):
-            return real(left, context, defined) - real(right, context, defined)
-        case Mul(left, right):
-            return real(left, context, defined) * real(right, context, defined)
         case Div(left, right):
             divisor = real(right, context, defined)
             if not isinstance(right, Number) or right.value == 0:
                 defined.append(divisor != 0)
             return real(left, context, defined) / divisor
+        case Binary():
+            operation = ARITHMETIC[type(term)]
+            return operation(real(term.left, context, defined), real(term.right, context, defined))
         case Pow(base, exponent):
             factor = real(base, context, defined)
             product = factor

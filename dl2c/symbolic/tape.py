@@ -6,35 +6,19 @@ subexpressions are shared, and operations have our names.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
+from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.model import Formula, Symbol, Term
 from dl2c.symbolic.terms import Builder, Graph, casadi
 
-Operation: TypeAlias = Literal[
-    "input", "constant", "add", "sub", "mul", "div", "neg", "abs", "min", "max", "sqrt", "exp", "sin", "cos",
-    "tan", "arcsin", "arctan", "tanh", "pow", "log", "sign", "lt", "le", "eq", "ne", "and", "or", "not",
-]  # fmt: skip
-
-OPERATIONS: dict[int, Operation] = {
+OPERATIONS: dict[int, str] = {
     casadi.OP_ADD: "add",
     casadi.OP_SUB: "sub",
     casadi.OP_MUL: "mul",
     casadi.OP_DIV: "div",
     casadi.OP_NEG: "neg",
-    casadi.OP_FABS: "abs",
-    casadi.OP_FMIN: "min",
-    casadi.OP_FMAX: "max",
-    casadi.OP_SQRT: "sqrt",
-    casadi.OP_EXP: "exp",
-    casadi.OP_SIN: "sin",
-    casadi.OP_COS: "cos",
-    casadi.OP_TAN: "tan",
-    casadi.OP_ASIN: "arcsin",
-    casadi.OP_ATAN: "arctan",
-    casadi.OP_TANH: "tanh",
     casadi.OP_POW: "pow",
-    casadi.OP_CONSTPOW: "pow",
     casadi.OP_LOG: "log",
     casadi.OP_SIGN: "sign",
     casadi.OP_LT: "lt",
@@ -44,14 +28,16 @@ OPERATIONS: dict[int, Operation] = {
     casadi.OP_AND: "and",
     casadi.OP_OR: "or",
     casadi.OP_NOT: "not",
+    **{getattr(casadi, f"OP_{row.casadi.upper()}"): name for name, row in FUNCTIONS.items()},
 }
+"""Besides these a tape has the operations "input" and "constant"."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
     """`args` are indices of earlier instructions; an input has its `name`, a constant its `value`."""
 
-    operation: Operation
+    operation: str
     args: tuple[int, ...] = ()
     name: str = ""
     value: float = 0.0

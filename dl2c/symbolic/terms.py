@@ -10,7 +10,7 @@ every operand behind which an infinity could disappear (semantics 5). What the b
 the episode constants and the largest state value already prove is left out.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias, assert_never
 
@@ -18,27 +18,9 @@ import casadi as untyped_casadi
 
 from dl2c.interval.arithmetic import Interval, enclosure
 from dl2c.interval.arithmetic import evaluate as enclose
-from dl2c.ir.logic import operands, symbols
-from dl2c.ir.model import (
-    LARGEST_STATE,
-    Add,
-    And,
-    Call,
-    Compare,
-    Comparison,
-    Div,
-    Formula,
-    Function,
-    Mul,
-    Neg,
-    Number,
-    Or,
-    Pow,
-    Sub,
-    Symbol,
-    Term,
-    Truth,
-)
+from dl2c.ir.functions import FUNCTIONS
+from dl2c.ir.logic import ARITHMETIC, COMPARISONS, fold, operands, symbols
+from dl2c.ir.model import LARGEST_STATE, Binary, Call, Compare, Div, Formula, Neg, Number, Pow, Symbol, Term
 
 casadi: Any = untyped_casadi
 """CasADi publishes no types."""
@@ -83,37 +65,26 @@ class Builder:
                 return self.inputs.setdefault(term, casadi.SX.sym(name))
             case Neg(child):
                 return -self.term(child)
-            case Add(left, right):
-                return self.term(left) + self.term(right)
-            case Sub(left, right):
-                return self.term(left) - self.term(right)
-            case Mul(left, right):
-                return self.term(left) * self.term(right)
-            case Div(left, right):
-                return self.term(left) / self.term(right)
+            case Binary():
+                return ARITHMETIC[type(term)](self.term(term.left), self.term(term.right))
             case Pow(base, exponent):
                 return _power(self.term(base), exponent)
             case Call(function, args):
-                return _called(function, [self.term(a) for a in args])
+                return getattr(casadi, FUNCTIONS[function].casadi)(*map(self.term, args))
             case _:
                 assert_never(term)
 
     def holds(self, formula: Formula) -> Graph:
         """The graph of a formula's truth."""
-        match formula:
-            case Truth(value):
-                return casadi.SX(1.0 if value else 0.0)
-            case Compare(op, left, right):
-                verdict = _compared(op, self.term(left), self.term(right))
-                return _all([verdict, *self.defined(left), *self.defined(right)])
-            case And(children):
-                return _all([self.holds(c) for c in children])
-            case Or(children):
-                return _any([self.holds(c) for c in children])
-            case _:
-                assert_never(formula)
+        return fold(
+            formula, _truth, self._atom, lambda parts: _all(list(parts)), lambda parts: _any(list(parts))
+        )
 
-    def all_defined(self, terms: Iterator[Term] | list[Term]) -> Graph:
+    def _atom(self, atom: Compare) -> Graph:
+        verdict = COMPARISONS[atom.op](self.term(atom.left), self.term(atom.right))
+        return _all([verdict, *self.defined(atom.left), *self.defined(atom.right)])
+
+    def all_defined(self, terms: Iterable[Term]) -> Graph:
         """Whether every term has a finite value with finite, defined subterms."""
         return _all([c for t in terms for c in self.defined(t)])
 
@@ -149,9 +120,7 @@ def _absorbing(term: Term) -> Iterator[Term]:
     match term:
         case Div(_, divisor):
             yield divisor
-        case Call("abs" | "sqrt" | "sin" | "cos" | "tan", _):
-            pass
-        case Call(_, args):
+        case Call(function, args) if not FUNCTIONS[function].shows_infinity:
             yield from args
         case _:
             pass
@@ -161,26 +130,30 @@ def _finite(graph: Graph) -> Graph:
     return casadi.fabs(graph) <= LARGEST
 
 
-def _all(graphs: list[Graph]) -> Graph:
+def _truth(value: bool) -> Graph:
+    return casadi.SX(1.0 if value else 0.0)
+
+
+def _all(graphs: Iterable[Graph]) -> Graph:
     """Their conjunction; constants are absorbed."""
-    result: Graph = None
+    result = _truth(True)
     for graph in graphs:
         if graph.is_zero():
             return graph
         if not graph.is_one():
-            result = graph if result is None else casadi.logic_and(result, graph)
-    return casadi.SX(1.0) if result is None else result
+            result = graph if result.is_one() else casadi.logic_and(result, graph)
+    return result
 
 
-def _any(graphs: list[Graph]) -> Graph:
+def _any(graphs: Iterable[Graph]) -> Graph:
     """Their disjunction; constants are absorbed."""
-    result: Graph = None
+    result = _truth(False)
     for graph in graphs:
         if graph.is_one():
             return graph
         if not graph.is_zero():
-            result = graph if result is None else casadi.logic_or(result, graph)
-    return casadi.SX(0.0) if result is None else result
+            result = graph if result.is_zero() else casadi.logic_or(result, graph)
+    return result
 
 
 def _power(base: Graph, exponent: int) -> Graph:
@@ -190,51 +163,3 @@ def _power(base: Graph, exponent: int) -> Graph:
         return base * _power(base, exponent - 1)
     half = _power(base, exponent // 2)
     return half * half
-
-
-def _compared(op: Comparison, left: Graph, right: Graph) -> Graph:
-    match op:
-        case "=":
-            return left == right
-        case "!=":
-            return left != right
-        case "<":
-            return left < right
-        case "<=":
-            return left <= right
-        case ">":
-            return left > right
-        case ">=":
-            return left >= right
-        case _:
-            assert_never(op)
-
-
-def _called(function: Function, args: list[Graph]) -> Graph:
-    match function:
-        case "abs":
-            return casadi.fabs(args[0])
-        case "min":
-            return casadi.fmin(args[0], args[1])
-        case "max":
-            return casadi.fmax(args[0], args[1])
-        case "sqrt":
-            return casadi.sqrt(args[0])
-        case "exp":
-            return casadi.exp(args[0])
-        case "sin":
-            return casadi.sin(args[0])
-        case "cos":
-            return casadi.cos(args[0])
-        case "tan":
-            return casadi.tan(args[0])
-        case "arcsin":
-            return casadi.asin(args[0])
-        case "arctan":
-            return casadi.atan(args[0])
-        case "tanh":
-            return casadi.tanh(args[0])
-        case "pow":
-            return casadi.constpow(args[0], args[1])
-        case _:
-            assert_never(function)

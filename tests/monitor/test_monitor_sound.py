@@ -14,9 +14,10 @@ from conftest import REPOSITORY
 from monitor_program import program_of
 
 from dl2c.commands.monitor import unit_of
-from dl2c.emit.monitor.interval_c import COMPARISONS, FUNCTIONS, enclosing, prelude
+from dl2c.emit.monitor.interval_c import COMPARISONS, enclosing, prelude
 from dl2c.emit.monitor.monitor_h import Unit, roundings_of, with_fixed
 from dl2c.ir.evaluate import evaluate, truth
+from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import atoms, operands
 from dl2c.ir.model import Add, Call, Compare, Div, Formula, Mul, Neg, Number, Pow, Sub, Symbol, Term
 from dl2c.monitor.check import OUT_OF_RANGE, Case, Check, Kind, after
@@ -180,7 +181,14 @@ def test_what_is_no_number_is_not_satisfied(bad: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("single", [False, True])
 def test_every_operation_compiles(single: bool, tmp_path: Path) -> None:
-    names = [*FUNCTIONS.values(), *COMPARISONS.values(), "iv_both", "iv_either", "iv_quotient", "iv_product"]
+    names = [
+        *(row.enclosure for row in FUNCTIONS.values()),
+        *COMPARISONS.values(),
+        "iv_both",
+        "iv_either",
+        "iv_quotient",
+        "iv_product",
+    ]
     largest = Fraction(10**12 if single else 10**100)
     text = prelude(" ".join(names), single, largest)
     real = f"typedef {'float' if single else 'double'} real;\n"

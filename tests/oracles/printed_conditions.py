@@ -17,6 +17,7 @@ from oracles.controller_relation import FALSE_, TRUE, UNDECIDED
 from oracles.exact_numbers import conjoined, decided
 from oracles.rigorous_arrays import Bools, Doubles, Near
 
+from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.model import (
     Add,
     And,
@@ -25,7 +26,6 @@ from dl2c.ir.model import (
     Comparison,
     Div,
     Formula,
-    Function,
     Mul,
     Neg,
     Number,
@@ -131,7 +131,7 @@ class _Reader:
         self.place += 1
         if word[0].isdigit():
             return Number(Fraction(word))
-        if word not in get_args(Function) or not self.take("("):
+        if word not in FUNCTIONS or not self.take("("):
             return Symbol(word, "variable")
         args = [self.term()]
         while self.take(","):

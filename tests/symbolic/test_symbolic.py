@@ -32,7 +32,7 @@ from dl2c.emit.simulator.model_c import model_c, model_sources
 from dl2c.ir.evaluate import Undefined, evaluate, truth
 from dl2c.ir.logic import atoms
 from dl2c.ir.margins import margin_of
-from dl2c.ir.model import TRUE, Call, Div, Flow, Formula, Function, Mul, Number, Symbol, Term
+from dl2c.ir.model import TRUE, Call, Div, Flow, Formula, Mul, Number, Symbol, Term
 from dl2c.native.toolchain import CODE_FLAGS, EXACT_FLAGS, STRICT_FLAGS
 from dl2c.options import Options
 from dl2c.pipeline import emit
@@ -43,7 +43,7 @@ from dl2c.symbolic.tape import function
 WAYPOINT = Path(__file__).resolve().parents[2] / "examples" / "waypoint.kyx"
 INCLUDES = tuple(f"-I{cgen_dir() / folder}" for folder in ("include", "runtime"))
 SYMBOLS = [*map(variable, (*VARIABLES, CLOCK)), *(Symbol(c, "constant") for c in CONSTANTS)]
-UNARY: tuple[Function, ...] = ("abs", "sqrt", "exp", "sin", "cos", "tan", "arcsin", "arctan", "tanh")
+UNARY: tuple[str, ...] = ("abs", "sqrt", "exp", "sin", "cos", "tan", "arcsin", "arctan", "tanh")
 FLOW = Flow(
     (("x", variable("y")), ("y", Mul(variable("z"), variable("u"))), ("z", Number(Fraction(-1, 2)))),
     TRUE,

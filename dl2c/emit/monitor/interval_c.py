@@ -13,6 +13,7 @@ import numpy as np
 from dl2c.code import cgen_dir
 from dl2c.emit.cfile import wrapped
 from dl2c.interval.arithmetic import enclosure
+from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.model import (
     Add,
     And,
@@ -21,7 +22,6 @@ from dl2c.ir.model import (
     Comparison,
     Div,
     Formula,
-    Function,
     Mul,
     Neg,
     Number,
@@ -41,22 +41,6 @@ COMPARISONS: dict[Comparison, str] = {
     ">": "is_less",
     ">=": "is_at_most",
 }
-
-FUNCTIONS: dict[Function, str] = {
-    "abs": "iv_magnitude",
-    "sqrt": "iv_root",
-    "min": "iv_least",
-    "max": "iv_greatest",
-    "exp": "iv_exp",
-    "sin": "iv_sine",
-    "cos": "iv_cosine",
-    "tan": "iv_tangent",
-    "tanh": "iv_tanh",
-    "arcsin": "iv_arcsin",
-    "arctan": "iv_arctan",
-    "pow": "iv_power",
-}
-"""Their enclosures in cgen/monitor."""
 
 TABLES = {
     "iv_half_pi": "1.570796326794896619231321691639751442098584699687552910487472296153908203143104499314",
@@ -218,7 +202,7 @@ class Statements:
             case Pow(base, exponent):
                 return f"iv_square({self.term(Pow(base, exponent // 2))})"
             case Call(function, args):
-                return f"{FUNCTIONS[function]}({', '.join(map(self.term, args))})"
+                return f"{FUNCTIONS[function].enclosure}({', '.join(map(self.term, args))})"
             case _:
                 assert_never(term)
 

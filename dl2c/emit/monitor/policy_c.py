@@ -10,6 +10,7 @@ from fractions import Fraction
 import numpy as np
 
 from dl2c.diagnostics import CompileError, error
+from dl2c.emit.cexpr import MATH
 from dl2c.emit.cfile import comment, function, table, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.monitor.control_c import reading
@@ -111,7 +112,7 @@ def _source(unit: Unit, policy: NetworkPolicy) -> str:
     return with_own_names(text, f"{unit.stem}_policy")
 
 
-LIBRARY = r"\b(fabs|sqrt|expm1|exp|rint|sin|cos|tanh|tan|asin|atan|pow|log)f?\(|\bisfinite\("
+LIBRARY = rf"\b({MATH}|expm1|rint)f?\(|\bisfinite\("
 """Calls of <math.h>."""
 
 CLIP = """\

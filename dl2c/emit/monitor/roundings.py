@@ -8,23 +8,12 @@ A comparison is undecided only where its sides differ by no more than that.
 from typing import assert_never
 
 from dl2c.emit.monitor.interval_c import is_number_of_machine, precision_of
-from dl2c.ir.logic import atoms
-from dl2c.ir.model import Add, Call, Div, Formula, Function, Mul, Neg, Number, Pow, Sub, Symbol, Term
+from dl2c.ir.functions import FUNCTIONS
+from dl2c.ir.logic import sides
+from dl2c.ir.model import Add, Call, Div, Formula, Mul, Neg, Number, Pow, Sub, Symbol, Term
 
 ROOM = 3
 """Of one operation, in multiples of epsilon: its rounding, and the room for it."""
-
-OWN: dict[Function, int] = {
-    "exp": 8,
-    "sin": 8,
-    "cos": 8,
-    "tanh": 8,
-    "arctan": 30,
-    "tan": 30,
-    "arcsin": 60,
-    "pow": 20,
-}
-"""How wide the enclosure of a function's value at a number is, in multiples of epsilon times its size."""
 
 SIZES = (
     "The size of a number is its magnitude, of a sum or a difference the sum of both sizes, of a product "
@@ -37,7 +26,7 @@ SIZES = (
 
 def roundings(formula: Formula, single: bool) -> int:
     """N for all comparisons of a formula; 0 where each is between numbers that are not computed."""
-    return max((_of(side, single) for a in atoms(formula) for side in (a.left, a.right)), default=0)
+    return max((_of(side, single) for side in sides(formula)), default=0)
 
 
 def _of(term: Term, single: bool) -> int:
@@ -63,18 +52,14 @@ def _of(term: Term, single: bool) -> int:
             assert_never(term)
 
 
-def _of_function(function: Function, args: list[int]) -> int:
-    match function:
-        case "abs" | "min" | "max":
-            return max(args)
-        case "sqrt":
-            return args[0] + ROOM
-        case "sin" | "cos" | "tanh" | "arctan":
-            return args[0] + OWN[function]
-        case "exp" | "tan" | "arcsin" | "pow":
-            return 2 * (sum(args) + OWN[function])
-        case _:
-            assert_never(function)
+def _of_function(name: str, args: list[int]) -> int:
+    function = FUNCTIONS[name]
+    if name == "sqrt":
+        return args[0] + ROOM
+    if function.exact:
+        return max(args)
+    own = sum(args) + function.width
+    return 2 * own if function.steep else own
 
 
 def explained(single: bool) -> str:

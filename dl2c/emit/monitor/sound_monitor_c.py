@@ -7,6 +7,7 @@ where a condition is false, else not known where one is not known.
 import re
 
 from dl2c.emit import names
+from dl2c.emit.cexpr import MATH
 from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor.control_c import Holds, controller_functions
@@ -59,7 +60,7 @@ def sound_monitor_c(unit: Unit) -> str:
     return with_own_names(whole, unit.stem)
 
 
-LIBRARY = r"\b(fabs|sqrt|exp|sin|cos|tan|asin|atan|tanh|pow|log|ldexp|frexp)f?\b|\bisfinite\("
+LIBRARY = rf"\b({MATH}|ldexp|frexp)f?\b|\bisfinite\("
 """What is of <math.h>."""
 
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias, assert_never
 
+from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.model import (
     Add,
     And,
@@ -18,7 +19,6 @@ from dl2c.ir.model import (
     Comparison,
     Div,
     Formula,
-    Function,
     Mul,
     Neg,
     Number,
@@ -32,22 +32,6 @@ from dl2c.ir.model import (
 
 WIDTH = 88
 """The line length of Python's formatters where nothing else is said."""
-
-TOTAL: dict[Function, str] = {
-    "abs": "abs",
-    "min": "least",
-    "max": "greatest",
-    "sqrt": "sqrt",
-    "exp": "exp",
-    "sin": "math.sin",
-    "cos": "math.cos",
-    "tan": "math.tan",
-    "arcsin": "arcsin",
-    "arctan": "math.atan",
-    "tanh": "math.tanh",
-    "pow": "power",
-}
-"""What the functions are called in the expressions."""
 
 OPERATORS: dict[Comparison, str] = {"=": "==", "!=": "!=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 
@@ -116,7 +100,7 @@ class Writer:
             case Pow(base, exponent):
                 return self._power(self.term(base), exponent)
             case Call(function, args):
-                return Bracketed(TOTAL[function], tuple(map(self.term, args)))
+                return Bracketed(FUNCTIONS[function].python, tuple(map(self.term, args)))
             case _:
                 assert_never(term)
 
