@@ -16,20 +16,7 @@ from dl2c.flows.starts import Projection, Start, merged, projections, slacks_of,
 from dl2c.flows.watch import Watch
 from dl2c.ir.logic import conjunction, conjuncts, negation, operands
 from dl2c.ir.margins import Moves, TooManyCases, cleared, margin_of, margins_of, smooth
-from dl2c.ir.model import (
-    ZERO,
-    Add,
-    Compare,
-    Div,
-    Flow,
-    Formula,
-    Mul,
-    Neg,
-    Pow,
-    Sub,
-    Symbol,
-    Term,
-)
+from dl2c.ir.model import ZERO, Add, Compare, Div, Flow, Formula, Mul, Neg, Pow, Sub, Symbol, Term
 from dl2c.ir.polynomial import Coefficients, polynomial
 from dl2c.options import Integrator
 from dl2c.source import Span

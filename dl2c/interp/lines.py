@@ -10,18 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeAlias, assert_never
 
-from dl2c.ir.model import (
-    Assign,
-    AssignAny,
-    Block,
-    Choice,
-    Evolve,
-    If,
-    Repeat,
-    Role,
-    Test,
-    While,
-)
+from dl2c.ir.model import Assign, AssignAny, Block, Choice, Evolve, If, Repeat, Role, Test, While
 
 Straight: TypeAlias = Assign | AssignAny | Test | Evolve
 

@@ -33,7 +33,7 @@ def bounded(model: Model, default: Range) -> Model:
         ends = closed(low, high, default)
         bounds[symbol] = _completed(bound, limits, ends)
         if box is not None:
-            box = contract(model.precondition, {**box, symbol: _interval(Bound(*ends))})
+            box = contract(model.precondition, {**box, symbol: interval_of(Bound(*ends))})
     return replace(
         model,
         variables=tuple(_with(v, bounds.get(Symbol(v.name, "variable"))) for v in model.variables),
@@ -45,10 +45,10 @@ def initial_box(model: Model) -> dict[Symbol, Interval] | None:
     """A box around all initial states, from bounds, fixed constants and the precondition; None if empty."""
     box: dict[Symbol, Interval] = dict.fromkeys(symbols(model.precondition), WHOLE)
     for variable in model.variables:
-        box[Symbol(variable.name, "variable")] = _interval(variable.bound)
+        box[Symbol(variable.name, "variable")] = interval_of(variable.bound)
     for constant in model.constants:
         fixed = None if constant.value is None else enclosure(constant.value)
-        box[Symbol(constant.name, "constant")] = fixed or _interval(constant.bound)
+        box[Symbol(constant.name, "constant")] = fixed or interval_of(constant.bound)
     return None if any(i.empty for i in box.values()) else contract(model.precondition, box)
 
 
@@ -77,7 +77,8 @@ def _with(item: _Item, bound: Bound | None) -> _Item:
     return item if bound is None else replace(item, bound=bound)
 
 
-def _interval(bound: Bound) -> Interval:
+def interval_of(bound: Bound) -> Interval:
+    """All doubles and more that lie inside the bound."""
     low = WHOLE.low if bound.low is None else enclosure(bound.low).low
     return Interval(low, WHOLE.high if bound.high is None else enclosure(bound.high).high)
 

@@ -316,13 +316,21 @@ def operands(term: Term) -> tuple[Term, ...]:
 
 
 def subterms(*parts: Term | Formula) -> Iterator[Term]:
-    """Every term and each of its subterms before what is inside it, from left to right."""
-    for part in parts:
-        if isinstance(part, Truth | Compare | Junction):
-            yield from subterms(*sides(part))
-        else:
-            yield part
-            yield from subterms(*operands(part))
+    """Every term before what is inside it, from left to right."""
+    stack = list(reversed([t for part in parts for t in _terms(part)]))
+    while stack:
+        term = stack.pop()
+        yield term
+        stack.extend(reversed(operands(term)))
+
+
+def leaves(*parts: Term | Formula) -> Iterator[Term]:
+    """Every number and symbol, from left to right."""
+    return (t for t in subterms(*parts) if isinstance(t, Number | Symbol))
+
+
+def _terms(part: Term | Formula) -> Iterable[Term]:
+    return sides(part) if isinstance(part, Truth | Compare | Junction) else (part,)
 
 
 def always_defined(term: Term) -> bool:
@@ -352,9 +360,7 @@ def symbols(*parts: Term | Formula) -> set[Symbol]:
     """All symbols that occur."""
     spend()
     found: set[Symbol] = set()
-    stack: list[Term] = []
-    for part in parts:
-        stack += sides(part) if isinstance(part, Truth | Compare | Junction) else (part,)
+    stack = [t for part in parts for t in _terms(part)]
     while stack:
         term = stack.pop()
         if isinstance(term, Symbol):

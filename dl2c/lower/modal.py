@@ -8,12 +8,12 @@ are polynomials of time.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count
+from itertools import count, islice
 
 from dl2c.diagnostics import CompileError
 from dl2c.flows.solution import NotPolynomial, solve
 from dl2c.ir import model as ir
-from dl2c.ir.logic import conjunction, disjunction, folded, operands, substituted, symbols
+from dl2c.ir.logic import conjunction, disjunction, folded, leaves, substituted, symbols
 from dl2c.ir.polynomial import Coefficients
 from dl2c.parse import tree
 from dl2c.quantifiers.eliminate import Quantifier, eliminated
@@ -122,12 +122,7 @@ class Modality:
 
 def _size(term: ir.Term) -> int:
     """How many numbers and symbols it has, counted only until they are too many."""
-    size, waiting = 0, [term]
-    while waiting and size <= MAX_SIZE:
-        parts = operands(waiting.pop())
-        size += not parts
-        waiting += parts
-    return size
+    return sum(1 for _ in islice(leaves(term), MAX_SIZE + 1))
 
 
 def _fresh(scope: Scope) -> ir.Symbol:

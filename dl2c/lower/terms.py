@@ -12,15 +12,7 @@ from typing import assert_never
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir import model as ir
-from dl2c.ir.logic import (
-    NEGATED,
-    always_defined,
-    conjunction,
-    delta,
-    disjunction,
-    folded,
-    mapped,
-)
+from dl2c.ir.logic import NEGATED, always_defined, conjunction, delta, disjunction, folded, mapped
 from dl2c.ir.slack import Slacks, settled
 from dl2c.lower.modal import Modality, Scope
 from dl2c.parse import tree

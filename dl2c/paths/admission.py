@@ -13,37 +13,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations
-from typing import Literal, TypeAlias, assert_never
+from typing import Literal, TypeAlias
 
-from dl2c.ir.logic import (
-    atoms,
-    conjunction,
-    conjuncts,
-    disjunction,
-    minus,
-    number,
-    plus,
-    symbols,
-    times,
-)
+from dl2c.ir.logic import atoms, conjunction, conjuncts, minus, number, plus, rewritten, symbols, times
 from dl2c.ir.margins import TooManyCases, smooth
-from dl2c.ir.model import (
-    ZERO,
-    Add,
-    And,
-    Compare,
-    Div,
-    Formula,
-    Mul,
-    Neg,
-    Number,
-    Or,
-    Pow,
-    Sub,
-    Symbol,
-    Term,
-    Truth,
-)
+from dl2c.ir.model import ZERO, Add, Compare, Div, Formula, Mul, Neg, Number, Pow, Sub, Symbol, Term
 from dl2c.ir.normal import normal_form
 from dl2c.ir.polynomial import Coefficients, polynomial
 from dl2c.paths.zeros import MAX_DEGREE, zero_count
@@ -218,37 +192,26 @@ def _limits(parts: list[Formula], symbol: Symbol) -> tuple[Limit, ...] | None:
 
 def _condition(part: Formula, places: dict[Symbol, int], solved: list[Solved]) -> Formula:
     """The formula with equalities of inputs replaced by those that are `solved`."""
-    match part:
-        case And(children):
-            return conjunction(_condition(c, places, solved) for c in children)
-        case Or(children):
-            return disjunction(_condition(c, places, solved) for c in children)
-        case Compare("=") if _used(part, places):
-            return _cases(_smooth(part, places), places, solved)
-        case Truth() | Compare():
-            return part
-        case _:
-            assert_never(part)
+
+    def change(atom: Compare) -> Formula:
+        if atom.op != "=" or not _used(atom, places):
+            return atom
+        return rewritten(_smooth(atom, places), lambda case: _solved(case, places, solved))
+
+    return rewritten(part, change)
 
 
-def _cases(part: Formula, places: dict[Symbol, int], solved: list[Solved]) -> Formula:
-    """The cases of one equality, each of them solved."""
-    match part:
-        case And(children):
-            return conjunction(_cases(c, places, solved) for c in children)
-        case Or(children):
-            return disjunction(_cases(c, places, solved) for c in children)
-        case Compare("=", left) if used := _used(left, places):
-            symbol = next(s for s, k in places.items() if k == used[-1])
-            coefficients = _polynomial(left, symbol)
-            assert coefficients is not None, "`_criticals` refuses others"
-            made = Solved(Symbol(f"solved_{len(solved)}", "input"), symbol, coefficients)
-            solved.append(made)
-            return Compare("!=", made.symbol, ZERO, span=part.span)
-        case Truth() | Compare():
-            return part
-        case _:
-            assert_never(part)
+def _solved(atom: Compare, places: dict[Symbol, int], solved: list[Solved]) -> Compare:
+    """A comparison of one case of an equality, if it is one of inputs by a symbol for whether it holds."""
+    used = _used(atom.left, places)
+    if atom.op != "=" or not used:
+        return atom
+    symbol = next(s for s, k in places.items() if k == used[-1])
+    coefficients = _polynomial(atom.left, symbol)
+    assert coefficients is not None, "`_criticals` refuses others"
+    made = Solved(Symbol(f"solved_{len(solved)}", "input"), symbol, coefficients)
+    solved.append(made)
+    return Compare("!=", made.symbol, ZERO, span=atom.span)
 
 
 def _smooth(part: Formula, places: dict[Symbol, int]) -> Formula:

@@ -12,15 +12,7 @@ from fractions import Fraction
 from typing import TypeVar, assert_never, get_args
 
 from dl2c.diagnostics import CompileError, Diagnostic
-from dl2c.ir.logic import (
-    conjunction,
-    conjuncts,
-    mapped,
-    negation,
-    operands,
-    oriented,
-    substituted,
-)
+from dl2c.ir.logic import conjunction, conjuncts, mapped, negation, operands, oriented, substituted
 from dl2c.ir.model import (
     FALSE,
     Alternative,

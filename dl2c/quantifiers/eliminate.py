@@ -12,14 +12,27 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
-from dl2c.ir.logic import atoms, conjunction, disjunction, mapped, negation, operands, substituted, symbols
+from dl2c.ir.functions import FUNCTIONS
+from dl2c.ir.logic import (
+    atoms,
+    conjunction,
+    difference,
+    disjunction,
+    mapped,
+    negation,
+    operands,
+    rewritten,
+    sides,
+    substituted,
+    symbols,
+    with_operands,
+)
 from dl2c.ir.margins import TooManyCases, smooth
 from dl2c.ir.model import (
     FALSE,
     ONE,
     TRUE,
     ZERO,
-    Add,
     And,
     Call,
     Compare,
@@ -30,7 +43,6 @@ from dl2c.ir.model import (
     Number,
     Or,
     Pow,
-    Sub,
     Symbol,
     Term,
 )
@@ -121,19 +133,11 @@ class _Preparation:
 
     def formula(self, formula: Formula) -> Formula:
         """Raises `DegreeTooHigh`, `TooLarge`, `TooManyCases`."""
-        match formula:
-            case And(children):
-                return conjunction(self.formula(c) for c in children)
-            case Or(children):
-                return disjunction(self.formula(c) for c in children)
-            case Compare():
-                return self._atom(formula)
-            case _:
-                return formula
+        return rewritten(formula, self._atom)
 
     def _atom(self, atom: Compare) -> Formula:
         span = self.span if self.x in symbols(atom) else atom.span
-        defined = conjunction(d for side in (atom.left, atom.right) for d in self._defined(side, span))
+        defined = conjunction(d for side in sides(atom) for d in self._defined(side, span))
         if defined == FALSE:
             return FALSE
         plain = Compare(atom.op, self._plain(atom.left), self._plain(atom.right), span=span)
@@ -145,22 +149,14 @@ class _Preparation:
     def _plain(self, term: Term) -> Term:
         """The term with names for what is no polynomial and has no x. Raises `TooLarge`."""
         match term:
-            case Number() | Symbol():
-                return term
             case Div(left, Number(value)) if value:
                 return Div(self._plain(left), Number(value))
             case Div() | Call() if not self._moves(term):
                 return self._named(term)
             case Div(left, right) if not self._moves(right):
                 return Mul(self._plain(left), self._plain(Div(ONE, right)))
-            case Neg(child):
-                return Neg(self._plain(child))
-            case Pow(base, exponent):
-                return Pow(self._plain(base), exponent)
-            case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
-                return type(term)(self._plain(left), self._plain(right))
-            case Call(function, args):
-                return Call(function, tuple(self._plain(a) for a in args))
+            case _:
+                return with_operands(term, tuple(map(self._plain, operands(term))))
 
     def _named(self, term: Term) -> Symbol:
         if term not in self.names:
@@ -177,31 +173,25 @@ class _Preparation:
                 yield self._signs(Compare("!=", self._plain(divisor), ZERO, span=span))
             case Call("sqrt", (argument,)) if not self._moves(term):
                 yield self._signs(Compare(">=", self._plain(argument), ZERO, span=span))
-            case Call("exp" | "tan" | "arcsin" | "pow") if not self._moves(term):
+            case Call(function) if not FUNCTIONS[function].total and not self._moves(term):
                 yield Compare("=", term, term, span=span)
             case _:
                 pass
 
     def _signs(self, formula: Formula) -> Formula:
         """Every atom as a sign of a polynomial, of products of high degree the signs of their factors."""
-        match formula:
-            case And(children):
-                return conjunction(self._signs(c) for c in children)
-            case Or(children):
-                return disjunction(self._signs(c) for c in children)
-            case Compare(op, left, right, span=span):
-                difference = left if right == ZERO else Sub(left, right)
-                form = normal_form(difference)
-                if form is None or len(form) > MAX_MONOMIALS:
-                    raise TooLarge(TOO_MANY_MONOMIALS)
-                if self._degree(form) <= 2:
-                    return sign_in(form, SIGNS[op], span)
-                factors = [f for factor in _factors(difference) for f in self._without_powers(factor)]
-                if (worst := max(map(self._degree, factors))) > 2:
-                    raise DegreeTooHigh(worst)
-                return _product_sign(factors, SIGNS[op], span)
-            case _:
-                return formula
+        return rewritten(formula, self._sign)
+
+    def _sign(self, atom: Compare) -> Formula:
+        form = normal_form(difference(atom))
+        if form is None or len(form) > MAX_MONOMIALS:
+            raise TooLarge(TOO_MANY_MONOMIALS)
+        if self._degree(form) <= 2:
+            return sign_in(form, SIGNS[atom.op], atom.span)
+        factors = [f for factor in _factors(difference(atom)) for f in self._without_powers(factor)]
+        if (worst := max(map(self._degree, factors))) > 2:
+            raise DegreeTooHigh(worst)
+        return _product_sign(factors, SIGNS[atom.op], atom.span)
 
     def _degree(self, form: Normal) -> int:
         return max(powers(form, self.x), default=0)

@@ -11,7 +11,7 @@ from functools import reduce
 from math import gcd, lcm
 from typing import TypeAlias, assert_never
 
-from dl2c.ir.logic import atoms, conjunction, conjuncts, folded, negation, operands
+from dl2c.ir.logic import conjunction, conjuncts, folded, leaves, negation
 from dl2c.ir.model import (
     FALSE,
     TRUE,
@@ -132,13 +132,7 @@ def _power(symbol: Symbol, exponent: int) -> Term:
 
 def size(formula: Formula) -> int:
     """How many numbers and symbols are written in it."""
-    waiting = [side for atom in atoms(formula) for side in (atom.left, atom.right)]
-    count = 0
-    while waiting:
-        parts = operands(waiting.pop())
-        waiting += parts
-        count += not parts
-    return count
+    return sum(1 for _ in leaves(formula))
 
 
 # Formulas of them ---------------------------------------------------------------

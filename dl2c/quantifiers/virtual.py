@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias, assert_never
 
-from dl2c.ir.logic import atoms, conjunction, conjuncts, disjunction, symbols
+from dl2c.ir.logic import atoms, conjunction, conjuncts, disjunction, rewritten, symbols
 from dl2c.ir.model import FALSE, TRUE, And, Compare, Comparison, Formula, Or, Sub, Symbol, Truth
 from dl2c.ir.normal import Normal, normal_form, powers
 from dl2c.quantifiers.quadratic import Quadratic, minus, number, plus, present, root_of, times
@@ -174,17 +174,7 @@ def _at_points(formula: Formula, conditions: dict[Compare, Condition], points: S
 
 
 def _substituted(formula: Formula, conditions: dict[Compare, Condition], point: Point) -> Formula:
-    match formula:
-        case Compare():
-            return _at(conditions[formula], point) if formula in conditions else formula
-        case And(children):
-            return conjunction(_substituted(c, conditions, point) for c in children)
-        case Or(children):
-            return disjunction(_substituted(c, conditions, point) for c in children)
-        case Truth():
-            return formula
-        case _:
-            assert_never(formula)
+    return rewritten(formula, lambda atom: _at(conditions[atom], point) if atom in conditions else atom)
 
 
 # Test points --------------------------------------------------------------------

@@ -19,12 +19,11 @@ from typing import TypeAlias, assert_never
 from dl2c.interval.arithmetic import WHOLE, Box, Interval, enclosure, evaluate, magnitude, truth
 from dl2c.interval.contract import contract
 from dl2c.interval.rounding import add_down, add_up, div_up, mul_up, sqrt_down, sqrt_up
-from dl2c.ir.logic import conjunction, conjuncts, disjunction, operands, symbols
+from dl2c.ir.logic import conjunction, conjuncts, difference, disjunction, operands, rewritten, sides, symbols
 from dl2c.ir.model import (
     FALSE,
     ZERO,
     Add,
-    And,
     Call,
     Compare,
     Div,
@@ -32,7 +31,6 @@ from dl2c.ir.model import (
     Mul,
     Neg,
     Number,
-    Or,
     Pow,
     Sub,
     Symbol,
@@ -153,40 +151,31 @@ def _inside(symbol: Symbol, around: Interval) -> Iterator[Formula]:
 
 def _proved(formula: Formula, box: Box, errors: Errors) -> Formula:
     """True in doubles only where the formula is true; what is true on the whole box is left out."""
-    match formula:
-        case Truth():
-            return formula
-        case Compare():
-            verdict = truth(formula, box)
-            return _proved_atom(formula, box, errors) if verdict == "unknown" else Truth(verdict == "true")
-        case And(children):
-            return conjunction(_proved(c, box, errors) for c in children)
-        case Or(children):
-            return disjunction(_proved(c, box, errors) for c in children)
-        case _:
-            assert_never(formula)
+
+    def proved(atom: Compare) -> Formula:
+        verdict = truth(atom, box)
+        return _proved_atom(atom, box, errors) if verdict == "unknown" else Truth(verdict == "true")
+
+    return rewritten(formula, proved)
 
 
 def _proved_atom(atom: Compare, box: Box, errors: Errors) -> Formula:
     atom = _descending(atom)
     try:
-        conditions = [f for side in (atom.left, atom.right) for f in _defined(side, box, errors)]
+        conditions = [f for side in sides(atom) for f in _defined(side, box, errors)]
         return conjunction([*conditions, _separated(atom, box, errors)])
     except NoErrorBound:
         assert atom.op != "=", SOLVED
-        difference = _difference(atom)
-        running = running_error(difference, errors)
-        distance = Call("abs", (difference,)) if atom.op == "!=" else difference
+        running = running_error(difference(atom), errors)
+        distance = _distance(atom)
         return conjunction([*running.conditions, Compare(">", distance, running.error, span=atom.span)])
 
 
 def _descending(atom: Compare) -> Compare:
     """`>` for `<` and `>=` for `<=`."""
-    match atom.op:
-        case "<" | "<=":
-            return Compare(">" if atom.op == "<" else ">=", atom.right, atom.left, span=atom.span)
-        case _:
-            return atom
+    if atom.op not in ("<", "<="):
+        return atom
+    return Compare(">" if atom.op == "<" else ">=", atom.right, atom.left, span=atom.span)
 
 
 def _separated(atom: Compare, box: Box, errors: Errors) -> Compare:
@@ -194,25 +183,21 @@ def _separated(atom: Compare, box: Box, errors: Errors) -> Compare:
     slack = add_up(error_bound(atom.left, box, errors), error_bound(atom.right, box, errors))
     if slack == 0:
         return atom
-    difference = _difference(atom)
-    distance = Call("abs", (difference,)) if atom.op == "!=" else difference
     assert atom.op != "=", SOLVED
-    return Compare(">", distance, Number(Fraction(slack)), span=atom.span)
+    return Compare(">", _distance(atom), Number(Fraction(slack)), span=atom.span)
 
 
-def _difference(atom: Compare) -> Term:
-    return atom.left if atom.right == ZERO else Sub(atom.left, atom.right)
+def _distance(atom: Compare) -> Term:
+    """How far the sides are apart, in the direction that the atom asks for."""
+    return Call("abs", (difference(atom),)) if atom.op == "!=" else difference(atom)
 
 
 def _defined(term: Term, box: Box, errors: Errors) -> Iterator[Formula]:
     """Tests that every square root in the term is taken of a nonnegative number."""
     for operand in operands(term):
         yield from _defined(operand, box, errors)
-    match term:
-        case Call("sqrt", (arg,)):
-            yield _proved(Compare(">=", arg, ZERO), box, errors)
-        case _:
-            pass
+    if isinstance(term, Call) and term.function == "sqrt":
+        yield _proved(Compare(">=", term.args[0], ZERO), box, errors)
 
 
 # Rounding errors --------------------------------------------------------------

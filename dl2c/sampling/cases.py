@@ -14,17 +14,20 @@ from dl2c.interval.arithmetic import Box
 from dl2c.interval.contract import contract
 from dl2c.ir.logic import (
     always_defined,
+    ascending,
     atoms,
     conjunction,
     conjuncts,
     disjunction,
-    negation,
+    negated,
     operands,
-    oriented,
     plus,
+    rewritten,
+    sides,
     symbols,
     with_term,
 )
+from dl2c.ir.margins import margin_of
 from dl2c.ir.model import (
     FALSE,
     ZERO,
@@ -92,32 +95,19 @@ def _split(formula: Formula, box: Box) -> list[Conjuncts]:
 def resolved(formula: Formula) -> Formula:
     """The formula without alternatives that one of its other conjuncts denies."""
     parts = conjuncts(formula)
-    denied = {k for p in parts if isinstance(p, Compare) and (k := _key(negation(p))) is not None}
+    denied = {k for p in parts if isinstance(p, Compare) and (k := _key(negated(p))) is not None}
     return conjunction(p if isinstance(p, Compare) else _without(p, denied) for p in parts)
 
 
 def _without(formula: Formula, denied: set[Key]) -> Formula:
-    match formula:
-        case Or(children):
-            return disjunction(_without(c, denied) for c in children)
-        case And(children):
-            return conjunction(_without(c, denied) for c in children)
-        case Compare() if _key(formula) in denied:
-            return FALSE
-        case _:
-            return formula
+    return rewritten(formula, lambda atom: FALSE if _key(atom) in denied else atom)
 
 
-def _key(atom: Formula) -> Key | None:
+def _key(atom: Compare) -> Key | None:
     """What the atom says, however it is written."""
-    atom = oriented(atom)
-    if not isinstance(atom, Compare):
-        return None
-    flipped = atom.op in ("<", "<=")
-    left, right = (atom.right, atom.left) if flipped else (atom.left, atom.right)
-    form = normal_form(Sub(left, right))
-    op = atom.op.replace("<", ">")
-    return None if form is None else (op, frozenset(form.items()))
+    atom = ascending(atom)
+    form = normal_form(margin_of(atom))
+    return None if form is None else (atom.op, frozenset(form.items()))
 
 
 def _limit(found: Sequence[Conjuncts]) -> None:
@@ -138,11 +128,9 @@ def _equality(atom: Compare, box: Box) -> list[Conjuncts]:
     for side, other in ((atom.left, atom.right), (atom.right, atom.left)):
         match side, other:
             case (Mul(a, b), _) if other == ZERO:
-                first, second = Compare("=", a, ZERO, span=atom.span), Compare("=", b, ZERO, span=atom.span)
+                factors = [Compare("=", t, ZERO, span=atom.span) for t in (a, b)]
                 defined = [_defined(b, atom), _defined(a, atom)]
-                return [
-                    (*e, *d) for f, d in zip((first, second), defined, strict=True) for e in _split(f, box)
-                ]
+                return [(*e, *d) for f, d in zip(factors, defined, strict=True) for e in _split(f, box)]
             case (Pow(base, _), _) if other == ZERO:
                 return _split(Compare("=", base, ZERO, span=atom.span), box)
             case Call("sqrt", (arg,)), _:
@@ -151,7 +139,7 @@ def _equality(atom: Compare, box: Box) -> list[Conjuncts]:
                 return [(*c, sign) for c in _split(squared, box)]
             case _:
                 pass
-    kink = next((k for side in (atom.left, atom.right) for k in _kinks(side)), None)
+    kink = next((k for side in sides(atom) for k in _kinks(side)), None)
     return [(atom,)] if kink is None else _kink_cases(atom, kink, box)
 
 
@@ -213,22 +201,14 @@ def _kinks(term: Term) -> Iterator[Call]:
 
 
 def _kink_cases(atom: Compare, kink: Call, box: Box) -> list[Conjuncts]:
-    match kink:
-        case Call("abs", (arg,)):
-            cases = (
-                (Compare(">=", arg, ZERO, span=atom.span), arg),
-                (Compare("<", arg, ZERO, span=atom.span), Neg(arg)),
-            )
-        case Call(function, (a, b)):
-            op = "<" if function == "min" else ">"
-            cases = (
-                (Compare(op, a, b, span=atom.span), a),
-                (Compare(">=" if op == "<" else "<=", a, b, span=atom.span), b),
-            )
-        case _:
-            raise AssertionError(kink)
+    if kink.function == "abs":
+        (a,) = kink.args
+        first, values = Compare(">=", a, ZERO, span=atom.span), (a, Neg(a))
+    else:
+        a, b = values = kink.args
+        first = Compare("<" if kink.function == "min" else ">", a, b, span=atom.span)
     found: list[Conjuncts] = []
-    for condition, value in cases:
-        sides = with_term(atom.left, kink, value), with_term(atom.right, kink, value)
-        found += [(condition, *c) for c in _split(Compare("=", *sides, span=atom.span), box)]
+    for condition, value in zip((first, negated(first)), values, strict=True):
+        case = with_term(atom.left, kink, value), with_term(atom.right, kink, value)
+        found += [(condition, *c) for c in _split(Compare("=", *case, span=atom.span), box)]
     return found

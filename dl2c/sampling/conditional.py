@@ -15,11 +15,11 @@ from functools import reduce
 from dl2c.interval.arithmetic import Interval, evaluate, magnitude
 from dl2c.interval.contract import contract
 from dl2c.interval.rounding import div_down
-from dl2c.ir.logic import conjunction, conjuncts, minus, plus, symbols, times
+from dl2c.ir.logic import conjunction, conjuncts, minus, plus, size, symbols, times
 from dl2c.ir.model import ZERO, Add, Call, Compare, Div, Formula, Mul, Neg, Number, Sub, Symbol, Term
 from dl2c.ir.normal import divided, normal_form
 from dl2c.sampling.charts import Chart
-from dl2c.sampling.equalities.algebra import size_of, term_of
+from dl2c.sampling.equalities.algebra import term_of
 from dl2c.sampling.equalities.linear import linear_parts, replaced
 from dl2c.sampling.equalities.root_of import RootOf
 
@@ -71,7 +71,7 @@ def _definitions(chart: Chart) -> dict[Symbol, Term]:
         if isinstance(term, RootOf):
             continue
         value = replaced(term, values)
-        if size_of(value) <= LONGEST_LIMIT and symbols(value) <= set(chart.free):
+        if size(value) <= LONGEST_LIMIT and symbols(value) <= set(chart.free):
             values[symbol] = value
     return values
 
@@ -84,7 +84,7 @@ def _atoms(chart: Chart, values: Mapping[Symbol, Term]) -> list[Compare]:
         for a in wanted
         if isinstance(a, Compare) and a.op in ("<", "<=", ">", ">=")
     ]
-    sized = sorted((size_of(a.left) + size_of(a.right), k) for k, a in enumerate(found))
+    sized = sorted((size(a), k) for k, a in enumerate(found))
     return [found[k] for size, k in sized if size <= LONGEST_LIMIT][:MOST_LIMITS]
 
 

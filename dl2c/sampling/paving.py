@@ -14,9 +14,8 @@ from typing import TypeAlias
 
 from dl2c.interval.arithmetic import Box, Interval
 from dl2c.interval.contract import Contractor
-from dl2c.ir.logic import atoms, symbols
+from dl2c.ir.logic import size, symbols
 from dl2c.ir.model import Formula, Symbol
-from dl2c.sampling.equalities.algebra import size_of
 from dl2c.work import spend
 
 ENOUGH = 0.95
@@ -147,7 +146,7 @@ def _directions(root: Root) -> list[Symbol]:
 
 
 def _nodes(root: Root) -> int:
-    return sum(size_of(a.left) + size_of(a.right) for a in atoms(root.formula))
+    return size(root.formula)
 
 
 def _best_split(

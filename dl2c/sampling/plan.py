@@ -17,7 +17,7 @@ import numpy as np
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import Box, hull_of
 from dl2c.interval.contract import contractor
-from dl2c.ir.logic import atoms, conjunction, conjuncts, symbols
+from dl2c.ir.logic import conjunction, conjuncts, size, symbols
 from dl2c.ir.model import TRUE, Formula, Model
 from dl2c.paths.enabled import enabling
 from dl2c.sampling.arrays import completed, holds, uniform
@@ -25,10 +25,9 @@ from dl2c.sampling.charts import Chart, inward
 from dl2c.sampling.conditional import conditional
 from dl2c.sampling.density import density_bound
 from dl2c.sampling.draw import draw_many
-from dl2c.sampling.equalities.algebra import size_of
 from dl2c.sampling.equalities.root_of import RootOf
 from dl2c.sampling.paving import Leaf, Root, pave
-from dl2c.sampling.problem import Problem, is_algebraic, problem_of
+from dl2c.sampling.problem import Problem, problem_of, transcendental_calls
 from dl2c.sampling.refusal import imprecise, too_long, unbounded_density, without_sample
 from dl2c.sampling.running import NoErrorBound
 from dl2c.sampling.tables import (
@@ -89,7 +88,7 @@ def plan_sampling(
 
 
 def _algebraic(formula: Formula) -> Formula:
-    return conjunction(c for c in conjuncts(formula) if is_algebraic(c))
+    return conjunction(c for c in conjuncts(formula) if not any(transcendental_calls(c)))
 
 
 def _is_rare(condition: Formula, model: Model, plan: SamplingPlan) -> bool:
@@ -131,7 +130,7 @@ def _planned(model: Model, boxes: int, time_limit_s: float, decision: Decision) 
 
 def _length(charts: Sequence[Chart]) -> int:
     """How much time a block deserves."""
-    return 1 + sum(size_of(side) for c in charts for a in atoms(c.formula) for side in (a.left, a.right))
+    return 1 + size(*(c.formula for c in charts))
 
 
 def _better_block(

@@ -9,32 +9,18 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dl2c.diagnostics import CompileError
-from dl2c.interval.arithmetic import INF, Box, Interval, enclosure, truth
+from dl2c.interval.arithmetic import Box, Interval, truth
+from dl2c.interval.bounded import interval_of
 from dl2c.interval.contract import contract
-from dl2c.ir.logic import atoms, conjunction, disjunction, fixed_values, mapped, operands
-from dl2c.ir.model import (
-    And,
-    Bound,
-    Call,
-    Compare,
-    Constant,
-    Formula,
-    Model,
-    Number,
-    Or,
-    Symbol,
-    Term,
-    Variable,
-)
+from dl2c.ir.functions import FUNCTIONS
+from dl2c.ir.logic import atoms, conjunction, disjunction, fixed_values, mapped, subterms
+from dl2c.ir.model import And, Bound, Call, Compare, Constant, Formula, Model, Number, Or, Symbol, Variable
 from dl2c.sampling.blocks import groups_of
 from dl2c.sampling.cases import resolved
 from dl2c.sampling.charts import Chart, Items, charts_of, without_numbers
 from dl2c.sampling.equalities.linear import replaced
 from dl2c.sampling.refusal import transcendental, unbounded
 from dl2c.smt.precondition import Decision, Satisfiable, Unsatisfiable, diagnose, parts
-
-ALGEBRAIC = ("abs", "min", "max", "sqrt")
-"""The functions that may occur in a precondition."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +40,8 @@ def problem_of(model: Model, decision: Decision) -> Problem:
     items = _items(model)
     formula = _precondition(model, items)
     box = _feasible_box(model, formula, items, decision)
-    _check_functions(formula)
+    for call, atom in transcendental_calls(formula):
+        raise CompileError(transcendental(call, atom))
     prepared = resolved(without_numbers(_possible(formula, box)))
     blocks = [
         charts_of(group.formula, {n: items[n] for n in group.names}, {n: box[n] for n in group.names})
@@ -85,7 +72,7 @@ def _precondition(model: Model, items: Items) -> Formula:
 
 def _feasible_box(model: Model, formula: Formula, items: Items, decision: Decision) -> dict[Symbol, Interval]:
     """A box around all initial states. Intervals and Z3 must not contradict each other."""
-    declared = {s: _outward(item.bound) for s, item in items.items()}
+    declared = {s: interval_of(item.bound) for s, item in items.items()}
     box = None if any(_is_contradictory(i.bound) for i in items.values()) else contract(formula, declared)
     match decision:
         case Unsatisfiable():
@@ -106,34 +93,12 @@ def _is_contradictory(bound: Bound) -> bool:
     return bound.low is not None and bound.high is not None and bound.low > bound.high
 
 
-def _outward(bound: Bound) -> Interval:
-    low = -INF if bound.low is None else enclosure(bound.low).low
-    high = INF if bound.high is None else enclosure(bound.high).high
-    return Interval(low, high)
-
-
-def _check_functions(formula: Formula) -> None:
-    for call, atom in _transcendental(formula):
-        raise CompileError(transcendental(call, atom))
-
-
-def is_algebraic(formula: Formula) -> bool:
-    """Whether its functions may occur in a precondition."""
-    return next(_transcendental(formula), None) is None
-
-
-def _transcendental(formula: Formula) -> Iterator[tuple[Call, Compare]]:
+def transcendental_calls(formula: Formula) -> Iterator[tuple[Call, Compare]]:
+    """Functions that may not occur in a precondition, each with the comparison that it is in."""
     for atom in atoms(formula):
-        for call in (c for side in (atom.left, atom.right) for c in _calls(side)):
-            if call.function not in ALGEBRAIC:
-                yield call, atom
-
-
-def _calls(term: Term) -> Iterator[Call]:
-    if isinstance(term, Call):
-        yield term
-    for operand in operands(term):
-        yield from _calls(operand)
+        for term in subterms(atom):
+            if isinstance(term, Call) and not FUNCTIONS[term.function].exact:
+                yield term, atom
 
 
 def _possible(formula: Formula, box: Box) -> Formula:

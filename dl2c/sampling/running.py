@@ -16,21 +16,7 @@ from fractions import Fraction
 from typing import assert_never
 
 from dl2c.ir.logic import folded, plus
-from dl2c.ir.model import (
-    ZERO,
-    Add,
-    Call,
-    Compare,
-    Div,
-    Formula,
-    Mul,
-    Neg,
-    Number,
-    Pow,
-    Sub,
-    Symbol,
-    Term,
-)
+from dl2c.ir.model import ZERO, Add, Call, Compare, Div, Formula, Mul, Neg, Number, Pow, Sub, Symbol, Term
 
 ROUNDOFF = Number(Fraction(1, 2**53))
 MARGIN = Number(1 + Fraction(1, 2**10))

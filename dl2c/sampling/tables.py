@@ -8,12 +8,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import islice
 from typing import Literal
 
 import numpy as np
 
 from dl2c.interval.arithmetic import Box, Interval
-from dl2c.ir.logic import atoms, conjunction, conjuncts, operands
+from dl2c.ir.logic import conjunction, conjuncts, subterms
 from dl2c.ir.model import ONE, Add, Bound, Compare, Formula, Number, Sub, Symbol, Term
 from dl2c.sampling.acceptance import acceptance
 from dl2c.sampling.arrays import Bools, Columns, Floats, values
@@ -153,12 +154,7 @@ def _rounded(term: Term, exponent: int | None) -> Term:
 
 def is_short(formula: Formula) -> bool:
     """Whether a test has at most `LONGEST_TEST` numbers, names and operations."""
-    todo: list[Term] = [side for atom in atoms(formula) for side in (atom.left, atom.right)]
-    for _ in range(LONGEST_TEST):
-        if not todo:
-            return True
-        todo += operands(todo.pop())
-    return False
+    return sum(1 for _ in islice(subterms(formula), LONGEST_TEST + 1)) <= LONGEST_TEST
 
 
 def by_chance(

@@ -12,8 +12,8 @@ from fractions import Fraction
 from typing import TypeAlias, assert_never
 
 from dl2c.diagnostics import Diagnostic, error
-from dl2c.ir.logic import atoms, conjuncts, operands
-from dl2c.ir.model import And, Compare, Constant, Formula, Model, Number, Symbol, Term, Variable
+from dl2c.ir.logic import atoms, conjuncts, subterms
+from dl2c.ir.model import And, Compare, Constant, Formula, Model, Number, Symbol, Variable
 from dl2c.ir.printer import print_bound, print_formula, print_number
 from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, z3
 from dl2c.source import NOWHERE, Span
@@ -160,12 +160,8 @@ def value_of(value: Expression) -> Fraction | str:
 
 
 def _beyond_reals(part: Part, exc: Untranslatable) -> Unknown:
-    atom = next(a for a in atoms(part.formula) if any(_contains(t, exc.call) for t in (a.left, a.right)))
+    atom = next(a for a in atoms(part.formula) if exc.call in subterms(a))
     return Unknown(f"`{exc.call.function}` in `{text_of(atom)}` is beyond real arithmetic", atom.span)
-
-
-def _contains(term: Term, part: Term) -> bool:
-    return term == part or any(_contains(t, part) for t in operands(term))
 
 
 def span_of(formula: Formula) -> Span:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
-from dl2c.ir.logic import atoms, negation, operands
-from dl2c.ir.model import Call, Formula, Symbol, Term
+from dl2c.ir.logic import negation, subterms
+from dl2c.ir.model import Call, Formula, Symbol
 from dl2c.smt.precondition import value_of
 from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, z3
 
@@ -85,17 +85,10 @@ def _decided(
 
 def _impossible(part: Impossible, context: Expression) -> Expression:
     """Raises `Untranslatable` for roots under a quantifier, which Z3 is given as further unknowns."""
-    roots = [call for a in atoms(part.formula) for side in (a.left, a.right) for call in _roots(side)]
+    roots = [t for t in subterms(part.formula) if isinstance(t, Call) and t.function == "sqrt"]
     if roots and part.symbols:
         raise Untranslatable(roots[0])
     if roots:
         return condition(negation(part.formula), context)
     absent = z3.Not(condition(part.formula, context))
     return z3.ForAll([z3.Real(s.name, context) for s in part.symbols], absent) if part.symbols else absent
-
-
-def _roots(term: Term) -> Iterable[Call]:
-    if isinstance(term, Call) and term.function == "sqrt":
-        yield term
-    for operand in operands(term):
-        yield from _roots(operand)

@@ -9,8 +9,8 @@ from fractions import Fraction
 from functools import reduce
 from typing import assert_never
 
-from dl2c.ir.logic import folded, minus, operands, plus, symbols, times
-from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
+from dl2c.ir.logic import folded, minus, plus, subterms, symbols, times
+from dl2c.ir.model import ONE, ZERO, Add, Binary, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
 from dl2c.ir.normal import Monomial, Normal, divided, normal_form, powers
 
 
@@ -24,28 +24,26 @@ def fraction(term: Term) -> tuple[Term, Term] | None:
         case Pow(base, exponent):
             parts = fraction(base)
             return None if parts is None else (Pow(parts[0], exponent), _power(parts[1], exponent))
-        case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
-            a, b = fraction(left), fraction(right)
-            if a is None or b is None:
-                return None
-            match term:
-                case Mul():
-                    return _times(a[0], b[0]), _times(a[1], b[1])
-                case Div():
-                    return _times(_times(a[0], b[1]), b[1]), _times(_times(a[1], b[0]), b[1])
-                case Add() | Sub():
-                    sides = _times(a[0], b[1]), _times(b[0], a[1])
-                    return type(term)(*sides), _times(a[1], b[1])
+        case Binary():
+            a, b = fraction(term.left), fraction(term.right)
+            return None if a is None or b is None else _combined(term, a, b)
         case Number() | Symbol():
             return term, ONE
         case Call(_, args):
-            return (term, ONE) if not any(_divides(a) for a in args) else None
+            return (term, ONE) if not any(isinstance(t, Div) for t in subterms(*args)) else None
         case _:
             assert_never(term)
 
 
-def _divides(term: Term) -> bool:
-    return isinstance(term, Div) or any(_divides(t) for t in operands(term))
+def _combined(term: Add | Sub | Mul | Div, a: tuple[Term, Term], b: tuple[Term, Term]) -> tuple[Term, Term]:
+    """The sum, difference, product or quotient of two fractions."""
+    match term:
+        case Mul():
+            return _times(a[0], b[0]), _times(a[1], b[1])
+        case Div():
+            return _times(_times(a[0], b[1]), b[1]), _times(_times(a[1], b[0]), b[1])
+        case Add() | Sub():
+            return type(term)(_times(a[0], b[1]), _times(b[0], a[1])), _times(a[1], b[1])
 
 
 def _times(a: Term, b: Term) -> Term:
@@ -162,8 +160,3 @@ def derivative(term: Term, symbol: Symbol) -> Term:
 
 def _lowered(base: Term, exponent: int) -> Term:
     return base if exponent == 2 else Pow(base, exponent - 1)
-
-
-def size_of(term: Term) -> int:
-    """Numbers, names and operations."""
-    return 1 + sum(size_of(t) for t in operands(term))

@@ -13,7 +13,7 @@ from fractions import Fraction
 from math import isqrt
 
 from dl2c.interval.arithmetic import Box, evaluate
-from dl2c.ir.logic import folded, plus, symbols
+from dl2c.ir.logic import folded, plus, size, symbols
 from dl2c.ir.model import (
     ONE,
     ZERO,
@@ -31,14 +31,7 @@ from dl2c.ir.model import (
     Term,
 )
 from dl2c.ir.normal import Normal, derivative, divided, normal_form, powers, quotient
-from dl2c.sampling.equalities.algebra import (
-    content,
-    fraction,
-    remainder,
-    size_of,
-    term_of,
-    without_content,
-)
+from dl2c.sampling.equalities.algebra import content, fraction, remainder, term_of, without_content
 from dl2c.sampling.equalities.root_of import Definition, has_roots, roots_of
 
 TWO, FOUR = Number(Fraction(2)), Number(Fraction(4))
@@ -178,7 +171,7 @@ def _at_least(large: Term, small: Term, is_nonzero: Callable[[Symbol], bool]) ->
         least = min(e for m in form for k, n, e in m if (k, n) == name)
         shorter = divided(shorter, name, least - least % 2)
     expanded = term_of(shorter, known)
-    if shorter != form or size_of(expanded) <= size_of(large) + size_of(small):
+    if shorter != form or size(expanded) <= size(large) + size(small):
         return Compare(">=", expanded, ZERO)
     return Compare(">=", large, small)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TypeAlias, assert_never
 
 from dl2c.interval.arithmetic import Box, evaluate, magnitude
-from dl2c.ir.logic import folded, plus, substituted, symbols
+from dl2c.ir.logic import folded, operands, plus, size, substituted, symbols, with_operands
 from dl2c.ir.model import (
     ONE,
     ZERO,
@@ -27,7 +27,7 @@ from dl2c.ir.model import (
     Term,
 )
 from dl2c.ir.normal import normal_form
-from dl2c.sampling.equalities.algebra import derivative, fraction, has_dyadic_numbers, is_affine, size_of
+from dl2c.sampling.equalities.algebra import derivative, fraction, has_dyadic_numbers, is_affine
 
 MODERATE = 16.0
 """Slopes up to this are not avoided."""
@@ -54,10 +54,10 @@ def rank(s: Solution, names: Sequence[Symbol], mentions: Mapping[Symbol, int]) -
     steep = s.slope > MODERATE
     affine = is_affine(s.term)
     variable = s.symbol.kind == "variable"
-    mentioned, size = mentions.get(s.symbol, 0), size_of(s.term)
+    mentioned, length = mentions.get(s.symbol, 0), size(s.term)
     exact = affine and has_dyadic_numbers(s.term)
     place = names.index(s.symbol)
-    return not is_number, not affine, steep, s.divided, not variable, mentioned, size, not exact, place
+    return not is_number, not affine, steep, s.divided, not variable, mentioned, length, not exact, place
 
 
 def solutions(equality: Compare, names: Sequence[Symbol], box: Box) -> Iterator[Solution]:
@@ -107,19 +107,7 @@ def replaced(term: Term, values: Mapping[Symbol, Term]) -> Term:
 
 
 def _folded(term: Term) -> Term:
-    match term:
-        case Number() | Symbol():
-            return term
-        case Neg(child):
-            return folded(Neg(_folded(child)))
-        case Pow(base, exponent):
-            return folded(Pow(_folded(base), exponent))
-        case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
-            return folded(type(term)(_folded(left), _folded(right)))
-        case Call(function, args):
-            return folded(Call(function, tuple(_folded(a) for a in args)))
-        case _:
-            assert_never(term)
+    return folded(with_operands(term, tuple(map(_folded, operands(term)))))
 
 
 def _is_nonzero(coefficient: Term, box: Box) -> bool:

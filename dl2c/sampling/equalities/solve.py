@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dl2c.interval.arithmetic import Box, Interval, magnitude, truth
-from dl2c.ir.logic import atoms, folded, mapped, symbols
+from dl2c.ir.logic import atoms, folded, mapped, size, symbols
 from dl2c.ir.model import ONE, ZERO, Compare, Div, Formula, Neg, Number, Sub, Symbol, Term
 from dl2c.ir.normal import normal_form
 from dl2c.sampling.equalities.algebra import (
@@ -22,7 +22,6 @@ from dl2c.sampling.equalities.algebra import (
     fraction,
     is_affine,
     remainder,
-    size_of,
     term_of,
     without_content,
 )
@@ -178,11 +177,10 @@ def _collected(equality: Compare) -> Compare:
     """A long equality with what belongs together added up, where that makes it shorter: linear ones never
     grow longer than they have names."""
     difference = Sub(equality.left, equality.right)
-    size = size_of(difference)
-    if size <= LONG or (form := normal_form(difference)) is None:
+    if size(difference) <= LONG or (form := normal_form(difference)) is None:
         return equality
     whole = term_of(form, {(s.kind, s.name): s for s in symbols(equality)})
-    return Compare("=", whole, ZERO, span=equality.span) if size_of(whole) < size else equality
+    return Compare("=", whole, ZERO, span=equality.span) if size(whole) < size(difference) else equality
 
 
 def _reduced(equality: Compare, branch: Branch) -> tuple[Compare, tuple[Formula, ...]]:
