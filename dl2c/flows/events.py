@@ -9,8 +9,8 @@ from fractions import Fraction
 
 from dl2c.flows.kernel import FlowPlan
 from dl2c.ir.evaluate import Value, literal
-from dl2c.ir.logic import holds
-from dl2c.ir.model import And, Compare, Formula, Or, Term, Truth
+from dl2c.ir.logic import holds, true_where
+from dl2c.ir.model import Formula, Term
 
 Signs = Sequence[int]
 
@@ -79,15 +79,7 @@ def first_exit(events: Events, condition: Callable[[Signs], bool], exact: bool =
 
 def holds_over(formula: Formula, margins: Sequence[Term], signs: Signs) -> bool:
     """The truth of a formula over margins whose signs are given."""
-    match formula:
-        case Truth(value):
-            return value
-        case Compare(op, left):
-            return holds(op, signs[margins.index(left)], 0)
-        case And(children):
-            return all(holds_over(c, margins, signs) for c in children)
-        case Or(children):
-            return any(holds_over(c, margins, signs) for c in children)
+    return true_where(formula, lambda atom: holds(atom.op, signs[margins.index(atom.left)], 0))
 
 
 def exit_of(formula: Formula, margins: Sequence[Term], events: Events, exact: bool = False) -> Exit:

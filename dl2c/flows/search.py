@@ -13,8 +13,9 @@ from dl2c.flows.events import Events, exit_of, watched
 from dl2c.flows.hull import Hull
 from dl2c.flows.stretch import Stretch
 from dl2c.ir.evaluate import Undefined
+from dl2c.ir.logic import true_where
 from dl2c.ir.margins import margin_of
-from dl2c.ir.model import And, Compare, Formula, Or, Symbol, Truth
+from dl2c.ir.model import Compare, Formula, Symbol
 
 LOOKS = 1 << 14
 """A track that needs more looks counts as one whose events cannot be found."""
@@ -115,15 +116,11 @@ class Search:
 
 def _plainly(formula: Formula, terms: Enclosed[Hull]) -> bool:
     """Whether a formula holds in every state; a margin that gets to zero is not plain."""
-    match formula:
-        case Truth(value):
-            return value
-        case Compare(op):
-            low, high = terms.term(margin_of(formula))
-            if op == "=":
-                return low == 0 and high == 0
-            return low > 0 or (op == "!=" and high < 0)
-        case And(children):
-            return all(_plainly(c, terms) for c in children)
-        case Or(children):
-            return any(_plainly(c, terms) for c in children)
+
+    def plainly(atom: Compare) -> bool:
+        low, high = terms.term(margin_of(atom))
+        if atom.op == "=":
+            return low == 0 and high == 0
+        return low > 0 or (atom.op == "!=" and high < 0)
+
+    return true_where(formula, plainly)

@@ -15,8 +15,8 @@ from dl2c.flows.conserved import is_darboux, is_invariant
 from dl2c.flows.solution import moving
 from dl2c.flows.watch import Watch
 from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal
-from dl2c.ir.logic import atoms, conjunction, operands, substituted, symbols, with_term
-from dl2c.ir.model import ZERO, And, Compare, Flow, Formula, Model, Or, Sub, Symbol, Term, Truth
+from dl2c.ir.logic import atoms, conjunction, operands, substituted, symbols, with_atoms, with_term
+from dl2c.ir.model import ZERO, Compare, Flow, Formula, Model, Sub, Symbol, Term
 from dl2c.ir.slack import slack_of, widened
 
 
@@ -117,18 +117,13 @@ def steady(flow: Flow, watches: Sequence[Watch]) -> Steady:
     """The watches with every largest conserved part replaced by a symbol."""
     found: dict[Term, Symbol] = {}
 
+    def frozen(atom: Compare) -> Compare:
+        difference = Sub(atom.left, atom.right)
+        parts = (difference, ZERO) if conserved(difference, flow) else (atom.left, atom.right)
+        return Compare(atom.op, *(_frozen(t, flow, found) for t in parts), span=atom.span)
+
     def changed(formula: Formula) -> Formula:
-        match formula:
-            case Truth():
-                return formula
-            case Compare(op, left, right, span=span):
-                difference = Sub(left, right)
-                parts = (difference, ZERO) if conserved(difference, flow) else (left, right)
-                return Compare(op, *(_frozen(t, flow, found) for t in parts), span=span)
-            case And(children):
-                return And(tuple(map(changed, children)))
-            case Or(children):
-                return Or(tuple(map(changed, children)))
+        return with_atoms(formula, frozen)
 
     made = tuple(
         replace(

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Literal
 
-from dl2c.ir.logic import conjunction, disjunction, negation, operands
+from dl2c.ir.liveness import parts_of, statements
+from dl2c.ir.logic import conjunction, negation, operands, rewritten
 from dl2c.ir.margins import fraction, times
 from dl2c.ir.model import (
     FALSE,
     TRUE,
     ZERO,
-    And,
     Block,
     Bound,
     Choice,
@@ -29,13 +29,11 @@ from dl2c.ir.model import (
     Model,
     Mul,
     Number,
-    Or,
     Pow,
     Repeat,
     Statement,
     Symbol,
     Term,
-    Truth,
     While,
 )
 from dl2c.ir.slack import least_slack
@@ -113,22 +111,17 @@ def _guarded(formula: Formula, least: Mapping[str, Fraction]) -> Formula:
     """The formula without divisors that are surely positive; others may be zero, which is excluded
     beside their atom.
     """
-    match formula:
-        case Truth():
-            return formula
-        case Compare(op, left, right, span=span):
 
-            def positive(term: Term) -> bool:
-                return _least(term, least) >= SMALLEST
+    def positive(term: Term) -> bool:
+        return _least(term, least) >= SMALLEST
 
-            (a, b), (c, d) = fraction(left, positive), fraction(right, positive)
-            cleared = Compare(op, times(a, d), times(c, b), span=span)
-            divisors = dict.fromkeys((*_divisors(cleared.left), *_divisors(cleared.right)))
-            return conjunction([*(Compare("!=", t, ZERO) for t in divisors if not positive(t)), cleared])
-        case And(children):
-            return conjunction(_guarded(c, least) for c in children)
-        case Or(children):
-            return disjunction(_guarded(c, least) for c in children)
+    def guarded(atom: Compare) -> Formula:
+        (a, b), (c, d) = fraction(atom.left, positive), fraction(atom.right, positive)
+        cleared = Compare(atom.op, times(a, d), times(c, b), span=atom.span)
+        divisors = dict.fromkeys((*_divisors(cleared.left), *_divisors(cleared.right)))
+        return conjunction([*(Compare("!=", t, ZERO) for t in divisors if not positive(t)), cleared])
+
+    return rewritten(formula, guarded)
 
 
 def _divisors(term: Term) -> Iterator[Term]:
@@ -161,7 +154,9 @@ def _smallest(bound: Bound, value: Fraction | None) -> Fraction:
 def flows_come_last(block: Block) -> bool:
     """Whether nothing follows a flow in any run: an obligation that is not due when it ends is not judged."""
     return not any(_flows(s) for s in block[:-1]) and all(
-        flows_come_last(part) for s in block[-1:] for part in _parts(s)
+        flows_come_last(part * 2 if isinstance(s, While | Repeat) else part)
+        for s in block[-1:]
+        for part in parts_of(s)
     )
 
 
@@ -181,16 +176,4 @@ def last_flows(block: Block) -> Iterator[int]:
 
 
 def _flows(statement: Statement) -> bool:
-    return isinstance(statement, Evolve) or any(_flows(s) for part in _parts(statement) for s in part)
-
-
-def _parts(statement: Statement) -> tuple[Block, ...]:
-    match statement:
-        case If(_, _, then, orelse):
-            return then, orelse
-        case Choice(_, alternatives):
-            return tuple(a.body for a in alternatives)
-        case While(body=body) | Repeat(body=body):
-            return (body + body,)
-        case _:
-            return ()
+    return any(isinstance(s, Evolve) for s in statements((statement,)))

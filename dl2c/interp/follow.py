@@ -22,7 +22,8 @@ from dl2c.flows.search import Halt, Search
 from dl2c.flows.starts import begun
 from dl2c.flows.stretch import Stretch
 from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal, truth
-from dl2c.ir.model import And, Compare, Formula, Or, Symbol, Truth
+from dl2c.ir.logic import true_where
+from dl2c.ir.model import Compare, Formula, Symbol
 from dl2c.ir.polynomial import Coefficients
 
 SAMPLES = 512
@@ -109,18 +110,14 @@ def _span(c: Sequence[Value], length: Value) -> tuple[Value, Value, Value]:
 
 
 def _stays(formula: Formula, plan: FlowPlan, spans: Sequence[tuple[Value, Value, Value]]) -> bool:
-    match formula:
-        case Truth(value):
-            return value
-        case Compare(op, left):
-            span = spans[plan.still_margins.index(left)]
-            if op == "!=":
-                return all(b > 0 for b in span) or all(b < 0 for b in span)
-            return all(b > 0 if op == ">" else b == 0 if op == "=" else b >= 0 for b in span)
-        case And(children):
-            return all(_stays(c, plan, spans) for c in children)
-        case Or(children):
-            return any(_stays(c, plan, spans) for c in children)
+
+    def stays(atom: Compare) -> bool:
+        span = spans[plan.still_margins.index(atom.left)]
+        if atom.op == "!=":
+            return all(b > 0 for b in span) or all(b < 0 for b in span)
+        return all(b > 0 if atom.op == ">" else b == 0 if atom.op == "=" else b >= 0 for b in span)
+
+    return true_where(formula, stays)
 
 
 # Searched motion ----------------------------------------------------------------

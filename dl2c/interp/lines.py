@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeAlias, assert_never
 
+from dl2c.ir.liveness import statements
 from dl2c.ir.model import Assign, AssignAny, Block, Choice, Evolve, If, Repeat, Role, Test, While
 
 Straight: TypeAlias = Assign | AssignAny | Test | Evolve
@@ -87,20 +88,4 @@ def _lines(block: Block, taken: Mapping[str, int], drawn: bool) -> Iterator[Line
 
 def choices(block: Block) -> Iterator[Choice | Repeat]:
     """Every discrete decision of a program, in program order."""
-    for statement in block:
-        match statement:
-            case Choice():
-                yield statement
-                for alternative in statement.alternatives:
-                    yield from choices(alternative.body)
-            case Repeat(body=body):
-                yield statement
-                yield from choices(body)
-            case If(_, _, then, orelse):
-                yield from choices((*then, *orelse))
-            case While(body=body):
-                yield from choices(body)
-            case Assign() | AssignAny() | Test() | Evolve():
-                pass
-            case _:
-                assert_never(statement)
+    return (s for s in statements(block) if isinstance(s, Choice | Repeat))

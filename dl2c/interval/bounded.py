@@ -47,8 +47,7 @@ def initial_box(model: Model) -> dict[Symbol, Interval] | None:
     for variable in model.variables:
         box[Symbol(variable.name, "variable")] = interval_of(variable.bound)
     for constant in model.constants:
-        fixed = None if constant.value is None else enclosure(constant.value)
-        box[Symbol(constant.name, "constant")] = fixed or interval_of(constant.bound)
+        box[Symbol(constant.name, "constant")] = interval_of(constant.bound, constant.value)
     return None if any(i.empty for i in box.values()) else contract(model.precondition, box)
 
 
@@ -77,8 +76,10 @@ def _with(item: _Item, bound: Bound | None) -> _Item:
     return item if bound is None else replace(item, bound=bound)
 
 
-def interval_of(bound: Bound) -> Interval:
-    """All doubles and more that lie inside the bound."""
+def interval_of(bound: Bound, value: Fraction | None = None) -> Interval:
+    """What encloses a fixed value, or all numbers inside the bound."""
+    if value is not None:
+        return enclosure(value)
     low = WHOLE.low if bound.low is None else enclosure(bound.low).low
     return Interval(low, WHOLE.high if bound.high is None else enclosure(bound.high).high)
 

@@ -68,16 +68,23 @@ def statements(block: Block) -> Iterator[Statement]:
     """All statements of a program, also those inside others."""
     for statement in block:
         yield statement
-        match statement:
-            case Choice(_, alternatives):
-                for alternative in alternatives:
-                    yield from statements(alternative.body)
-            case If(_, _, then, orelse):
-                yield from statements((*then, *orelse))
-            case While(body=body) | Repeat(body=body):
-                yield from statements(body)
-            case _:
-                pass
+        for part in parts_of(statement):
+            yield from statements(part)
+
+
+def parts_of(statement: Statement) -> tuple[Block, ...]:
+    """The programs inside a statement, of which a run executes one."""
+    match statement:
+        case If(_, _, then, orelse):
+            return then, orelse
+        case Choice(_, alternatives):
+            return tuple(a.body for a in alternatives)
+        case While(body=body) | Repeat(body=body):
+            return (body,)
+        case Assign() | AssignAny() | Test() | Evolve():
+            return ()
+        case _:
+            assert_never(statement)
 
 
 def written(block: Block, flows: tuple[Flow, ...]) -> frozenset[str]:

@@ -1,10 +1,10 @@
 """Doubts about a program that can be executed: decisions that may not be what their author meant."""
 
 from collections.abc import Iterator
-from typing import assert_never
 
 from dl2c.diagnostics import Diagnostic, warning
-from dl2c.ir.model import Assign, AssignAny, Block, Choice, Evolve, If, Model, Repeat, Test, While
+from dl2c.ir.liveness import parts_of
+from dl2c.ir.model import AssignAny, Block, Choice, Evolve, Model, Repeat, Test, While
 from dl2c.source import Span
 
 
@@ -16,29 +16,13 @@ def program_warnings(model: Model) -> tuple[Diagnostic, ...]:
 
 def _doubts(block: Block, looped: bool) -> Iterator[Diagnostic]:
     for statement in block:
-        match statement:
-            case AssignAny():
-                if looped:
-                    yield _made_once(statement.span)
-            case Choice(_, alternatives, role):
-                if looped:
-                    yield _made_once(statement.span)
-                if role == "agent" and all(_moves(a.body) for a in alternatives):
-                    yield _moves_world(statement.span)
-                for alternative in alternatives:
-                    yield from _doubts(alternative.body, looped)
-            case If(_, _, then, orelse):
-                yield from _doubts((*then, *orelse), looped)
-            case Repeat(_, body):
-                if looped:
-                    yield _made_once(statement.span)
-                yield from _doubts(body, looped=True)
-            case While(body=body):
-                yield from _doubts(body, looped=True)
-            case Assign() | Test() | Evolve():
-                pass
-            case _:
-                assert_never(statement)
+        if looped and isinstance(statement, AssignAny | Choice | Repeat):
+            yield _made_once(statement.span)
+        by_agent = isinstance(statement, Choice) and statement.role == "agent"
+        if by_agent and all(map(_moves, parts_of(statement))):
+            yield _moves_world(statement.span)
+        for part in parts_of(statement):
+            yield from _doubts(part, looped or isinstance(statement, Repeat | While))
 
 
 def _moves(block: Block) -> bool:

@@ -6,9 +6,9 @@ agent sees what they led to. A step is split into these statements and the rest.
 """
 
 from dataclasses import replace
-from typing import assert_never
 
-from dl2c.ir.model import Assign, AssignAny, Block, Choice, Evolve, If, Repeat, Statement, Test, While
+from dl2c.ir.liveness import statements
+from dl2c.ir.model import AssignAny, Block, Choice, Evolve, Repeat, Role, Statement, Test
 
 
 def leading(body: Block) -> tuple[Block, Block]:
@@ -26,7 +26,7 @@ def leading(body: Block) -> tuple[Block, Block]:
         first = replace(choice, alternatives=tuple(replace(a, body=lead) for a, lead, _ in parts))
         second = replace(choice, alternatives=tuple(replace(a, body=rest) for a, _, rest in parts))
         return (*body[:free], first), (second, *body[free + 1 :])
-    end = max((k + 1 for k in range(free) if _draws(body[k])), default=0)
+    end = max((k + 1 for k in range(free) if _decides(body[k], "env")), default=0)
     if end:
         end += _tests(body[end:])
     return body[:end], body[end:]
@@ -60,37 +60,10 @@ def _tests(body: Block) -> int:
 
 def _waits(statement: Statement) -> bool:
     """Whether the agent decides something in it, or time passes."""
-    match statement:
-        case Evolve():
-            return True
-        case Assign() | Test():
-            return False
-        case AssignAny(role=role):
-            return role == "agent"
-        case Choice(_, alternatives, role):
-            return role == "agent" or any(_waits(s) for a in alternatives for s in a.body)
-        case Repeat(_, body, _, role):
-            return role == "agent" or any(map(_waits, body))
-        case While(body=body):
-            return any(map(_waits, body))
-        case If(_, _, then, orelse):
-            return any(map(_waits, (*then, *orelse)))
-        case _:
-            assert_never(statement)
+    return any(isinstance(s, Evolve) for s in statements((statement,))) or _decides(statement, "agent")
 
 
-def _draws(statement: Statement) -> bool:
-    """Whether the environment decides something in it."""
-    match statement:
-        case AssignAny(role=role) | Choice(role=role) | Repeat(role=role) if role == "env":
-            return True
-        case Assign() | Test() | Evolve() | AssignAny():
-            return False
-        case Choice(_, alternatives):
-            return any(_draws(s) for a in alternatives for s in a.body)
-        case Repeat(_, body) | While(body=body):
-            return any(map(_draws, body))
-        case If(_, _, then, orelse):
-            return any(map(_draws, (*then, *orelse)))
-        case _:
-            assert_never(statement)
+def _decides(statement: Statement, role: Role) -> bool:
+    """Whether the agent, or the environment, decides something in it."""
+    inside = statements((statement,))
+    return any(isinstance(s, AssignAny | Choice | Repeat) and s.role == role for s in inside)

@@ -12,6 +12,7 @@ from fractions import Fraction
 from typing import TypeVar, assert_never, get_args
 
 from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.ir.liveness import statements
 from dl2c.ir.logic import conjunction, conjuncts, mapped, negation, operands, oriented, substituted
 from dl2c.ir.model import (
     FALSE,
@@ -158,60 +159,19 @@ def _by_role(found: Mapping[str, _Decided]) -> tuple[_Decided, ...]:
 
 def decisions_of(block: Block) -> Iterator[Decision]:
     """Every discrete decision in a block, in program order, each as often as it is written."""
-    for statement in block:
-        match statement:
-            case Choice(key, alternatives, role, name):
-                yield Decision(key, name, role, tuple(map(_shown, alternatives)))
-                for alternative in alternatives:
-                    yield from decisions_of(alternative.body)
-            case Repeat(key, body, role=role):
-                yield Decision(key, "", role, tuple(map(_shown, statement.alternatives)))
-                yield from decisions_of(body)
-            case If(_, _, then, orelse):
-                yield from decisions_of((*then, *orelse))
-            case While(_, _, body):
-                yield from decisions_of(body)
-            case Assign() | AssignAny() | Test() | Evolve():
-                pass
-            case _:
-                assert_never(statement)
+    for statement in statements(block):
+        if isinstance(statement, Choice | Repeat):
+            texts = tuple(map(_shown, statement.alternatives))
+            yield Decision(statement.key, statement.name, statement.role, texts)
 
 
 def assignments_of(block: Block) -> Iterator[AssignAny]:
     """Every nondeterministic assignment in a block, likewise."""
-    for statement in block:
-        match statement:
-            case AssignAny():
-                yield statement
-            case Choice(_, alternatives):
-                for alternative in alternatives:
-                    yield from assignments_of(alternative.body)
-            case If(_, _, then, orelse):
-                yield from assignments_of((*then, *orelse))
-            case While(body=body) | Repeat(body=body):
-                yield from assignments_of(body)
-            case Assign() | Test() | Evolve():
-                pass
-            case _:
-                assert_never(statement)
+    return (s for s in statements(block) if isinstance(s, AssignAny))
 
 
 def _flows(block: Block) -> Iterator[int]:
-    for statement in block:
-        match statement:
-            case Evolve(flow):
-                yield flow
-            case Choice(_, alternatives):
-                for alternative in alternatives:
-                    yield from _flows(alternative.body)
-            case If(_, _, then, orelse):
-                yield from _flows((*then, *orelse))
-            case While(body=body) | Repeat(body=body):
-                yield from _flows(body)
-            case Assign() | AssignAny() | Test():
-                pass
-            case _:
-                assert_never(statement)
+    return (s.flow for s in statements(block) if isinstance(s, Evolve))
 
 
 def _shown(alternative: Alternative) -> str:

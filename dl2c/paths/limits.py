@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 
 from dl2c.diagnostics import CompileError, Diagnostic
-from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
-from dl2c.interval.bounded import closed, initial_box
+from dl2c.interval.arithmetic import WHOLE, Interval
+from dl2c.interval.bounded import closed, initial_box, interval_of
 from dl2c.interval.contract import contract
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import AssignAny, Bound, Formula, Model, Symbol
@@ -37,7 +37,7 @@ def input_limits(
     inputs: list[Input] = []
     for assignment in assignments:
         declared = bounds[assignment.variable]
-        others = {a.key: _interval(bounds[a.variable], None) for a in assignments}
+        others = {a.key: interval_of(bounds[a.variable]) for a in assignments}
         own = tests.get(assignment.key, [])
         low, high = _implied(model, assignment.key, declared, own, others, {})
         if (low is None or high is None) and own:
@@ -66,7 +66,7 @@ def _implied(
     found: Interval | None = None
     for test in tests:
         box = {s: state.get(s, WHOLE) for s in symbols(test) | {symbol}}
-        box |= {Symbol(c.name, "constant"): _interval(c.bound, c.value) for c in model.constants}
+        box |= {Symbol(c.name, "constant"): interval_of(c.bound, c.value) for c in model.constants}
         box |= {Symbol(name, "input"): limits for name, limits in inputs.items()}
         inside = contract(test, box)
         if inside is not None:
@@ -98,10 +98,3 @@ def _last(
     if declared is None or implied is None:
         return implied if declared is None else declared
     return tighter(declared, implied)
-
-
-def _interval(bound: Bound, value: Fraction | None) -> Interval:
-    if value is not None:
-        return enclosure(value)
-    low = WHOLE.low if bound.low is None else enclosure(bound.low).low
-    return Interval(low, WHOLE.high if bound.high is None else enclosure(bound.high).high)

@@ -10,9 +10,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from dl2c.flows.kernel import FlowPlan
-from dl2c.interval.arithmetic import INF, WHOLE, Interval, enclosure, evaluate
+from dl2c.interval.arithmetic import INF, WHOLE, Interval, evaluate
+from dl2c.interval.bounded import interval_of
 from dl2c.ir.logic import substituted, symbols
-from dl2c.ir.model import ONE, ZERO, Bound, Flow, Model, Sub, Symbol, Term
+from dl2c.ir.model import ONE, ZERO, Flow, Model, Sub, Symbol, Term
 from dl2c.ir.polynomial import polynomial
 from dl2c.paths.path import Paths
 
@@ -26,10 +27,8 @@ def may_be_stiff(k: int, plan: FlowPlan, model: Model, paths: Paths) -> bool:
     """Whether flow k is followed by power series and may need too many of them."""
     if plan.kernel != "linear":
         return False
-    box = {Symbol(v.name, "variable"): _interval(v.bound) for v in model.variables}
-    for constant in model.constants:
-        fixed = None if constant.value is None else enclosure(constant.value)
-        box[Symbol(constant.name, "constant")] = fixed or _interval(constant.bound)
+    box = {Symbol(v.name, "variable"): interval_of(v.bound) for v in model.variables}
+    box |= {Symbol(c.name, "constant"): interval_of(c.bound, c.value) for c in model.constants}
     starts = [p.updates for p in paths.paths if p.flow == k]
     longest = max((_longest(plan.flow, dict(updates), box) for updates in starts), default=INF)
     size = _norm(plan.flow, box) * longest
@@ -72,8 +71,3 @@ def _size(term: Term, box: Box) -> float:
 
 def _value(term: Term, box: Box) -> Interval:
     return evaluate(term, {s: box.get(s, WHOLE) for s in symbols(term)})
-
-
-def _interval(bound: Bound) -> Interval:
-    low = WHOLE.low if bound.low is None else enclosure(bound.low).low
-    return Interval(low, WHOLE.high if bound.high is None else enclosure(bound.high).high)
