@@ -12,9 +12,9 @@ from typing import Literal, TypeAlias
 
 from dl2c.flows.exact import ExactPlan, Snap, plan
 from dl2c.flows.solution import NotPolynomial, Solution, moving, solve
-from dl2c.flows.starts import Projection, Start, merged, projections, slacks_of, steady, used, with_sides
+from dl2c.flows.starts import Projection, Start, merged, projections, slacks_of, steady, used
 from dl2c.flows.watch import Watch
-from dl2c.ir.logic import conjunction, conjuncts, negation, operands
+from dl2c.ir.logic import conjunction, conjuncts, negation, operands, with_sides
 from dl2c.ir.margins import Moves, TooManyCases, cleared, margin_of, margins_of, smooth
 from dl2c.ir.model import ZERO, Add, Compare, Div, Flow, Formula, Mul, Neg, Pow, Sub, Symbol, Term
 from dl2c.ir.polynomial import Coefficients, polynomial

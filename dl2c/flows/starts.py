@@ -7,7 +7,7 @@ events; and equalities of P, Q and predicates that hold there and stay true are 
 onto.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -15,7 +15,16 @@ from dl2c.flows.conserved import is_darboux, is_invariant
 from dl2c.flows.solution import moving
 from dl2c.flows.watch import Watch
 from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal
-from dl2c.ir.logic import atoms, conjunction, operands, substituted, symbols, with_atoms, with_term
+from dl2c.ir.logic import (
+    atoms,
+    conjunction,
+    operands,
+    substituted,
+    symbols,
+    with_atoms,
+    with_sides,
+    with_term,
+)
 from dl2c.ir.model import ZERO, Compare, Flow, Formula, Model, Sub, Symbol, Term
 from dl2c.ir.slack import slack_of, widened
 
@@ -74,19 +83,6 @@ def merged(watches: Sequence[Watch]) -> tuple[Watch, ...]:
         )
         for watch in watches
     )
-
-
-def with_sides(formula: Formula, change: Callable[[Term], Term]) -> Formula:
-    """The formula with both sides of every atom changed, and nothing simplified."""
-    match formula:
-        case Truth():
-            return formula
-        case Compare(op, left, right, span=span):
-            return Compare(op, change(left), change(right), span=span)
-        case And(children):
-            return And(tuple(with_sides(c, change) for c in children))
-        case Or(children):
-            return Or(tuple(with_sides(c, change) for c in children))
 
 
 def used(starts: Sequence[Start], parts: Sequence[Term | Formula]) -> tuple[Start, ...]:

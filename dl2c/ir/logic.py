@@ -194,6 +194,11 @@ def with_atoms(formula: Formula, change: Callable[[Compare], Compare]) -> Formul
             assert_never(formula)
 
 
+def with_sides(formula: Formula, change: Callable[[Term], Term]) -> Formula:
+    """The formula with both sides of every atom changed, and nothing simplified."""
+    return with_atoms(formula, lambda a: Compare(a.op, change(a.left), change(a.right), span=a.span))
+
+
 def negation(formula: Formula) -> Formula:
     """The negation in normal form. An undefined atom is false in both."""
     return fold(formula, lambda value: Truth(not value), negated, disjunction, conjunction)
@@ -281,7 +286,7 @@ def with_operands(term: Term, parts: tuple[Term, ...]) -> Term:
 
 def mapped(formula: Formula, change: Callable[[Term], Term]) -> Formula:
     """The formula with `change` applied to both sides of every atom; decided atoms become truth values."""
-    return rewritten(formula, lambda a: decided(Compare(a.op, change(a.left), change(a.right), span=a.span)))
+    return rewritten(with_sides(formula, change), decided)
 
 
 def decided(atom: Compare) -> Formula:

@@ -7,15 +7,14 @@
 
 enum { X_h, X_v, X_door, X_load, X_waited, X_clock, X_t, NX }; /* state */
 enum { P_speed, NP }; /* constants of the episode */
-enum { S_closed_slack0 = NP, S_closed_slack1, S_closed_slack2, S_delivered_slack0,
-S_delivered_slack1 };
+enum { S_closed_slack0 = NP, S_closed_slack1, S_closed_slack2, S_delivered_slack1 };
 enum { NU }; /* inputs */
 enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F_postcondition,
        NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 2, NCHOICE = 2, NENVCHOICE = 0, NMASK = 6,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2,
-NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 6, NFROZEN =
-5, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0,
+NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 5, NFROZEN =
+4, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0,
 DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
 DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
@@ -57,178 +56,34 @@ static inline bool flow1_inside(real t)
   return t <= 0.5;
 }
 
-/* lift.kyx:47  margin of 3 - h */
-static inline real flow0_margin1(real h)
+/* lift.kyx:11  0 < h */
+static inline real flow1_closed_margin0(real h, real slack)
 {
-  return 3.0 - h;
+  return 0.0 + slack - h;
 }
 
-/* lift.kyx:49  margin of 0 + closed_slack0 - h */
-static inline real flow1_margin0(real h, real closed_slack0)
+/* lift.kyx:11  h < top */
+static inline real flow1_closed_margin1(real h, real slack)
 {
-  return 0.0 + closed_slack0 - h;
+  return h + slack - 3.0;
 }
 
-/* lift.kyx:49  margin of h + closed_slack1 - 3 */
-static inline real flow1_margin1(real h, real closed_slack1)
+/* lift.kyx:11  door = 0 */
+static inline real flow1_closed_margin2(real door, real slack)
 {
-  return h + closed_slack1 - 3.0;
+  return slack - fabs(door);
 }
 
-/* lift.kyx:49  margin of closed_slack2 - abs(door) */
-static inline real flow1_margin2(real door, real closed_slack2)
-{
-  return closed_slack2 - fabs(door);
-}
-
-/* lift.kyx:49  margin of clock - 20 */
-static inline real flow1_margin3(real clock)
+/* lift.kyx:50  clock >= 20 */
+static inline real flow1_delivered_margin3(real clock)
 {
   return clock - 20.0;
 }
 
-/* lift.kyx:49  margin of h + delivered_slack0 - 3 */
-static inline real flow1_margin4(real h, real delivered_slack0)
+/* lift.kyx:13  load >= 1 */
+static inline real flow1_delivered_margin4(real load, real slack)
 {
-  return h + delivered_slack0 - 3.0;
-}
-
-/* lift.kyx:49  margin of load + delivered_slack1 - 1 */
-static inline real flow1_margin5(real load, real delivered_slack1)
-{
-  return load + delivered_slack1 - 1.0;
-}
-
-/* lift.kyx:49  does not move */
-static inline real flow1_margins_still0(real h, real closed_slack0)
-{
-  return 0.0 + closed_slack0 - h;
-}
-
-/* lift.kyx:49  does not move */
-static inline real flow1_margins_still1(real h, real closed_slack1)
-{
-  return h + closed_slack1 - 3.0;
-}
-
-/* lift.kyx:49  does not move */
-static inline real flow1_margins_still2(real door, real closed_slack2)
-{
-  return closed_slack2 - fabs(door);
-}
-
-/* lift.kyx:49  does not move */
-static inline real flow1_margins_still4(real h, real delivered_slack0)
-{
-  return h + delivered_slack0 - 3.0;
-}
-
-/* lift.kyx:49  does not move */
-static inline real flow1_margins_still5(real load, real delivered_slack1)
-{
-  return load + delivered_slack1 - 1.0;
-}
-
-/* does not move */
-static inline real flow1_calm_still0(real h, real closed_slack0)
-{
-  return 0.0 + closed_slack0 - h;
-}
-
-/* does not move */
-static inline real flow1_calm_still1(real h, real closed_slack1)
-{
-  return h + closed_slack1 - 3.0;
-}
-
-/* does not move */
-static inline real flow1_calm_still2(real door, real closed_slack2)
-{
-  return closed_slack2 - fabs(door);
-}
-
-/* does not move */
-static inline real flow1_calm_still5(real h, real delivered_slack0)
-{
-  return 3.0 - (h + delivered_slack0);
-}
-
-/* does not move */
-static inline real flow1_calm_still6(real load, real delivered_slack1)
-{
-  return 1.0 - (load + delivered_slack1);
-}
-
-/* lift.kyx:49  0 + 0.000000001 - h, coefficient of tau^0 */
-static inline real flow1_watch_still0_c0(real h)
-{
-  return 1e-09 - h;
-}
-
-/* lift.kyx:49  h + 0.000000001 - 3, coefficient of tau^0 */
-static inline real flow1_watch_still1_c0(real h)
-{
-  return h + 1e-09 - 3.0;
-}
-
-/* lift.kyx:49  20 - clock, coefficient of tau^0 */
-static inline real flow1_watch_still3_c0(real clock)
-{
-  return 20.0 - clock;
-}
-
-/* lift.kyx:49  3 - (h + delivered_slack0), coefficient of tau^0 */
-static inline real flow1_watch_still4_c0(real h)
-{
-  return 3.0 - (h + 1e-09 * (1.0 + fabs(h) + 3.0));
-}
-
-/* lift.kyx:49  1 - (load + delivered_slack1), coefficient of tau^0 */
-static inline real flow1_watch_still5_c0(real load)
-{
-  return 1.0 - (load + 1e-09 * (1.0 + fabs(load) + 1.0));
-}
-
-/* lift.kyx:49  closed_slack0 = 0.000000001 * (1 + abs(h)) */
-static inline real flow1_closed_slack0(real h)
-{
-  return 1e-09 * (1.0 + fabs(h));
-}
-
-/* lift.kyx:49  closed_slack1 = 0.000000001 * (1 + abs(h) + 3) */
-static inline real flow1_closed_slack1(real h)
-{
-  return 1e-09 * (1.0 + fabs(h) + 3.0);
-}
-
-/* lift.kyx:49  closed_slack2 = 0.000000001 * (1 + abs(door)) */
-static inline real flow1_closed_slack2(real door)
-{
-  return 1e-09 * (1.0 + fabs(door));
-}
-
-/* lift.kyx:49  delivered_slack0 = 0.000000001 * (1 + abs(h) + 3) */
-static inline real flow1_delivered_slack0(real h)
-{
-  return 1e-09 * (1.0 + fabs(h) + 3.0);
-}
-
-/* lift.kyx:49  delivered_slack1 = 0.000000001 * (1 + abs(load) + 1) */
-static inline real flow1_delivered_slack1(real load)
-{
-  return 1e-09 * (1.0 + fabs(load) + 1.0);
-}
-
-/* lift.kyx:47  h <= 3, margin 3 - h */
-static inline real flow0_root1(real h)
-{
-  return 3.0 - h;
-}
-
-/* lift.kyx:47  d/dt (3 - h) along {h' = v, clock' = 1, t' = 1 & 0 <= h & h <= 3 & t <= 0.5} */
-static inline real flow0_lie1(real v)
-{
-  return -v;
+  return load + slack - 1.0;
 }
 
 /* lift.kyx:18  h < 3 & speed != 0 & 0 <= h & h <= 3 */
@@ -303,46 +158,10 @@ static inline real path3_set_v(real speed)
   return -speed;
 }
 
-/* lift.kyx:19  v := -speed */
-static inline real path4_set_v(real speed)
-{
-  return -speed;
-}
-
-/* lift.kyx:19  waited := waited + 1 */
-static inline real path4_set_waited(real waited)
-{
-  return waited + 1.0;
-}
-
-/* lift.kyx:19  v := -speed */
-static inline real path5_set_v(real speed)
-{
-  return -speed;
-}
-
-/* lift.kyx:21  waited := waited + 1 */
-static inline real path6_set_waited(real waited)
-{
-  return waited + 1.0;
-}
-
 /* lift.kyx:23  load := min(load + 0.5, 1) */
 static inline real path8_set_load(real load)
 {
   return dl2c_min(load + 0.5, 1.0);
-}
-
-/* lift.kyx:23  waited := waited + 1 */
-static inline real path8_set_waited(real waited)
-{
-  return waited + 1.0;
-}
-
-/* lift.kyx:23  waited := waited + 1 */
-static inline real path9_set_waited(real waited)
-{
-  return waited + 1.0;
 }
 
 /* lift.kyx:11  @safety closed: 0 >= h | h >= 3 | door = 0, within tolerance */
@@ -415,8 +234,8 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
 {
   const real until0 = 0.5;
   const real left0 = until0 - x[X_t];
-  const real exit0 = dl2c_exit_closed(x[X_h], x[X_v], 0.0);
-  const real exit1 = dl2c_exit_closed(flow0_domain_margin1_c0(x[X_h]),
+  const real exit0 = dl2c_exit_nonnegative(x[X_h], x[X_v], 0.0);
+  const real exit1 = dl2c_exit_nonnegative(flow0_domain_margin1_c0(x[X_h]),
       flow0_domain_margin1_c1(x[X_v]), 0.0);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
@@ -437,7 +256,7 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
   y[X_clock] = dl2c_select(moves, y[X_clock], x[X_clock]);
   y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
   *duration = dl2c_select(moves, end, 0.0);
-  return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;
+  return !defined ? DL2C_UNDEFINED : inside ? DL2C_ARRIVED : DL2C_OUTSIDE;
 }
 
 /* Whether y is in the domain of the flow. */
@@ -472,7 +291,7 @@ static inline int64_t flow1_motion(const real *x, const real *p, real *y, real *
   y[X_clock] = dl2c_select(moves, y[X_clock], x[X_clock]);
   y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
   *duration = dl2c_select(moves, end, 0.0);
-  return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;
+  return !defined ? DL2C_UNDEFINED : inside ? DL2C_ARRIVED : DL2C_OUTSIDE;
 }
 
 /* Moves x along a simple flow into y as long as its domain allows. */
@@ -523,8 +342,8 @@ static inline bool model_begin(int flow, const real *x, const real *p, real *hor
  * Where a flow ends after the time end with margins of these signs, clocks that ran out and
  * bounds that were met hold exactly.
  */
-static inline void model_settle(int flow, const real *x, const real *p, real end,
-                                const int8_t *sign, real *y)
+static inline void model_snap(int flow, const real *x, const real *p, real end, const int8_t *sign,
+                              real *y)
 {
   (void)p;
   if (flow == 0) {
@@ -545,16 +364,17 @@ static inline void model_settle(int flow, const real *x, const real *p, real end
 static inline real model_margin(int flow, int margin, const real *x, const real *p)
 {
   if (flow == 0) {
-    if (margin == 0) return x[X_h];
-    if (margin == 1) return flow0_margin1(x[X_h]);
+    const real h = x[X_h];
+    if (margin == 0) return h;
+    if (margin == 1) return flow0_domain_margin1_c0(h);
   }
   if (flow == 1) {
-    if (margin == 0) return flow1_margin0(x[X_h], p[S_closed_slack0]);
-    if (margin == 1) return flow1_margin1(x[X_h], p[S_closed_slack1]);
-    if (margin == 2) return flow1_margin2(x[X_door], p[S_closed_slack2]);
-    if (margin == 3) return flow1_margin3(x[X_clock]);
-    if (margin == 4) return flow1_margin4(x[X_h], p[S_delivered_slack0]);
-    if (margin == 5) return flow1_margin5(x[X_load], p[S_delivered_slack1]);
+    const real h = x[X_h], door = x[X_door], load = x[X_load], clock = x[X_clock];
+    if (margin == 0) return flow1_closed_margin0(h, p[S_closed_slack0]);
+    if (margin == 1) return flow1_closed_margin1(h, p[S_closed_slack1]);
+    if (margin == 2) return flow1_closed_margin2(door, p[S_closed_slack2]);
+    if (margin == 3) return flow1_delivered_margin3(clock);
+    if (margin == 4) return flow1_delivered_margin4(load, p[S_delivered_slack1]);
   }
   return 0.0;
 }
@@ -567,51 +387,59 @@ static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const re
                          dl2c_taylor *g)
 {
   if (flow == 0) {
-    const dl2c_taylor part0 = dl2c_taylor_from(3.0, &z[X_h]);
+    /* lift.kyx:47  0 <= h */
     g[0] = z[X_h];
-    g[1] = part0;
+    /* lift.kyx:47  h <= top */
+    g[1] = dl2c_taylor_from(3.0, &z[X_h]);
   }
   if (flow == 1) {
-    const dl2c_taylor part0 = dl2c_taylor_number(flow1_margins_still0(x[X_h], p[S_closed_slack0]));
-    const dl2c_taylor part1 = dl2c_taylor_number(flow1_margins_still1(x[X_h], p[S_closed_slack1]));
-    const dl2c_taylor part2 = dl2c_taylor_number(flow1_margins_still2(x[X_door], p[S_closed_slack2]));
-    const dl2c_taylor part3 = dl2c_taylor_plus(&z[X_clock], -20.0);
-    const dl2c_taylor part4 = dl2c_taylor_number(flow1_margins_still4(x[X_h], p[S_delivered_slack0]));
-    const dl2c_taylor part5 = dl2c_taylor_number(flow1_margins_still5(x[X_load],
-        p[S_delivered_slack1]));
-    g[0] = part0;
-    g[1] = part1;
-    g[2] = part2;
-    g[3] = part3;
-    g[4] = part4;
-    g[5] = part5;
+    const real h = x[X_h], door = x[X_door], load = x[X_load];
+    /* lift.kyx:11  0 < h */
+    g[0] = dl2c_taylor_number(0.0 + p[S_closed_slack0] - h);
+    /* lift.kyx:11  h < top */
+    g[1] = dl2c_taylor_number(h + p[S_closed_slack1] - 3.0);
+    /* lift.kyx:11  door = 0 */
+    g[2] = dl2c_taylor_number(p[S_closed_slack2] - fabs(door));
+    /* lift.kyx:50  clock >= 20 */
+    g[3] = dl2c_taylor_plus(&z[X_clock], -(20.0));
+    /* lift.kyx:13  load >= 1 */
+    g[4] = dl2c_taylor_number(load + p[S_delivered_slack1] - 1.0);
   }
 }
 
 /*
- * Whether the domain of a flow, if it counts, and the watches still open plainly hold in all
+ * Whether the domain of a flow, if it is `bounded`, and the watches still open hold in all
  * states within z; what does not move is taken from x.
  */
-static inline bool model_calm(int flow, const dl2c_hull *z, const real *x, const real *p,
-                              bool bounded, const uint8_t *watch)
+static inline bool model_event_free(int flow, const dl2c_hull *z, const real *x, const real *p,
+                                    bool bounded, const uint8_t *watch)
 {
   if (flow == 0) {
-    const dl2c_hull part0 = dl2c_hull_at(3.0);
-    const dl2c_hull part1 = dl2c_hull_sub(part0, z[X_h]);
-    return ((!bounded) | (dl2c_hull_positive(z[X_h]) & dl2c_hull_positive(part1)))
-        & ((watch[0] != DL2C_WATCHING) | true) & ((watch[1] != DL2C_WATCHING) | true);
+    /* lift.kyx:47  0 <= h */
+    const bool flow0_holds0 = dl2c_hull_positive(z[X_h]);
+    /* lift.kyx:47  h <= top */
+    const bool flow0_holds1 = dl2c_hull_positive(dl2c_hull_sub(dl2c_hull_at(3.0), z[X_h]));
+    return ((!bounded) | (flow0_holds0 & flow0_holds1)) & ((watch[0] != DL2C_WATCHING) | true)
+        & ((watch[1] != DL2C_WATCHING) | true);
   }
   if (flow == 1) {
-    const dl2c_hull part0 = dl2c_hull_at(flow1_calm_still0(x[X_h], p[S_closed_slack0]));
-    const dl2c_hull part1 = dl2c_hull_at(flow1_calm_still1(x[X_h], p[S_closed_slack1]));
-    const dl2c_hull part2 = dl2c_hull_at(flow1_calm_still2(x[X_door], p[S_closed_slack2]));
-    const dl2c_hull part3 = dl2c_hull_at(20.0);
-    const dl2c_hull part4 = dl2c_hull_sub(part3, z[X_clock]);
-    const dl2c_hull part5 = dl2c_hull_at(flow1_calm_still5(x[X_h], p[S_delivered_slack0]));
-    const dl2c_hull part6 = dl2c_hull_at(flow1_calm_still6(x[X_load], p[S_delivered_slack1]));
-    return ((!bounded) | true) & ((watch[0] != DL2C_WATCHING) | (dl2c_hull_positive(part0)
-        | dl2c_hull_positive(part1) | dl2c_hull_positive(part2))) & ((watch[1] != DL2C_WATCHING)
-        | (dl2c_hull_positive(part4) & (dl2c_hull_positive(part5) | dl2c_hull_positive(part6))));
+    const real h = x[X_h], door = x[X_door], load = x[X_load];
+    /* lift.kyx:11  0 < h */
+    const bool flow1_closed_holds0 = dl2c_hull_positive(dl2c_hull_at(0.0 + p[S_closed_slack0] - h));
+    /* lift.kyx:11  h < top */
+    const bool flow1_closed_holds1 = dl2c_hull_positive(dl2c_hull_at(h + p[S_closed_slack1] - 3.0));
+    /* lift.kyx:11  door = 0 */
+    const bool flow1_closed_holds2 = dl2c_hull_positive(dl2c_hull_at(p[S_closed_slack2] - fabs(door)));
+    /* lift.kyx:50  clock >= 20 */
+    const bool flow1_delivered_holds3 = dl2c_hull_positive(dl2c_hull_sub(dl2c_hull_at(20.0),
+        z[X_clock]));
+    /* lift.kyx:13  h >= top */
+    const bool delivered_holds5 = dl2c_hull_positive(dl2c_hull_at(3.0 - (h + p[S_closed_slack1])));
+    /* lift.kyx:13  load >= 1 */
+    const bool flow1_delivered_holds4 = dl2c_hull_positive(dl2c_hull_at(1.0 - (load + p[S_delivered_slack1])));
+    return ((!bounded) | true) & ((watch[0] != DL2C_WATCHING) | (flow1_closed_holds0
+        | flow1_closed_holds1 | flow1_closed_holds2)) & ((watch[1] != DL2C_WATCHING)
+        | (flow1_delivered_holds3 & (delivered_holds5 | flow1_delivered_holds4)));
   }
   return false;
 }
@@ -624,7 +452,8 @@ static int model_solution(int flow, const real *x, const real *p, real (*c)[DL2C
 {
   (void)p;
   if (flow == 0) {
-    c[X_h][1] = x[X_v];
+    const real v = x[X_v];
+    c[X_h][1] = v;
     c[X_clock][1] = 1.0;
     c[X_t][1] = 1.0;
     return 1;
@@ -658,31 +487,43 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
     if (formula == 3)
       return false;
     if (formula == 4)
-      return ((sign[3] < 0) & ((sign[4] < 0) | (sign[5] < 0)));
+      return ((sign[3] < 0) & ((sign[1] < 0) | (sign[4] < 0)));
     if (formula == 5)
       return (sign[3] >= 0);
     if (formula == 6)
-      return ((sign[4] >= 0) & (sign[5] >= 0));
+      return ((sign[1] >= 0) & (sign[4] >= 0));
   }
   return true;
 }
 
-/* Whether a flow of that duration, which ends in y, plainly changes no watch that matters. */
-DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real duration, const real *y)
+/*
+ * Whether a flow of that duration, which ends in y, changes no watch that matters, by a
+ * sufficient condition.
+ */
+DL2C_INLINE bool model_keeps_watches(int flow, const real *x, const real *p, real duration,
+                                     const real *y)
 {
   (void)p; (void)y;
   if (flow == 0) {
     return true;
   }
   if (flow == 1) {
-    const dl2c_span still0 = dl2c_constant(flow1_watch_still0_c0(x[X_h]));
-    const dl2c_span still1 = dl2c_constant(flow1_watch_still1_c0(x[X_h]));
-    const dl2c_span still2 = dl2c_constant(x[X_door]);
-    const dl2c_span still3 = dl2c_line(flow1_watch_still3_c0(x[X_clock]), -1.0, duration);
-    const dl2c_span still4 = dl2c_constant(flow1_watch_still4_c0(x[X_h]));
-    const dl2c_span still5 = dl2c_constant(flow1_watch_still5_c0(x[X_load]));
-    return ((dl2c_stays_closed(still0) | dl2c_stays_closed(still1) | dl2c_stays_equal(still2))
-        & dl2c_stays_open(still3) & (dl2c_stays_open(still4) | dl2c_stays_open(still5)));
+    const real h = x[X_h], door = x[X_door], load = x[X_load], clock = x[X_clock];
+    /* lift.kyx:11  0 < h */
+    const bool flow1_closed_holds0 = dl2c_stays_nonnegative(dl2c_constant(1e-09 - h));
+    /* lift.kyx:11  h < top */
+    const bool flow1_closed_holds1 = dl2c_stays_nonnegative(dl2c_constant(flow1_closed_margin1(h,
+        1e-09)));
+    /* lift.kyx:11  door = 0 */
+    const bool flow1_closed_holds2 = dl2c_stays_zero(dl2c_constant(door));
+    /* lift.kyx:50  clock >= 20 */
+    const bool flow1_delivered_holds3 = dl2c_stays_positive(dl2c_line(20.0 - clock, -1.0, duration));
+    /* lift.kyx:13  h >= top */
+    const bool flow1_holds5 = dl2c_stays_positive(dl2c_constant(3.0 - (h + 1e-09 * (1.0 + fabs(h) + 3.0))));
+    /* lift.kyx:13  load >= 1 */
+    const bool flow1_delivered_holds4 = dl2c_stays_positive(dl2c_constant(1.0 - (load + 1e-09 * (1.0 + fabs(load) + 1.0))));
+    return ((flow1_closed_holds0 | flow1_closed_holds1 | flow1_closed_holds2) & flow1_delivered_holds3
+        & (flow1_holds5 | flow1_delivered_holds4));
   }
   return true;
 }
@@ -691,11 +532,11 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
 static inline void model_freeze(int flow, const real *x, real *p)
 {
   if (flow == 1) {
-    p[S_closed_slack0] = dl2c_frozen(flow1_closed_slack0(x[X_h]));
-    p[S_closed_slack1] = dl2c_frozen(flow1_closed_slack1(x[X_h]));
-    p[S_closed_slack2] = dl2c_frozen(flow1_closed_slack2(x[X_door]));
-    p[S_delivered_slack0] = dl2c_frozen(flow1_delivered_slack0(x[X_h]));
-    p[S_delivered_slack1] = dl2c_frozen(flow1_delivered_slack1(x[X_load]));
+    const real h = x[X_h], door = x[X_door], load = x[X_load];
+    p[S_closed_slack0] = dl2c_frozen(1e-09 * (1.0 + fabs(h)));
+    p[S_closed_slack1] = dl2c_frozen(1e-09 * (1.0 + fabs(h) + 3.0));
+    p[S_closed_slack2] = dl2c_frozen(1e-09 * (1.0 + fabs(door)));
+    p[S_delivered_slack1] = dl2c_frozen(1e-09 * (1.0 + fabs(load) + 1.0));
   }
 }
 
@@ -726,8 +567,8 @@ static inline void model_roots(int flow, const real *x, const real *p, real *g, 
   if (flow == 0) {
     g[0] = x[X_h];
     dg[0] = x[X_v];
-    g[1] = flow0_root1(x[X_h]);
-    dg[1] = flow0_lie1(x[X_v]);
+    g[1] = flow0_domain_margin1_c0(x[X_h]);
+    dg[1] = flow0_domain_margin1_c1(x[X_v]);
   }
 }
 
@@ -754,36 +595,24 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
       word |= (int64_t)(path7_guard(x[X_door * stride + i])) << 7;
       words[i] = word;
     }
-    for (int64_t i = 0; i < count; i++)
-      bits[i] = (uint8_t)words[i];
-    for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = bits[i] >> 0 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[1 * stride + i] = bits[i] >> 1 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[2 * stride + i] = bits[i] >> 2 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[3 * stride + i] = bits[i] >> 3 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[4 * stride + i] = bits[i] >> 4 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[5 * stride + i] = bits[i] >> 5 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[6 * stride + i] = bits[i] >> 6 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[7 * stride + i] = bits[i] >> 7 & 1;
+    for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+    for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 0 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[1 * stride + i] = bits[i] >> 1 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[2 * stride + i] = bits[i] >> 2 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[3 * stride + i] = bits[i] >> 3 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[4 * stride + i] = bits[i] >> 4 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[5 * stride + i] = bits[i] >> 5 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[6 * stride + i] = bits[i] >> 6 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[7 * stride + i] = bits[i] >> 7 & 1;
     for (int64_t i = 0; i < count; i++) {
       int64_t word = 0;
       word |= (int64_t)(path8_guard(x[X_h * stride + i])) << 0;
       word |= (int64_t)(path9_guard(x[X_h * stride + i], x[X_load * stride + i])) << 1;
       words[i] = word;
     }
-    for (int64_t i = 0; i < count; i++)
-      bits[i] = (uint8_t)words[i];
-    for (int64_t i = 0; i < count; i++)
-      enabled[8 * stride + i] = bits[i] >> 0 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[9 * stride + i] = bits[i] >> 1 & 1;
+    for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+    for (int64_t i = 0; i < count; i++) enabled[8 * stride + i] = bits[i] >> 0 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[9 * stride + i] = bits[i] >> 1 & 1;
   }
   if (point == 1) {
     int64_t words[DL2C_BLOCK];
@@ -793,10 +622,8 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
       word |= (int64_t)(true) << 0;
       words[i] = word;
     }
-    for (int64_t i = 0; i < count; i++)
-      bits[i] = (uint8_t)words[i];
-    for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = bits[i] >> 0 & 1;
+    for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+    for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 0 & 1;
   }
 }
 
@@ -825,17 +652,17 @@ static inline bool model_update(int path, const real *x, const real *p, const re
     y[X_t] = 0.0;
     return true;
   case 4:
-    y[X_v] = path4_set_v(p[P_speed]);
-    y[X_waited] = path4_set_waited(x[X_waited]);
+    y[X_v] = path3_set_v(p[P_speed]);
+    y[X_waited] = path1_set_waited(x[X_waited]);
     y[X_t] = 0.0;
     return true;
   case 5:
-    y[X_v] = path5_set_v(p[P_speed]);
+    y[X_v] = path3_set_v(p[P_speed]);
     y[X_t] = 0.0;
     return true;
   case 6:
     y[X_v] = 0.0;
-    y[X_waited] = path6_set_waited(x[X_waited]);
+    y[X_waited] = path1_set_waited(x[X_waited]);
     y[X_t] = 0.0;
     return true;
   case 7:
@@ -846,14 +673,14 @@ static inline bool model_update(int path, const real *x, const real *p, const re
     y[X_door] = 1.0;
     y[X_load] = path8_set_load(x[X_load]);
     y[X_v] = 0.0;
-    y[X_waited] = path8_set_waited(x[X_waited]);
+    y[X_waited] = path1_set_waited(x[X_waited]);
     y[X_t] = 0.0;
     return true;
   case 9:
     y[X_door] = 1.0;
     y[X_load] = 0.0;
     y[X_v] = 0.0;
-    y[X_waited] = path9_set_waited(x[X_waited]);
+    y[X_waited] = path1_set_waited(x[X_waited]);
     y[X_t] = 0.0;
     return true;
   case 10:
@@ -874,35 +701,7 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, cons
   return true;
 }
 
-/* Narrows the values of an input to those its tests leave, up to rounding. */
-DL2C_INLINE void model_limits(int path, int input, const real *x, const real *p, const real *u,
-                              real *low, real *high)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)low; (void)high;
-}
-
-/* Where the tests of an input may begin or cease to hold, in no order; how many. */
-static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
-                                  real *root)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
-  return 0;
-}
-
-/* The only values that an equality leaves to an input, up to its Box; -1 where none does. */
-static inline int model_pins(int path, int input, const real *x, const real *p, const real *u,
-                             real *root)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
-  return -1;
-}
-
-/* Whether the value of an input passes the tests of it and of no later input. */
-DL2C_INLINE bool model_admits(int path, int input, const real *x, const real *p, const real *u)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u;
-  return true;
-}
+#include "no_inputs.h"
 
 /* What a post-state is tested for.   facts: (NFACT, row) */
 DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
@@ -920,16 +719,11 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
         x[X_load * stride + i], x[X_clock * stride + i])) << 3;
     words[i] = word;
   }
-  for (int64_t i = 0; i < count; i++)
-    bits[i] = (uint8_t)words[i];
-  for (int64_t i = 0; i < count; i++)
-    facts[F_closed_holds * row + i] = bits[i] >> 0 & 1;
-  for (int64_t i = 0; i < count; i++)
-    facts[F_delivered_holds * row + i] = bits[i] >> 1 & 1;
-  for (int64_t i = 0; i < count; i++)
-    facts[F_delivered_due * row + i] = bits[i] >> 2 & 1;
-  for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = bits[i] >> 3 & 1;
+  for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+  for (int64_t i = 0; i < count; i++) facts[F_closed_holds * row + i] = bits[i] >> 0 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_delivered_holds * row + i] = bits[i] >> 1 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_delivered_due * row + i] = bits[i] >> 2 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 3 & 1;
 }
 
 /*
@@ -955,8 +749,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
                              dl2c_judgement *restrict judged)
 {
   (void)p;
-  for (int64_t i = 0; i < count; i++)
-    judged->reward[i] = 0.0;
+  for (int64_t i = 0; i < count; i++) judged->reward[i] = 0.0;
   for (int64_t i = 0; i < count; i++) {
     judged->cost[i] = 0;
     judged->undefined[i] = 0;
@@ -1048,13 +841,21 @@ static inline real model_density(int chart, const real *x, const real *p)
   return 1.0;
 }
 
-/* What is left of the precondition, with room for rounding: true in doubles proves it. */
+/* What is left of the precondition, with a margin for rounding: true in doubles proves it. */
 static inline bool model_accept(int chart, const real *x, const real *p)
 {
   (void)x; (void)p;
   (void)chart;
   return true;
 }
+
+#include "Lift_tables.h"
+#include "batch.h" /* the runtime, compiled with this model as one unit */
+
+/* SPDX-License-Identifier: MIT-0 */
+/* Lift -- generated by dl2c 0.1.0 from lift.kyx. Do not edit. */
+#ifndef DL2C_GENERATED_LIFT_TABLES_H
+#define DL2C_GENERATED_LIFT_TABLES_H
 
 static const int32_t POINT_START[3] = {0, 10, 11};
 static const int32_t MASK_START[3] = {0, 4, 6};
@@ -1122,11 +923,13 @@ static const dl2c_path PATHS[11] = {
   {1, -1, 2, PATH9_MET, PATH9_MARKED, 0, PATH9_INPUTS, 0},
   {1, -1, 0, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
 };
+
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};
 static const real FLOW_REACH[2] = {0.0, 0.0};
 static const uint8_t WATCH_CUTS[2] = {1, 0};
-static const int32_t FLOW_MARGINS[2] = {2, 6};
+static const int32_t FLOW_MARGINS[2] = {2, 5};
+
 static const int32_t SAMPLE_START[2] = {0, 1};
 static const real SAMPLE_LOW[1][3] = {{0.0, 0.0, 0.5}};
 static const real SAMPLE_HIGH[1][3] = {{3.0, 1.0, 2.0}};
@@ -1136,4 +939,4 @@ static const int32_t SAMPLE_CHART[1] = {0};
 static const int32_t SAMPLE_FREE[1] = {3};
 static const real SAMPLE_DENSITY[1] = {1.0};
 
-#include "batch.h" /* the runtime, compiled with this model as one unit */
+#endif

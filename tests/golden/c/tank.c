@@ -37,58 +37,16 @@ static inline bool flow0_inside(real x_v, real t, real ep)
   return (t <= ep) & (x_v >= 0.0);
 }
 
-/* tank.kyx:33  margin of x + inside_slack0 */
-static inline real flow0_margin1(real x_v, real inside_slack0)
+/* tank.kyx:12  0 <= x */
+static inline real inside_margin1(real x_v, real slack)
 {
-  return x_v + inside_slack0;
+  return x_v + slack;
 }
 
-/* tank.kyx:33  margin of H + inside_slack1 - x */
-static inline real flow0_margin2(real x_v, real H, real inside_slack1)
+/* tank.kyx:12  x <= H */
+static inline real inside_margin2(real x_v, real H, real slack)
 {
-  return H + inside_slack1 - x_v;
-}
-
-/* tank.kyx:33  does not move */
-static inline real flow0_margins_still1(real H, real inside_slack1)
-{
-  return H + inside_slack1;
-}
-
-/* does not move */
-static inline real flow0_calm_still2(real H, real inside_slack1)
-{
-  return H + inside_slack1;
-}
-
-/* tank.kyx:33  x + 0.000000001, coefficient of tau^0 */
-static inline real flow0_watch_still0_c0(real x_v)
-{
-  return x_v + 1e-09;
-}
-
-/* tank.kyx:33  H + 0.000000001 - x, coefficient of tau^0 */
-static inline real flow0_watch_still1_c0(real x_v, real H)
-{
-  return H + 1e-09 - x_v;
-}
-
-/* tank.kyx:33  H + 0.000000001 - x, coefficient of tau^1 */
-static inline real flow0_watch_still1_c1(real f)
-{
-  return -f;
-}
-
-/* tank.kyx:33  inside_slack0 = 0.000000001 * (1 + abs(x)) */
-static inline real flow0_inside_slack0(real x_v)
-{
-  return 1e-09 * (1.0 + fabs(x_v));
-}
-
-/* tank.kyx:33  inside_slack1 = 0.000000001 * (1 + abs(x) + abs(H)) */
-static inline real flow0_inside_slack1(real x_v, real H)
-{
-  return 1e-09 * (1.0 + fabs(x_v) + fabs(H));
+  return H + slack - x_v;
 }
 
 /* tank.kyx:30  0 <= ep & x >= 0 */
@@ -169,7 +127,7 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
 {
   const real until0 = p[P_ep];
   const real left0 = until0 - x[X_t];
-  const real exit0 = dl2c_exit_closed(x[X_x], x[X_f], 0.0);
+  const real exit0 = dl2c_exit_nonnegative(x[X_x], x[X_f], 0.0);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
   const bool hit0 = exit0 <= end;
@@ -185,7 +143,7 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
   y[X_x] = dl2c_select(moves, y[X_x], x[X_x]);
   y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
   *duration = dl2c_select(moves, end, 0.0);
-  return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;
+  return !defined ? DL2C_UNDEFINED : inside ? DL2C_ARRIVED : DL2C_OUTSIDE;
 }
 
 /* Moves x along a simple flow into y as long as its domain allows. */
@@ -225,8 +183,8 @@ static inline bool model_begin(int flow, const real *x, const real *p, real *hor
  * Where a flow ends after the time end with margins of these signs, clocks that ran out and
  * bounds that were met hold exactly.
  */
-static inline void model_settle(int flow, const real *x, const real *p, real end,
-                                const int8_t *sign, real *y)
+static inline void model_snap(int flow, const real *x, const real *p, real end, const int8_t *sign,
+                              real *y)
 {
   if (flow == 0) {
     const real until0 = p[P_ep];
@@ -240,9 +198,10 @@ static inline void model_settle(int flow, const real *x, const real *p, real end
 static inline real model_margin(int flow, int margin, const real *x, const real *p)
 {
   if (flow == 0) {
-    if (margin == 0) return x[X_x];
-    if (margin == 1) return flow0_margin1(x[X_x], p[S_inside_slack0]);
-    if (margin == 2) return flow0_margin2(x[X_x], p[P_H], p[S_inside_slack1]);
+    const real x_v = x[X_x], H = p[P_H];
+    if (margin == 0) return x_v;
+    if (margin == 1) return inside_margin1(x_v, p[S_inside_slack0]);
+    if (margin == 2) return inside_margin2(x_v, H, p[S_inside_slack1]);
   }
   return 0.0;
 }
@@ -256,30 +215,36 @@ static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const re
 {
   (void)x;
   if (flow == 0) {
-    const dl2c_taylor part0 = dl2c_taylor_plus(&z[X_x], p[S_inside_slack0]);
-    const dl2c_taylor part1 = dl2c_taylor_from(flow0_margins_still1(p[P_H], p[S_inside_slack1]),
-        &z[X_x]);
+    const real H = p[P_H];
+    /* tank.kyx:33  x >= 0 */
     g[0] = z[X_x];
-    g[1] = part0;
-    g[2] = part1;
+    /* tank.kyx:12  0 <= x */
+    g[1] = dl2c_taylor_plus(&z[X_x], p[S_inside_slack0]);
+    /* tank.kyx:12  x <= H */
+    g[2] = dl2c_taylor_from(H + p[S_inside_slack1], &z[X_x]);
   }
 }
 
 /*
- * Whether the domain of a flow, if it counts, and the watches still open plainly hold in all
+ * Whether the domain of a flow, if it is `bounded`, and the watches still open hold in all
  * states within z; what does not move is taken from x.
  */
-static inline bool model_calm(int flow, const dl2c_hull *z, const real *x, const real *p,
-                              bool bounded, const uint8_t *watch)
+static inline bool model_event_free(int flow, const dl2c_hull *z, const real *x, const real *p,
+                                    bool bounded, const uint8_t *watch)
 {
   (void)x;
   if (flow == 0) {
-    const dl2c_hull part0 = dl2c_hull_at(p[S_inside_slack0]);
-    const dl2c_hull part1 = dl2c_hull_add(z[X_x], part0);
-    const dl2c_hull part2 = dl2c_hull_at(flow0_calm_still2(p[P_H], p[S_inside_slack1]));
-    const dl2c_hull part3 = dl2c_hull_sub(part2, z[X_x]);
-    return ((!bounded) | dl2c_hull_positive(z[X_x])) & ((watch[0] != DL2C_WATCHING)
-        | (dl2c_hull_positive(part1) & dl2c_hull_positive(part3)));
+    const real H = p[P_H];
+    /* tank.kyx:33  x >= 0 */
+    const bool flow0_holds0 = dl2c_hull_positive(z[X_x]);
+    /* tank.kyx:12  0 <= x */
+    const bool inside_holds1 = dl2c_hull_positive(dl2c_hull_add(z[X_x],
+        dl2c_hull_at(p[S_inside_slack0])));
+    /* tank.kyx:12  x <= H */
+    const bool inside_holds2 = dl2c_hull_positive(dl2c_hull_sub(dl2c_hull_at(H + p[S_inside_slack1]),
+        z[X_x]));
+    return ((!bounded) | flow0_holds0) & ((watch[0] != DL2C_WATCHING) | (inside_holds1
+        & inside_holds2));
   }
   return false;
 }
@@ -292,7 +257,8 @@ static int model_solution(int flow, const real *x, const real *p, real (*c)[DL2C
 {
   (void)p;
   if (flow == 0) {
-    c[X_x][1] = x[X_f];
+    const real f = x[X_f];
+    c[X_x][1] = f;
     c[X_t][1] = 1.0;
     return 1;
   }
@@ -313,15 +279,23 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
   return true;
 }
 
-/* Whether a flow of that duration, which ends in y, plainly changes no watch that matters. */
-DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real duration, const real *y)
+/*
+ * Whether a flow of that duration, which ends in y, changes no watch that matters, by a
+ * sufficient condition.
+ */
+DL2C_INLINE bool model_keeps_watches(int flow, const real *x, const real *p, real duration,
+                                     const real *y)
 {
   (void)y;
   if (flow == 0) {
-    const dl2c_span still0 = dl2c_line(flow0_watch_still0_c0(x[X_x]), x[X_f], duration);
-    const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_x], p[P_H]),
-        flow0_watch_still1_c1(x[X_f]), duration);
-    return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1));
+    const real x_v = x[X_x], f = x[X_f], H = p[P_H];
+    /* tank.kyx:12  0 <= x */
+    const bool inside_holds1 = dl2c_stays_nonnegative(dl2c_line(inside_margin1(x_v, 1e-09), f,
+        duration));
+    /* tank.kyx:12  x <= H */
+    const bool inside_holds2 = dl2c_stays_nonnegative(dl2c_line(inside_margin2(x_v, H, 1e-09), -f,
+        duration));
+    return (inside_holds1 & inside_holds2);
   }
   return true;
 }
@@ -330,8 +304,9 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
 static inline void model_freeze(int flow, const real *x, real *p)
 {
   if (flow == 0) {
-    p[S_inside_slack0] = dl2c_frozen(flow0_inside_slack0(x[X_x]));
-    p[S_inside_slack1] = dl2c_frozen(flow0_inside_slack1(x[X_x], p[P_H]));
+    const real x_v = x[X_x], H = p[P_H];
+    p[S_inside_slack0] = dl2c_frozen(1e-09 * (1.0 + fabs(x_v)));
+    p[S_inside_slack1] = dl2c_frozen(1e-09 * (1.0 + fabs(x_v) + fabs(H)));
   }
 }
 
@@ -372,10 +347,8 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
     word |= (int64_t)(path0_guard(x[X_x * stride + i], p[P_ep * stride + i])) << 0;
     words[i] = word;
   }
-  for (int64_t i = 0; i < count; i++)
-    bits[i] = (uint8_t)words[i];
-  for (int64_t i = 0; i < count; i++)
-    enabled[0 * stride + i] = bits[i] >> 0 & 1;
+  for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+  for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 0 & 1;
 }
 
 /* Executes the assignments of a path from x into y. False where a value is undefined. */
@@ -455,14 +428,10 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
     word |= (int64_t)(problem_postcondition(x[X_x * stride + i], p[P_H * stride + i])) << 2;
     words[i] = word;
   }
-  for (int64_t i = 0; i < count; i++)
-    bits[i] = (uint8_t)words[i];
-  for (int64_t i = 0; i < count; i++)
-    facts[F_inside_holds * row + i] = bits[i] >> 0 & 1;
-  for (int64_t i = 0; i < count; i++)
-    facts[F_distance_holds * row + i] = bits[i] >> 1 & 1;
-  for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = bits[i] >> 2 & 1;
+  for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+  for (int64_t i = 0; i < count; i++) facts[F_inside_holds * row + i] = bits[i] >> 0 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_distance_holds * row + i] = bits[i] >> 1 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 2 & 1;
 }
 
 /*
@@ -483,8 +452,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
                              int64_t count, const uint8_t *restrict facts, int64_t row,
                              dl2c_judgement *restrict judged)
 {
-  for (int64_t i = 0; i < count; i++)
-    judged->reward[i] = 0.0;
+  for (int64_t i = 0; i < count; i++) judged->reward[i] = 0.0;
   for (int64_t i = 0; i < count; i++) {
     judged->cost[i] = 0;
     judged->undefined[i] = 0;
@@ -564,7 +532,7 @@ static inline real model_density(int chart, const real *x, const real *p)
   return 1.0;
 }
 
-/* What is left of the precondition, with room for rounding: true in doubles proves it. */
+/* What is left of the precondition, with a margin for rounding: true in doubles proves it. */
 static inline bool model_accept(int chart, const real *x, const real *p)
 {
   switch (chart) {
@@ -575,6 +543,14 @@ static inline bool model_accept(int chart, const real *x, const real *p)
   default: return false;
   }
 }
+
+#include "Tank_tables.h"
+#include "batch.h" /* the runtime, compiled with this model as one unit */
+
+/* SPDX-License-Identifier: MIT-0 */
+/* Tank -- generated by dl2c 0.1.0 from tank.kyx. Do not edit. */
+#ifndef DL2C_GENERATED_TANK_TABLES_H
+#define DL2C_GENERATED_TANK_TABLES_H
 
 static const int32_t POINT_START[2] = {0, 1};
 static const int32_t MASK_START[1] = {0};
@@ -588,11 +564,13 @@ static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0};
 static const dl2c_input PATH0_INPUTS[] = {{0, 1, -1, 1}};
 static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS, 0}};
+
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};
 static const real FLOW_REACH[1] = {0.0};
 static const uint8_t WATCH_CUTS[1] = {1};
 static const int32_t FLOW_MARGINS[1] = {3};
+
 static const int32_t SAMPLE_START[3] = {0, 1, 5};
 static const real SAMPLE_LOW[5][2] = {{0.5, 0.0}, {0.0, 4.0}, {0.0, 4.5}, {0.0, 5.0}, {0.0, 5.5}};
 static const real SAMPLE_HIGH[5][2] = {{1.0, 0.0}, {4.5, 4.5}, {5.0, 5.0}, {5.5, 5.5}, {6.0, 6.0}};
@@ -608,4 +586,4 @@ static const int32_t SAMPLE_CHART[5] = {0, 1, 1, 1, 1};
 static const int32_t SAMPLE_FREE[2] = {1, 2};
 static const real SAMPLE_DENSITY[1] = {1.0};
 
-#include "batch.h" /* the runtime, compiled with this model as one unit */
+#endif

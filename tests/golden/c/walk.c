@@ -54,24 +54,6 @@ static inline real flow1_domain_margin0_c1(real v)
   return -v;
 }
 
-/* walk.kyx:32  margin of 8 - x */
-static inline real flow1_margin0(real x_v)
-{
-  return 8.0 - x_v;
-}
-
-/* walk.kyx:32  x <= 8, margin 8 - x */
-static inline real flow1_root0(real x_v)
-{
-  return 8.0 - x_v;
-}
-
-/* walk.kyx:32  d/dt (8 - x) along {x' = v & x <= 8} */
-static inline real flow1_lie0(real v)
-{
-  return -v;
-}
-
 /* walk.kyx:37  rest >= size */
 static inline bool path1_guard(real rest, real size)
 {
@@ -116,12 +98,6 @@ static inline bool path7_guard(real x_v, real rest, real size)
   return (rest < size) & (x_v + size + size >= 0.0);
 }
 
-/* walk.kyx:31  x <= 8 */
-static inline bool path11_guard(real x_v)
-{
-  return x_v <= 8.0;
-}
-
 /* walk.kyx:37  rest := rest - size */
 static inline real path1_set_rest(real rest, real size)
 {
@@ -134,20 +110,8 @@ static inline real path4_set_x(real x_v, real size)
   return x_v + size;
 }
 
-/* walk.kyx:37  x := x + size */
-static inline real path5_set_x(real x_v, real size)
-{
-  return x_v + size;
-}
-
 /* walk.kyx:37  x := x + size + size */
 static inline real path6_set_x(real x_v, real size)
-{
-  return x_v + size + size;
-}
-
-/* walk.kyx:37  x := x + size + size */
-static inline real path7_set_x(real x_v, real size)
 {
   return x_v + size + size;
 }
@@ -232,7 +196,7 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
 {
   const real until0 = 1.0;
   const real left0 = until0 - x[X_t];
-  const real exit0 = dl2c_exit_closed(x[X_x], x[X_v], 0.0);
+  const real exit0 = dl2c_exit_nonnegative(x[X_x], x[X_v], 0.0);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
   const bool hit0 = exit0 <= end;
@@ -248,7 +212,7 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
   y[X_x] = dl2c_select(moves, y[X_x], x[X_x]);
   y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
   *duration = dl2c_select(moves, end, 0.0);
-  return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;
+  return !defined ? DL2C_UNDEFINED : inside ? DL2C_ARRIVED : DL2C_OUTSIDE;
 }
 
 /* Whether y is in the domain of the flow. */
@@ -268,7 +232,7 @@ static inline void flow1_at(const real *x, const real *p, real tau, real *y)
 /* walk.kyx:32  {x' = v & x <= 8} */
 static inline int64_t flow1_motion(const real *x, const real *p, real *y, real *duration)
 {
-  const real exit0 = dl2c_exit_closed(flow1_domain_margin0_c0(x[X_x]),
+  const real exit0 = dl2c_exit_nonnegative(flow1_domain_margin0_c0(x[X_x]),
       flow1_domain_margin0_c1(x[X_v]), 0.0);
   real end = 0.1;
   end = dl2c_select(exit0 < end, exit0, end);
@@ -283,7 +247,7 @@ static inline int64_t flow1_motion(const real *x, const real *p, real *y, real *
   const bool inside = !moves | flow1_stays(y, p);
   y[X_x] = dl2c_select(moves, y[X_x], x[X_x]);
   *duration = dl2c_select(moves, end, 0.0);
-  return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;
+  return !defined ? DL2C_UNDEFINED : inside ? DL2C_ARRIVED : DL2C_OUTSIDE;
 }
 
 /* Moves x along a simple flow into y as long as its domain allows. */
@@ -332,8 +296,8 @@ static inline bool model_begin(int flow, const real *x, const real *p, real *hor
  * Where a flow ends after the time end with margins of these signs, clocks that ran out and
  * bounds that were met hold exactly.
  */
-static inline void model_settle(int flow, const real *x, const real *p, real end,
-                                const int8_t *sign, real *y)
+static inline void model_snap(int flow, const real *x, const real *p, real end, const int8_t *sign,
+                              real *y)
 {
   (void)p;
   if (flow == 0) {
@@ -352,10 +316,12 @@ static inline real model_margin(int flow, int margin, const real *x, const real 
 {
   (void)p;
   if (flow == 0) {
-    if (margin == 0) return x[X_x];
+    const real x_v = x[X_x];
+    if (margin == 0) return x_v;
   }
   if (flow == 1) {
-    if (margin == 0) return flow1_margin0(x[X_x]);
+    const real x_v = x[X_x];
+    if (margin == 0) return flow1_domain_margin0_c0(x_v);
   }
   return 0.0;
 }
@@ -369,29 +335,32 @@ static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const re
 {
   (void)x; (void)p;
   if (flow == 0) {
+    /* walk.kyx:41  x >= 0 */
     g[0] = z[X_x];
   }
   if (flow == 1) {
-    const dl2c_taylor part0 = dl2c_taylor_from(8.0, &z[X_x]);
-    g[0] = part0;
+    /* walk.kyx:32  x <= 8 */
+    g[0] = dl2c_taylor_from(8.0, &z[X_x]);
   }
 }
 
 /*
- * Whether the domain of a flow, if it counts, and the watches still open plainly hold in all
+ * Whether the domain of a flow, if it is `bounded`, and the watches still open hold in all
  * states within z; what does not move is taken from x.
  */
-static inline bool model_calm(int flow, const dl2c_hull *z, const real *x, const real *p,
-                              bool bounded, const uint8_t *watch)
+static inline bool model_event_free(int flow, const dl2c_hull *z, const real *x, const real *p,
+                                    bool bounded, const uint8_t *watch)
 {
   (void)x; (void)p; (void)watch;
   if (flow == 0) {
-    return ((!bounded) | dl2c_hull_positive(z[X_x]));
+    /* walk.kyx:41  x >= 0 */
+    const bool flow0_holds0 = dl2c_hull_positive(z[X_x]);
+    return ((!bounded) | flow0_holds0);
   }
   if (flow == 1) {
-    const dl2c_hull part0 = dl2c_hull_at(8.0);
-    const dl2c_hull part1 = dl2c_hull_sub(part0, z[X_x]);
-    return ((!bounded) | dl2c_hull_positive(part1));
+    /* walk.kyx:32  x <= 8 */
+    const bool flow1_holds0 = dl2c_hull_positive(dl2c_hull_sub(dl2c_hull_at(8.0), z[X_x]));
+    return ((!bounded) | flow1_holds0);
   }
   return false;
 }
@@ -404,12 +373,14 @@ static int model_solution(int flow, const real *x, const real *p, real (*c)[DL2C
 {
   (void)p;
   if (flow == 0) {
-    c[X_x][1] = x[X_v];
+    const real v = x[X_v];
+    c[X_x][1] = v;
     c[X_t][1] = 1.0;
     return 1;
   }
   if (flow == 1) {
-    c[X_x][1] = x[X_v];
+    const real v = x[X_v];
+    c[X_x][1] = v;
     return 1;
   }
   return 0;
@@ -429,8 +400,12 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
   return true;
 }
 
-/* Whether a flow of that duration, which ends in y, plainly changes no watch that matters. */
-DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real duration, const real *y)
+/*
+ * Whether a flow of that duration, which ends in y, changes no watch that matters, by a
+ * sufficient condition.
+ */
+DL2C_INLINE bool model_keeps_watches(int flow, const real *x, const real *p, real duration,
+                                     const real *y)
 {
   (void)flow; (void)x; (void)p; (void)duration; (void)y;
   return true;
@@ -469,8 +444,8 @@ static inline void model_roots(int flow, const real *x, const real *p, real *g, 
     dg[0] = x[X_v];
   }
   if (flow == 1) {
-    g[0] = flow1_root0(x[X_x]);
-    dg[0] = flow1_lie0(x[X_v]);
+    g[0] = flow1_domain_margin0_c0(x[X_x]);
+    dg[0] = flow1_domain_margin0_c1(x[X_v]);
   }
 }
 
@@ -486,10 +461,8 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
       word |= (int64_t)(true) << 0;
       words[i] = word;
     }
-    for (int64_t i = 0; i < count; i++)
-      bits[i] = (uint8_t)words[i];
-    for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = bits[i] >> 0 & 1;
+    for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+    for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 0 & 1;
   }
   if (point == 1) {
     int64_t words[DL2C_BLOCK];
@@ -511,22 +484,14 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
           p[P_size * stride + i])) << 6;
       words[i] = word;
     }
-    for (int64_t i = 0; i < count; i++)
-      bits[i] = (uint8_t)words[i];
-    for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = bits[i] >> 0 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[1 * stride + i] = bits[i] >> 1 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[2 * stride + i] = bits[i] >> 2 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[3 * stride + i] = bits[i] >> 3 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[4 * stride + i] = bits[i] >> 4 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[5 * stride + i] = bits[i] >> 5 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[6 * stride + i] = bits[i] >> 6 & 1;
+    for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+    for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 0 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[1 * stride + i] = bits[i] >> 1 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[2 * stride + i] = bits[i] >> 2 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[3 * stride + i] = bits[i] >> 3 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[4 * stride + i] = bits[i] >> 4 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[5 * stride + i] = bits[i] >> 5 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[6 * stride + i] = bits[i] >> 6 & 1;
   }
   if (point == 2) {
     int64_t words[DL2C_BLOCK];
@@ -536,10 +501,8 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
       word |= (int64_t)(true) << 0;
       words[i] = word;
     }
-    for (int64_t i = 0; i < count; i++)
-      bits[i] = (uint8_t)words[i];
-    for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = bits[i] >> 0 & 1;
+    for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+    for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 0 & 1;
   }
   if (point == 3) {
     int64_t words[DL2C_BLOCK];
@@ -550,25 +513,20 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
       word |= (int64_t)(true) << 1;
       words[i] = word;
     }
-    for (int64_t i = 0; i < count; i++)
-      bits[i] = (uint8_t)words[i];
-    for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = bits[i] >> 0 & 1;
-    for (int64_t i = 0; i < count; i++)
-      enabled[1 * stride + i] = bits[i] >> 1 & 1;
+    for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+    for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 0 & 1;
+    for (int64_t i = 0; i < count; i++) enabled[1 * stride + i] = bits[i] >> 1 & 1;
   }
   if (point == 4) {
     int64_t words[DL2C_BLOCK];
     uint8_t bits[DL2C_BLOCK];
     for (int64_t i = 0; i < count; i++) {
       int64_t word = 0;
-      word |= (int64_t)(path11_guard(x[X_x * stride + i])) << 0;
+      word |= (int64_t)(flow1_inside(x[X_x * stride + i])) << 0;
       words[i] = word;
     }
-    for (int64_t i = 0; i < count; i++)
-      bits[i] = (uint8_t)words[i];
-    for (int64_t i = 0; i < count; i++)
-      enabled[0 * stride + i] = bits[i] >> 0 & 1;
+    for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+    for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 0 & 1;
   }
 }
 
@@ -596,7 +554,7 @@ static inline bool model_update(int path, const real *x, const real *p, const re
     y[X_t] = 0.0;
     return true;
   case 5:
-    y[X_x] = path5_set_x(x[X_x], p[P_size]);
+    y[X_x] = path4_set_x(x[X_x], p[P_size]);
     y[X_v] = -1.0;
     y[X_t] = 0.0;
     return true;
@@ -606,7 +564,7 @@ static inline bool model_update(int path, const real *x, const real *p, const re
     y[X_t] = 0.0;
     return true;
   case 7:
-    y[X_x] = path7_set_x(x[X_x], p[P_size]);
+    y[X_x] = path6_set_x(x[X_x], p[P_size]);
     y[X_v] = -1.0;
     y[X_t] = 0.0;
     return true;
@@ -703,14 +661,10 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
     word |= (int64_t)(problem_postcondition(x[X_x * stride + i])) << 2;
     words[i] = word;
   }
-  for (int64_t i = 0; i < count; i++)
-    bits[i] = (uint8_t)words[i];
-  for (int64_t i = 0; i < count; i++)
-    facts[F_inside_holds * row + i] = bits[i] >> 0 & 1;
-  for (int64_t i = 0; i < count; i++)
-    facts[F_near_holds * row + i] = bits[i] >> 1 & 1;
-  for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = bits[i] >> 2 & 1;
+  for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+  for (int64_t i = 0; i < count; i++) facts[F_inside_holds * row + i] = bits[i] >> 0 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_near_holds * row + i] = bits[i] >> 1 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 2 & 1;
 }
 
 /*
@@ -729,8 +683,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
                              dl2c_judgement *restrict judged)
 {
   (void)p;
-  for (int64_t i = 0; i < count; i++)
-    judged->reward[i] = 0.0;
+  for (int64_t i = 0; i < count; i++) judged->reward[i] = 0.0;
   for (int64_t i = 0; i < count; i++) {
     judged->cost[i] = 0;
     judged->undefined[i] = 0;
@@ -807,13 +760,21 @@ static inline real model_density(int chart, const real *x, const real *p)
   return 1.0;
 }
 
-/* What is left of the precondition, with room for rounding: true in doubles proves it. */
+/* What is left of the precondition, with a margin for rounding: true in doubles proves it. */
 static inline bool model_accept(int chart, const real *x, const real *p)
 {
   (void)x; (void)p;
   (void)chart;
   return true;
 }
+
+#include "Walk_tables.h"
+#include "batch.h" /* the runtime, compiled with this model as one unit */
+
+/* SPDX-License-Identifier: MIT-0 */
+/* Walk -- generated by dl2c 0.1.0 from walk.kyx. Do not edit. */
+#ifndef DL2C_GENERATED_WALK_TABLES_H
+#define DL2C_GENERATED_WALK_TABLES_H
 
 static const int32_t POINT_START[6] = {0, 1, 8, 9, 11, 12};
 static const int32_t MASK_START[3] = {0, 3, 5};
@@ -886,11 +847,13 @@ static const dl2c_path PATHS[12] = {
   {-1, -1, 1, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
   {1, -1, 0, PATH11_MET, PATH11_MARKED, 1, PATH11_INPUTS, 0},
 };
+
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};
 static const real FLOW_REACH[2] = {0.0, 0.0};
 static const uint8_t WATCH_CUTS[1] = {0};
 static const int32_t FLOW_MARGINS[2] = {1, 1};
+
 static const int32_t SAMPLE_START[2] = {0, 1};
 static const real SAMPLE_LOW[1][5] = {{1.0, -1.0, 0.0, 0.0, 1.0}};
 static const real SAMPLE_HIGH[1][5] = {{4.0, 1.0, 10.0, 1.0, 2.0}};
@@ -900,4 +863,4 @@ static const int32_t SAMPLE_CHART[1] = {0};
 static const int32_t SAMPLE_FREE[1] = {5};
 static const real SAMPLE_DENSITY[1] = {1.0};
 
-#include "batch.h" /* the runtime, compiled with this model as one unit */
+#endif

@@ -8,14 +8,13 @@
 enum { X_xr, X_vr, X_ar, X_xg, X_t, X_T, NX }; /* state */
 enum { P_ep, P_b, P_A, P_GDelta, P_Vmax, NP }; /* constants of the episode */
 enum { S_loopInv_slack0 = NP, S_loopInv_slack1, S_loopInv_slack2, S_loopInv_slack3,
-S_loopInv_slack4, S_loopInv_slack5, S_loopInv_slack6, S_loopInv_slack7, S_loopInv_slack8,
-S_ensure_slack0, S_ensure_slack1 };
+S_loopInv_slack4, S_loopInv_slack5, S_loopInv_slack6, S_loopInv_slack7, S_loopInv_slack8 };
 enum { NU }; /* inputs */
 enum { F_loopInv_holds, F_ensure_holds, F_ensure_due, F_ensure_failed, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 1, NCHOICE = 1, NENVCHOICE = 0, NMASK = 4,
 NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT = 1,
-NFREE = 8, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 17, NFROZEN =
-11, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1,
+NFREE = 8, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 14, NFROZEN =
+9, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1,
 DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
 DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
@@ -45,545 +44,88 @@ static inline real flow0_xr_c2(real ar)
   return ar / 2.0;
 }
 
-/* waypoint.kyx:68  margin of vr + loopInv_slack0 */
-static inline real flow0_margin1(real vr, real loopInv_slack0)
+/* waypoint.kyx:51  0 <= vr */
+static inline real loopInv_margin1(real vr, real slack)
 {
-  return vr + loopInv_slack0;
+  return vr + slack;
 }
 
-/* waypoint.kyx:68  margin of Vmax + loopInv_slack1 - vr */
-static inline real flow0_margin2(real vr, real Vmax, real loopInv_slack1)
+/* waypoint.kyx:51  vr <= Vmax */
+static inline real loopInv_margin2(real vr, real Vmax, real slack)
 {
-  return Vmax + loopInv_slack1 - vr;
+  return Vmax + slack - vr;
 }
 
-/* waypoint.kyx:68  margin of (xg + GDelta + loopInv_slack2) * (2 * b) - (xr * (2 * b) + vr^2) */
-static inline real flow0_margin3(real xr, real vr, real xg, real b, real GDelta,
-                                 real loopInv_slack2)
+/* waypoint.kyx:51  xr + stopDist(vr) < areaEnd(xg) */
+static inline real loopInv_margin3(real xr, real vr, real xg, real b, real GDelta, real slack)
 {
   const real t0 = 2.0 * b;
-  return (xg + GDelta + loopInv_slack2) * t0 - (xr * t0 + vr * vr);
+  return (xg + GDelta + slack) * t0 - (xr * t0 + vr * vr);
 }
 
-/* waypoint.kyx:68  margin of xg - GDelta + loopInv_slack3 - xr */
-static inline real flow0_margin4(real xr, real xg, real GDelta, real loopInv_slack3)
+/* waypoint.kyx:52  areaBegin(xg) < xr */
+static inline real loopInv_margin4(real xr, real xg, real GDelta, real slack)
 {
-  return xg - GDelta + loopInv_slack3 - xr;
+  return xg - GDelta + slack - xr;
 }
 
-/* waypoint.kyx:68  margin of loopInv_slack0 - vr */
-static inline real flow0_margin5(real vr, real loopInv_slack0)
+/* waypoint.kyx:52  vr = 0 */
+static inline real loopInv_margin5(real vr, real slack)
 {
-  return loopInv_slack0 - vr;
+  return slack - vr;
 }
 
-/* waypoint.kyx:68  margin of loopInv_slack0 - (-vr) */
-static inline real flow0_margin6(real vr, real loopInv_slack0)
+/* waypoint.kyx:52  T >= stopTime(vr) */
+static inline real loopInv_margin6(real vr, real T, real b, real slack)
 {
-  return loopInv_slack0 - -vr;
+  return (T + slack) * b - vr;
 }
 
-/* waypoint.kyx:68  margin of (T + loopInv_slack4) * b - vr */
-static inline real flow0_margin7(real vr, real T, real b, real loopInv_slack4)
+/* waypoint.kyx:53  xr <= areaBegin(xg) */
+static inline real loopInv_margin7(real xr, real xg, real GDelta, real slack)
 {
-  return (T + loopInv_slack4) * b - vr;
+  return xr + slack - (xg - GDelta);
 }
 
-/* waypoint.kyx:68  margin of xr + loopInv_slack5 - (xg - GDelta) */
-static inline real flow0_margin8(real xr, real xg, real GDelta, real loopInv_slack5)
+/* waypoint.kyx:54  vr >= minV */
+static inline real loopInv_margin8(real vr, real ep, real A, real slack)
 {
-  return xr + loopInv_slack5 - (xg - GDelta);
+  return vr + slack - A * ep;
 }
 
-/* waypoint.kyx:68  margin of vr + loopInv_slack6 - A * ep */
-static inline real flow0_margin9(real vr, real ep, real A, real loopInv_slack6)
-{
-  return vr + loopInv_slack6 - A * ep;
-}
-
-/*
- * waypoint.kyx:68  margin of (T + loopInv_slack7) * (b * (A * ep)) - ((xg - xr - GDelta + ep *
- * (A * ep)) * b + Vmax * (A * ep))
- */
-static inline real flow0_margin10(real xr, real xg, real T, real ep, real b, real A, real GDelta,
-                                  real Vmax, real loopInv_slack7)
+/* waypoint.kyx:54  T > maxTravelTime(xg - xr) + ep + stopTime(Vmax) */
+static inline real loopInv_margin9(real xr, real xg, real T, real ep, real b, real A, real GDelta,
+                                   real Vmax, real slack)
 {
   const real t0 = A * ep;
-  return (T + loopInv_slack7) * (b * t0) - ((xg - xr - GDelta + ep * t0) * b + Vmax * t0);
+  return (T + slack) * (b * t0) - ((xg - xr - GDelta + ep * t0) * b + Vmax * t0);
 }
 
-/* waypoint.kyx:68  margin of A * ep + loopInv_slack6 - vr */
-static inline real flow0_margin11(real vr, real ep, real A, real loopInv_slack6)
+/* waypoint.kyx:55  vr <= minV */
+static inline real loopInv_margin10(real vr, real ep, real A, real slack)
 {
-  return A * ep + loopInv_slack6 - vr;
+  return A * ep + slack - vr;
 }
 
-/*
- * waypoint.kyx:68  margin of (T + loopInv_slack8) * (b * (A * ep * A)) - (((ep * A - vr) * (A *
- * ep) + (xg - xr - GDelta) * A + ep * (A * ep * A)) * b + Vmax * (A * ep * A))
- */
-static inline real flow0_margin12(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                  real GDelta, real Vmax, real loopInv_slack8)
+/* waypoint.kyx:55  T > speedUpTime(vr) + maxTravelTime(xg - xr) + ep + stopTime(Vmax) */
+static inline real loopInv_margin11(real xr, real vr, real xg, real T, real ep, real b, real A,
+                                    real GDelta, real Vmax, real slack)
 {
   const real t0 = A * ep;
   const real t1 = t0 * A;
-  return (T + loopInv_slack8) * (b * t1) - (((ep * A - vr) * t0 + (xg - xr - GDelta) * A + ep * t1) * b + Vmax * t1);
+  return (T + slack) * (b * t1) - (((ep * A - vr) * t0 + (xg - xr - GDelta) * A + ep * t1) * b + Vmax * t1);
 }
 
-/* waypoint.kyx:68  margin of 0 - T */
-static inline real flow0_margin13(real T)
+/* waypoint.kyx:94  T <= 0 */
+static inline real ensure_margin12(real T)
 {
   return 0.0 - T;
 }
 
-/* waypoint.kyx:68  margin of xr + ensure_slack0 - (xg - GDelta) */
-static inline real flow0_margin14(real xr, real xg, real GDelta, real ensure_slack0)
-{
-  return xr + ensure_slack0 - (xg - GDelta);
-}
-
-/* waypoint.kyx:68  margin of ensure_slack1 - vr */
-static inline real flow0_margin15(real vr, real ensure_slack1)
-{
-  return ensure_slack1 - vr;
-}
-
-/* waypoint.kyx:68  margin of ensure_slack1 - (-vr) */
-static inline real flow0_margin16(real vr, real ensure_slack1)
-{
-  return ensure_slack1 - -vr;
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still1(real Vmax, real loopInv_slack1)
-{
-  return Vmax + loopInv_slack1;
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still2(real b)
-{
-  return 2.0 * b;
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still5(real xg, real b, real GDelta, real loopInv_slack2)
-{
-  return (xg + GDelta + loopInv_slack2) * (2.0 * b);
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still6(real xg, real GDelta, real loopInv_slack3)
-{
-  return xg - GDelta + loopInv_slack3;
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still14(real xg, real GDelta)
-{
-  return xg - GDelta;
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still16(real ep, real A)
-{
-  return A * ep;
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still18(real ep, real b, real A)
-{
-  return b * (A * ep);
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still21(real ep, real A)
-{
-  return ep * (A * ep);
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still23(real ep, real A, real Vmax)
-{
-  return Vmax * (A * ep);
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still25(real ep, real A, real loopInv_slack6)
-{
-  return A * ep + loopInv_slack6;
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still27(real ep, real b, real A)
-{
-  return b * (A * ep * A);
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still28(real ep, real A)
-{
-  return ep * A;
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still29(real ep, real A)
-{
-  return A * ep;
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still32(real ep, real A)
-{
-  return ep * (A * ep * A);
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still34(real ep, real A, real Vmax)
-{
-  return Vmax * (A * ep * A);
-}
-
-/* waypoint.kyx:68  does not move */
-static inline real flow0_margins_still38(real xg, real GDelta)
-{
-  return xg - GDelta;
-}
-
-/* does not move */
-static inline real flow0_calm_still2(real Vmax, real loopInv_slack1)
-{
-  return Vmax + loopInv_slack1;
-}
-
-/* does not move */
-static inline real flow0_calm_still4(real xg, real b, real GDelta, real loopInv_slack2)
-{
-  return (xg + GDelta + loopInv_slack2) * (2.0 * b);
-}
-
-/* does not move */
-static inline real flow0_calm_still5(real b)
-{
-  return 2.0 * b;
-}
-
-/* does not move */
-static inline real flow0_calm_still10(real xg, real GDelta, real loopInv_slack3)
-{
-  return xg - GDelta + loopInv_slack3;
-}
-
-/* does not move */
-static inline real flow0_calm_still21(real xg, real GDelta)
-{
-  return xg - GDelta;
-}
-
-/* does not move */
-static inline real flow0_calm_still25(real ep, real A)
-{
-  return A * ep;
-}
-
-/* does not move */
-static inline real flow0_calm_still29(real ep, real b, real A)
-{
-  return b * (A * ep);
-}
-
-/* does not move */
-static inline real flow0_calm_still35(real ep, real A)
-{
-  return ep * (A * ep);
-}
-
-/* does not move */
-static inline real flow0_calm_still38(real ep, real A, real Vmax)
-{
-  return Vmax * (A * ep);
-}
-
-/* does not move */
-static inline real flow0_calm_still41(real ep, real A, real loopInv_slack6)
-{
-  return A * ep + loopInv_slack6;
-}
-
-/* does not move */
-static inline real flow0_calm_still45(real ep, real b, real A)
-{
-  return b * (A * ep * A);
-}
-
-/* does not move */
-static inline real flow0_calm_still47(real ep, real A)
-{
-  return ep * A;
-}
-
-/* does not move */
-static inline real flow0_calm_still53(real ep, real A)
-{
-  return ep * (A * ep * A);
-}
-
-/* does not move */
-static inline real flow0_calm_still56(real ep, real A, real Vmax)
-{
-  return Vmax * (A * ep * A);
-}
-
-/* waypoint.kyx:68  vr + 0.000000001, coefficient of tau^0 */
-static inline real flow0_watch_still0_c0(real vr)
-{
-  return vr + 1e-09;
-}
-
-/* waypoint.kyx:68  Vmax + 0.000000001 - vr, coefficient of tau^0 */
-static inline real flow0_watch_still1_c0(real vr, real Vmax)
-{
-  return Vmax + 1e-09 - vr;
-}
-
-/* waypoint.kyx:68  Vmax + 0.000000001 - vr, coefficient of tau^1 */
-static inline real flow0_watch_still1_c1(real ar)
-{
-  return -ar;
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of
- * tau^0
- */
-static inline real flow0_watch_still2_c0(real xr, real vr, real xg, real b, real GDelta)
-{
-  const real t0 = 2.0 * b;
-  return (xg + GDelta + 1e-09) * t0 - (xr * t0 + vr * vr);
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of
- * tau^1
- */
-static inline real flow0_watch_still2_c1(real vr, real ar, real b)
-{
-  return -(vr * (2.0 * b) + (vr * ar + ar * vr));
-}
-
-/*
- * waypoint.kyx:68  (xg + GDelta + 0.000000001) * (2 * b) - (xr * (2 * b) + vr^2), coefficient of
- * tau^2
- */
-static inline real flow0_watch_still2_c2(real ar, real b)
-{
-  return -(ar / 2.0 * (2.0 * b) + ar * ar);
-}
-
-/* waypoint.kyx:68  xg - GDelta + 0.000000001 - xr, coefficient of tau^0 */
-static inline real flow0_watch_still3_c0(real xr, real xg, real GDelta)
-{
-  return xg - GDelta + 1e-09 - xr;
-}
-
-/* waypoint.kyx:68  xg - GDelta + 0.000000001 - xr, coefficient of tau^1 */
-static inline real flow0_watch_still3_c1(real vr)
-{
-  return -vr;
-}
-
-/* waypoint.kyx:68  xg - GDelta + 0.000000001 - xr, coefficient of tau^2 */
-static inline real flow0_watch_still3_c2(real ar)
-{
-  return -(ar / 2.0);
-}
-
-/* waypoint.kyx:68  (T + 0.000000001) * b - vr, coefficient of tau^0 */
-static inline real flow0_watch_still5_c0(real vr, real T, real b)
-{
-  return (T + 1e-09) * b - vr;
-}
-
-/* waypoint.kyx:68  (T + 0.000000001) * b - vr, coefficient of tau^1 */
-static inline real flow0_watch_still5_c1(real ar, real b)
-{
-  return -1.0 * b - ar;
-}
-
-/* waypoint.kyx:68  xr + 0.000000001 - (xg - GDelta), coefficient of tau^0 */
-static inline real flow0_watch_still6_c0(real xr, real xg, real GDelta)
-{
-  return xr + 1e-09 - (xg - GDelta);
-}
-
-/* waypoint.kyx:68  xr + 0.000000001 - (xg - GDelta), coefficient of tau^2 */
-static inline real flow0_watch_still6_c2(real ar)
-{
-  return ar / 2.0;
-}
-
-/* waypoint.kyx:68  vr + 0.000000001 - A * ep, coefficient of tau^0 */
-static inline real flow0_watch_still7_c0(real vr, real ep, real A)
-{
-  return vr + 1e-09 - A * ep;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b
- * + Vmax * (A * ep)), coefficient of tau^0
- */
-static inline real flow0_watch_still8_c0(real xr, real xg, real T, real ep, real b, real A,
-                                         real GDelta, real Vmax)
-{
-  const real t0 = A * ep;
-  return (T + 1e-09) * (b * t0) - ((xg - xr - GDelta + ep * t0) * b + Vmax * t0);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b
- * + Vmax * (A * ep)), coefficient of tau^1
- */
-static inline real flow0_watch_still8_c1(real vr, real ep, real b, real A)
-{
-  return -1.0 * (b * (A * ep)) - -vr * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep)) - ((xg - xr - GDelta + ep * (A * ep)) * b
- * + Vmax * (A * ep)), coefficient of tau^2
- */
-static inline real flow0_watch_still8_c2(real ar, real b)
-{
-  return -(-(ar / 2.0) * b);
-}
-
-/* waypoint.kyx:68  A * ep + 0.000000001 - vr, coefficient of tau^0 */
-static inline real flow0_watch_still9_c0(real vr, real ep, real A)
-{
-  return A * ep + 1e-09 - vr;
-}
-
-/* waypoint.kyx:68  A * ep + 0.000000001 - vr, coefficient of tau^1 */
-static inline real flow0_watch_still9_c1(real ar)
-{
-  return -ar;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg -
- * xr - GDelta) * A + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^0
- */
-static inline real flow0_watch_still10_c0(real xr, real vr, real xg, real T, real ep, real b,
-                                          real A, real GDelta, real Vmax)
-{
-  const real t0 = A * ep;
-  const real t1 = t0 * A;
-  return (T + 1e-09) * (b * t1) - (((ep * A - vr) * t0 + (xg - xr - GDelta) * A + ep * t1) * b + Vmax * t1);
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg -
- * xr - GDelta) * A + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^1
- */
-static inline real flow0_watch_still10_c1(real vr, real ar, real ep, real b, real A)
-{
-  const real t0 = A * ep;
-  return -1.0 * (b * (t0 * A)) - (-ar * t0 + -vr * A) * b;
-}
-
-/*
- * waypoint.kyx:68  (T + 0.000000001) * (b * (A * ep * A)) - (((ep * A - vr) * (A * ep) + (xg -
- * xr - GDelta) * A + ep * (A * ep * A)) * b + Vmax * (A * ep * A)), coefficient of tau^2
- */
-static inline real flow0_watch_still10_c2(real ar, real b, real A)
-{
-  return -(-(ar / 2.0) * A * b);
-}
-
 /* T > 0 */
-static inline bool flow0_watch_at_end(real T)
+static inline bool flow0_at_end(real T)
 {
   return T > 0.0;
-}
-
-/* waypoint.kyx:68  loopInv_slack0 = 0.000000001 * (1 + abs(vr)) */
-static inline real flow0_loopInv_slack0(real vr)
-{
-  return 1e-09 * (1.0 + fabs(vr));
-}
-
-/* waypoint.kyx:68  loopInv_slack1 = 0.000000001 * (1 + abs(vr) + abs(Vmax)) */
-static inline real flow0_loopInv_slack1(real vr, real Vmax)
-{
-  return 1e-09 * (1.0 + fabs(vr) + fabs(Vmax));
-}
-
-/*
- * waypoint.kyx:68  loopInv_slack2 = 0.000000001 * (1 + abs(xr) + abs(vr^2 / (2 * b)) + abs(xg) +
- * abs(GDelta))
- */
-static inline real flow0_loopInv_slack2(real xr, real vr, real xg, real b, real GDelta)
-{
-  return 1e-09 * (1.0 + fabs(xr) + fabs(vr * vr / (2.0 * b)) + fabs(xg) + fabs(GDelta));
-}
-
-/* waypoint.kyx:68  loopInv_slack3 = 0.000000001 * (1 + abs(xg) + abs(GDelta) + abs(xr)) */
-static inline real flow0_loopInv_slack3(real xr, real xg, real GDelta)
-{
-  return 1e-09 * (1.0 + fabs(xg) + fabs(GDelta) + fabs(xr));
-}
-
-/* waypoint.kyx:68  loopInv_slack4 = 0.000000001 * (1 + abs(T) + abs(vr / b)) */
-static inline real flow0_loopInv_slack4(real vr, real T, real b)
-{
-  return 1e-09 * (1.0 + fabs(T) + fabs(vr / b));
-}
-
-/* waypoint.kyx:68  loopInv_slack5 = 0.000000001 * (1 + abs(xr) + abs(xg) + abs(GDelta)) */
-static inline real flow0_loopInv_slack5(real xr, real xg, real GDelta)
-{
-  return 1e-09 * (1.0 + fabs(xr) + fabs(xg) + fabs(GDelta));
-}
-
-/* waypoint.kyx:68  loopInv_slack6 = 0.000000001 * (1 + abs(vr) + abs(A * ep)) */
-static inline real flow0_loopInv_slack6(real vr, real ep, real A)
-{
-  return 1e-09 * (1.0 + fabs(vr) + fabs(A * ep));
-}
-
-/*
- * waypoint.kyx:68  loopInv_slack7 = 0.000000001 * (1 + abs(T) + abs((xg - xr - GDelta) / (A *
- * ep)) + abs(ep) + abs(Vmax / b))
- */
-static inline real flow0_loopInv_slack7(real xr, real xg, real T, real ep, real b, real A,
-                                        real GDelta, real Vmax)
-{
-  const real t0 = 1.0 + fabs(T) + fabs((xg - xr - GDelta) / (A * ep)) + fabs(ep) + fabs(Vmax / b);
-  return 1e-09 * t0;
-}
-
-/*
- * waypoint.kyx:68  loopInv_slack8 = 0.000000001 * (1 + abs(T) + abs(ep) + abs(vr / A) + abs((xg
- * - xr - GDelta) / (A * ep)) + abs(ep) + abs(Vmax / b))
- */
-static inline real flow0_loopInv_slack8(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                        real GDelta, real Vmax)
-{
-  const real t0 = fabs(ep);
-  const real t1 = 1.0 + fabs(T) + t0 + fabs(vr / A) + fabs((xg - xr - GDelta) / (A * ep)) + t0;
-  return 1e-09 * (t1 + fabs(Vmax / b));
-}
-
-/* waypoint.kyx:68  ensure_slack0 = 0.000000001 * (1 + abs(xg) + abs(GDelta) + abs(xr)) */
-static inline real flow0_ensure_slack0(real xr, real xg, real GDelta)
-{
-  return 1e-09 * (1.0 + fabs(xg) + fabs(GDelta) + fabs(xr));
-}
-
-/* waypoint.kyx:68  ensure_slack1 = 0.000000001 * (1 + abs(vr)) */
-static inline real flow0_ensure_slack1(real vr)
-{
-  return 1e-09 * (1.0 + fabs(vr));
 }
 
 /* waypoint.kyx:62  xr > xg - GDelta & 0 <= ep & vr >= 0 */
@@ -735,7 +277,7 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
 {
   const real until0 = p[P_ep];
   const real left0 = until0 - x[X_t];
-  const real exit0 = dl2c_exit_closed(x[X_vr], x[X_ar], 0.0);
+  const real exit0 = dl2c_exit_nonnegative(x[X_vr], x[X_ar], 0.0);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
   const bool hit0 = exit0 <= end;
@@ -753,7 +295,7 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
   y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
   y[X_T] = dl2c_select(moves, y[X_T], x[X_T]);
   *duration = dl2c_select(moves, end, 0.0);
-  return !defined ? DL2C_UNDEFINED : inside ? DL2C_SETTLED : DL2C_OUTSIDE;
+  return !defined ? DL2C_UNDEFINED : inside ? DL2C_ARRIVED : DL2C_OUTSIDE;
 }
 
 /* Moves x along a simple flow into y as long as its domain allows. */
@@ -793,8 +335,8 @@ static inline bool model_begin(int flow, const real *x, const real *p, real *hor
  * Where a flow ends after the time end with margins of these signs, clocks that ran out and
  * bounds that were met hold exactly.
  */
-static inline void model_settle(int flow, const real *x, const real *p, real end,
-                                const int8_t *sign, real *y)
+static inline void model_snap(int flow, const real *x, const real *p, real end, const int8_t *sign,
+                              real *y)
 {
   if (flow == 0) {
     const real until0 = p[P_ep];
@@ -808,26 +350,23 @@ static inline void model_settle(int flow, const real *x, const real *p, real end
 static inline real model_margin(int flow, int margin, const real *x, const real *p)
 {
   if (flow == 0) {
-    if (margin == 0) return x[X_vr];
-    if (margin == 1) return flow0_margin1(x[X_vr], p[S_loopInv_slack0]);
-    if (margin == 2) return flow0_margin2(x[X_vr], p[P_Vmax], p[S_loopInv_slack1]);
-    if (margin == 3) return flow0_margin3(x[X_xr], x[X_vr], x[X_xg], p[P_b], p[P_GDelta],
-        p[S_loopInv_slack2]);
-    if (margin == 4) return flow0_margin4(x[X_xr], x[X_xg], p[P_GDelta], p[S_loopInv_slack3]);
-    if (margin == 5) return flow0_margin5(x[X_vr], p[S_loopInv_slack0]);
-    if (margin == 6) return flow0_margin6(x[X_vr], p[S_loopInv_slack0]);
-    if (margin == 7) return flow0_margin7(x[X_vr], x[X_T], p[P_b], p[S_loopInv_slack4]);
-    if (margin == 8) return flow0_margin8(x[X_xr], x[X_xg], p[P_GDelta], p[S_loopInv_slack5]);
-    if (margin == 9) return flow0_margin9(x[X_vr], p[P_ep], p[P_A], p[S_loopInv_slack6]);
-    if (margin == 10) return flow0_margin10(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A],
-        p[P_GDelta], p[P_Vmax], p[S_loopInv_slack7]);
-    if (margin == 11) return flow0_margin11(x[X_vr], p[P_ep], p[P_A], p[S_loopInv_slack6]);
-    if (margin == 12) return flow0_margin12(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b],
-        p[P_A], p[P_GDelta], p[P_Vmax], p[S_loopInv_slack8]);
-    if (margin == 13) return flow0_margin13(x[X_T]);
-    if (margin == 14) return flow0_margin14(x[X_xr], x[X_xg], p[P_GDelta], p[S_ensure_slack0]);
-    if (margin == 15) return flow0_margin15(x[X_vr], p[S_ensure_slack1]);
-    if (margin == 16) return flow0_margin16(x[X_vr], p[S_ensure_slack1]);
+    const real xr = x[X_xr], vr = x[X_vr], xg = x[X_xg], T = x[X_T], ep = p[P_ep], b = p[P_b];
+    const real A = p[P_A], GDelta = p[P_GDelta], Vmax = p[P_Vmax];
+    if (margin == 0) return vr;
+    if (margin == 1) return loopInv_margin1(vr, p[S_loopInv_slack0]);
+    if (margin == 2) return loopInv_margin2(vr, Vmax, p[S_loopInv_slack1]);
+    if (margin == 3) return loopInv_margin3(xr, vr, xg, b, GDelta, p[S_loopInv_slack2]);
+    if (margin == 4) return loopInv_margin4(xr, xg, GDelta, p[S_loopInv_slack3]);
+    if (margin == 5) return loopInv_margin5(vr, p[S_loopInv_slack0]);
+    if (margin == 6) return loopInv_margin6(vr, T, b, p[S_loopInv_slack4]);
+    if (margin == 7) return loopInv_margin7(xr, xg, GDelta, p[S_loopInv_slack5]);
+    if (margin == 8) return loopInv_margin8(vr, ep, A, p[S_loopInv_slack6]);
+    if (margin == 9) return loopInv_margin9(xr, xg, T, ep, b, A, GDelta, Vmax, p[S_loopInv_slack7]);
+    if (margin == 10) return loopInv_margin10(vr, ep, A, p[S_loopInv_slack6]);
+    if (margin == 11) return loopInv_margin11(xr, vr, xg, T, ep, b, A, GDelta, Vmax,
+        p[S_loopInv_slack8]);
+    if (margin == 12) return ensure_margin12(T);
+    if (margin == 13) return loopInv_margin7(xr, xg, GDelta, p[S_loopInv_slack3]);
   }
   return 0.0;
 }
@@ -840,157 +379,136 @@ static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const re
                          dl2c_taylor *g)
 {
   if (flow == 0) {
-    const dl2c_taylor part0 = dl2c_taylor_plus(&z[X_vr], p[S_loopInv_slack0]);
-    const dl2c_taylor part1 = dl2c_taylor_from(flow0_margins_still1(p[P_Vmax], p[S_loopInv_slack1]),
-        &z[X_vr]);
-    const dl2c_taylor part2 = dl2c_taylor_times(&z[X_xr], flow0_margins_still2(p[P_b]));
-    const dl2c_taylor part3 = dl2c_taylor_square(&z[X_vr]);
-    const dl2c_taylor part4 = dl2c_taylor_add(&part2, &part3);
-    const dl2c_taylor part5 = dl2c_taylor_from(flow0_margins_still5(x[X_xg], p[P_b], p[P_GDelta],
-        p[S_loopInv_slack2]), &part4);
-    const dl2c_taylor part6 = dl2c_taylor_from(flow0_margins_still6(x[X_xg], p[P_GDelta],
-        p[S_loopInv_slack3]), &z[X_xr]);
-    const dl2c_taylor part7 = dl2c_taylor_from(p[S_loopInv_slack0], &z[X_vr]);
-    const dl2c_taylor part8 = dl2c_taylor_neg(&z[X_vr]);
-    const dl2c_taylor part9 = dl2c_taylor_from(p[S_loopInv_slack0], &part8);
-    const dl2c_taylor part10 = dl2c_taylor_plus(&z[X_T], p[S_loopInv_slack4]);
-    const dl2c_taylor part11 = dl2c_taylor_times(&part10, p[P_b]);
-    const dl2c_taylor part12 = dl2c_taylor_sub(&part11, &z[X_vr]);
-    const dl2c_taylor part13 = dl2c_taylor_plus(&z[X_xr], p[S_loopInv_slack5]);
-    const dl2c_taylor part14 = dl2c_taylor_plus(&part13, -flow0_margins_still14(x[X_xg],
-        p[P_GDelta]));
-    const dl2c_taylor part15 = dl2c_taylor_plus(&z[X_vr], p[S_loopInv_slack6]);
-    const dl2c_taylor part16 = dl2c_taylor_plus(&part15, -flow0_margins_still16(p[P_ep], p[P_A]));
-    const dl2c_taylor part17 = dl2c_taylor_plus(&z[X_T], p[S_loopInv_slack7]);
-    const dl2c_taylor part18 = dl2c_taylor_times(&part17, flow0_margins_still18(p[P_ep], p[P_b],
-        p[P_A]));
-    const dl2c_taylor part19 = dl2c_taylor_from(x[X_xg], &z[X_xr]);
-    const dl2c_taylor part20 = dl2c_taylor_plus(&part19, -p[P_GDelta]);
-    const dl2c_taylor part21 = dl2c_taylor_plus(&part20, flow0_margins_still21(p[P_ep], p[P_A]));
-    const dl2c_taylor part22 = dl2c_taylor_times(&part21, p[P_b]);
-    const dl2c_taylor part23 = dl2c_taylor_plus(&part22, flow0_margins_still23(p[P_ep], p[P_A],
-        p[P_Vmax]));
-    const dl2c_taylor part24 = dl2c_taylor_sub(&part18, &part23);
-    const dl2c_taylor part25 = dl2c_taylor_from(flow0_margins_still25(p[P_ep], p[P_A],
-        p[S_loopInv_slack6]), &z[X_vr]);
-    const dl2c_taylor part26 = dl2c_taylor_plus(&z[X_T], p[S_loopInv_slack8]);
-    const dl2c_taylor part27 = dl2c_taylor_times(&part26, flow0_margins_still27(p[P_ep], p[P_b],
-        p[P_A]));
-    const dl2c_taylor part28 = dl2c_taylor_from(flow0_margins_still28(p[P_ep], p[P_A]), &z[X_vr]);
-    const dl2c_taylor part29 = dl2c_taylor_times(&part28, flow0_margins_still29(p[P_ep], p[P_A]));
-    const dl2c_taylor part30 = dl2c_taylor_times(&part20, p[P_A]);
-    const dl2c_taylor part31 = dl2c_taylor_add(&part29, &part30);
-    const dl2c_taylor part32 = dl2c_taylor_plus(&part31, flow0_margins_still32(p[P_ep], p[P_A]));
-    const dl2c_taylor part33 = dl2c_taylor_times(&part32, p[P_b]);
-    const dl2c_taylor part34 = dl2c_taylor_plus(&part33, flow0_margins_still34(p[P_ep], p[P_A],
-        p[P_Vmax]));
-    const dl2c_taylor part35 = dl2c_taylor_sub(&part27, &part34);
-    const dl2c_taylor part36 = dl2c_taylor_from(0.0, &z[X_T]);
-    const dl2c_taylor part37 = dl2c_taylor_plus(&z[X_xr], p[S_ensure_slack0]);
-    const dl2c_taylor part38 = dl2c_taylor_plus(&part37, -flow0_margins_still38(x[X_xg],
-        p[P_GDelta]));
-    const dl2c_taylor part39 = dl2c_taylor_from(p[S_ensure_slack1], &z[X_vr]);
-    const dl2c_taylor part40 = dl2c_taylor_from(p[S_ensure_slack1], &part8);
+    const real xg = x[X_xg], ep = p[P_ep], b = p[P_b], A = p[P_A], GDelta = p[P_GDelta];
+    const real Vmax = p[P_Vmax];
+    /* waypoint.kyx:68  vr >= 0 */
     g[0] = z[X_vr];
-    g[1] = part0;
-    g[2] = part1;
-    g[3] = part5;
-    g[4] = part6;
-    g[5] = part7;
-    g[6] = part9;
-    g[7] = part12;
-    g[8] = part14;
-    g[9] = part16;
-    g[10] = part24;
-    g[11] = part25;
-    g[12] = part35;
-    g[13] = part36;
-    g[14] = part38;
-    g[15] = part39;
-    g[16] = part40;
+    /* waypoint.kyx:51  0 <= vr */
+    g[1] = dl2c_taylor_plus(&z[X_vr], p[S_loopInv_slack0]);
+    /* waypoint.kyx:51  vr <= Vmax */
+    g[2] = dl2c_taylor_from(Vmax + p[S_loopInv_slack1], &z[X_vr]);
+    /* waypoint.kyx:51  xr + stopDist(vr) < areaEnd(xg) */
+    const dl2c_taylor part0 = dl2c_taylor_times(&z[X_xr], 2.0 * b);
+    const dl2c_taylor part1 = dl2c_taylor_square(&z[X_vr]);
+    const dl2c_taylor part2 = dl2c_taylor_add(&part0, &part1);
+    g[3] = dl2c_taylor_from((xg + GDelta + p[S_loopInv_slack2]) * (2.0 * b), &part2);
+    /* waypoint.kyx:52  areaBegin(xg) < xr */
+    g[4] = dl2c_taylor_from(xg - GDelta + p[S_loopInv_slack3], &z[X_xr]);
+    /* waypoint.kyx:52  vr = 0 */
+    g[5] = dl2c_taylor_from(p[S_loopInv_slack0], &z[X_vr]);
+    /* waypoint.kyx:52  T >= stopTime(vr) */
+    const dl2c_taylor part3 = dl2c_taylor_plus(&z[X_T], p[S_loopInv_slack4]);
+    const dl2c_taylor part4 = dl2c_taylor_times(&part3, b);
+    g[6] = dl2c_taylor_sub(&part4, &z[X_vr]);
+    /* waypoint.kyx:53  xr <= areaBegin(xg) */
+    const dl2c_taylor part5 = dl2c_taylor_plus(&z[X_xr], p[S_loopInv_slack5]);
+    g[7] = dl2c_taylor_plus(&part5, -(xg - GDelta));
+    /* waypoint.kyx:54  vr >= minV */
+    const dl2c_taylor part6 = dl2c_taylor_plus(&z[X_vr], p[S_loopInv_slack6]);
+    g[8] = dl2c_taylor_plus(&part6, -(A * ep));
+    /* waypoint.kyx:54  T > maxTravelTime(xg - xr) + ep + stopTime(Vmax) */
+    const dl2c_taylor part7 = dl2c_taylor_plus(&z[X_T], p[S_loopInv_slack7]);
+    const dl2c_taylor part8 = dl2c_taylor_times(&part7, b * (A * ep));
+    const dl2c_taylor part9 = dl2c_taylor_from(xg, &z[X_xr]);
+    const dl2c_taylor part10 = dl2c_taylor_plus(&part9, -GDelta);
+    const dl2c_taylor part11 = dl2c_taylor_plus(&part10, ep * (A * ep));
+    const dl2c_taylor part12 = dl2c_taylor_times(&part11, b);
+    const dl2c_taylor part13 = dl2c_taylor_plus(&part12, Vmax * (A * ep));
+    g[9] = dl2c_taylor_sub(&part8, &part13);
+    /* waypoint.kyx:55  vr <= minV */
+    g[10] = dl2c_taylor_from(A * ep + p[S_loopInv_slack6], &z[X_vr]);
+    /* waypoint.kyx:55  T > speedUpTime(vr) + maxTravelTime(xg - xr) + ep + stopTime(Vmax) */
+    const dl2c_taylor part14 = dl2c_taylor_plus(&z[X_T], p[S_loopInv_slack8]);
+    const dl2c_taylor part15 = dl2c_taylor_times(&part14, b * (A * ep * A));
+    const dl2c_taylor part16 = dl2c_taylor_from(ep * A, &z[X_vr]);
+    const dl2c_taylor part17 = dl2c_taylor_times(&part16, A * ep);
+    const dl2c_taylor part18 = dl2c_taylor_times(&part10, A);
+    const dl2c_taylor part19 = dl2c_taylor_add(&part17, &part18);
+    const dl2c_taylor part20 = dl2c_taylor_plus(&part19, ep * (A * ep * A));
+    const dl2c_taylor part21 = dl2c_taylor_times(&part20, b);
+    const dl2c_taylor part22 = dl2c_taylor_plus(&part21, Vmax * (A * ep * A));
+    g[11] = dl2c_taylor_sub(&part15, &part22);
+    /* waypoint.kyx:94  T <= 0 */
+    g[12] = dl2c_taylor_from(0.0, &z[X_T]);
+    /* waypoint.kyx:59  areaBegin(xg) < xr */
+    const dl2c_taylor part23 = dl2c_taylor_plus(&z[X_xr], p[S_loopInv_slack3]);
+    g[13] = dl2c_taylor_plus(&part23, -(xg - GDelta));
   }
 }
 
 /*
- * Whether the domain of a flow, if it counts, and the watches still open plainly hold in all
+ * Whether the domain of a flow, if it is `bounded`, and the watches still open hold in all
  * states within z; what does not move is taken from x.
  */
-static inline bool model_calm(int flow, const dl2c_hull *z, const real *x, const real *p,
-                              bool bounded, const uint8_t *watch)
+static inline bool model_event_free(int flow, const dl2c_hull *z, const real *x, const real *p,
+                                    bool bounded, const uint8_t *watch)
 {
   if (flow == 0) {
+    const real xg = x[X_xg], ep = p[P_ep], b = p[P_b], A = p[P_A], GDelta = p[P_GDelta];
+    const real Vmax = p[P_Vmax];
+    /* waypoint.kyx:68  vr >= 0 */
+    const bool flow0_holds0 = dl2c_hull_positive(z[X_vr]);
+    /* waypoint.kyx:51  0 <= vr */
     const dl2c_hull part0 = dl2c_hull_at(p[S_loopInv_slack0]);
-    const dl2c_hull part1 = dl2c_hull_add(z[X_vr], part0);
-    const dl2c_hull part2 = dl2c_hull_at(flow0_calm_still2(p[P_Vmax], p[S_loopInv_slack1]));
-    const dl2c_hull part3 = dl2c_hull_sub(part2, z[X_vr]);
-    const dl2c_hull part4 = dl2c_hull_at(flow0_calm_still4(x[X_xg], p[P_b], p[P_GDelta],
-        p[S_loopInv_slack2]));
-    const dl2c_hull part5 = dl2c_hull_at(flow0_calm_still5(p[P_b]));
-    const dl2c_hull part6 = dl2c_hull_mul(z[X_xr], part5);
-    const dl2c_hull part7 = dl2c_hull_square(z[X_vr]);
-    const dl2c_hull part8 = dl2c_hull_add(part6, part7);
-    const dl2c_hull part9 = dl2c_hull_sub(part4, part8);
-    const dl2c_hull part10 = dl2c_hull_at(flow0_calm_still10(x[X_xg], p[P_GDelta],
-        p[S_loopInv_slack3]));
-    const dl2c_hull part11 = dl2c_hull_sub(part10, z[X_xr]);
-    const dl2c_hull part12 = dl2c_hull_abs(z[X_vr]);
-    const dl2c_hull part13 = dl2c_hull_sub(part0, part12);
-    const dl2c_hull part14 = dl2c_hull_at(p[S_loopInv_slack4]);
-    const dl2c_hull part15 = dl2c_hull_add(z[X_T], part14);
-    const dl2c_hull part16 = dl2c_hull_at(p[P_b]);
-    const dl2c_hull part17 = dl2c_hull_mul(part15, part16);
-    const dl2c_hull part18 = dl2c_hull_sub(part17, z[X_vr]);
-    const dl2c_hull part19 = dl2c_hull_at(p[S_loopInv_slack5]);
-    const dl2c_hull part20 = dl2c_hull_add(z[X_xr], part19);
-    const dl2c_hull part21 = dl2c_hull_at(flow0_calm_still21(x[X_xg], p[P_GDelta]));
-    const dl2c_hull part22 = dl2c_hull_sub(part20, part21);
-    const dl2c_hull part23 = dl2c_hull_at(p[S_loopInv_slack6]);
-    const dl2c_hull part24 = dl2c_hull_add(z[X_vr], part23);
-    const dl2c_hull part25 = dl2c_hull_at(flow0_calm_still25(p[P_ep], p[P_A]));
-    const dl2c_hull part26 = dl2c_hull_sub(part24, part25);
-    const dl2c_hull part27 = dl2c_hull_at(p[S_loopInv_slack7]);
-    const dl2c_hull part28 = dl2c_hull_add(z[X_T], part27);
-    const dl2c_hull part29 = dl2c_hull_at(flow0_calm_still29(p[P_ep], p[P_b], p[P_A]));
-    const dl2c_hull part30 = dl2c_hull_mul(part28, part29);
-    const dl2c_hull part31 = dl2c_hull_at(x[X_xg]);
-    const dl2c_hull part32 = dl2c_hull_sub(part31, z[X_xr]);
-    const dl2c_hull part33 = dl2c_hull_at(p[P_GDelta]);
-    const dl2c_hull part34 = dl2c_hull_sub(part32, part33);
-    const dl2c_hull part35 = dl2c_hull_at(flow0_calm_still35(p[P_ep], p[P_A]));
-    const dl2c_hull part36 = dl2c_hull_add(part34, part35);
-    const dl2c_hull part37 = dl2c_hull_mul(part36, part16);
-    const dl2c_hull part38 = dl2c_hull_at(flow0_calm_still38(p[P_ep], p[P_A], p[P_Vmax]));
-    const dl2c_hull part39 = dl2c_hull_add(part37, part38);
-    const dl2c_hull part40 = dl2c_hull_sub(part30, part39);
-    const dl2c_hull part41 = dl2c_hull_at(flow0_calm_still41(p[P_ep], p[P_A], p[S_loopInv_slack6]));
-    const dl2c_hull part42 = dl2c_hull_sub(part41, z[X_vr]);
-    const dl2c_hull part43 = dl2c_hull_at(p[S_loopInv_slack8]);
-    const dl2c_hull part44 = dl2c_hull_add(z[X_T], part43);
-    const dl2c_hull part45 = dl2c_hull_at(flow0_calm_still45(p[P_ep], p[P_b], p[P_A]));
-    const dl2c_hull part46 = dl2c_hull_mul(part44, part45);
-    const dl2c_hull part47 = dl2c_hull_at(flow0_calm_still47(p[P_ep], p[P_A]));
-    const dl2c_hull part48 = dl2c_hull_sub(part47, z[X_vr]);
-    const dl2c_hull part49 = dl2c_hull_mul(part48, part25);
-    const dl2c_hull part50 = dl2c_hull_at(p[P_A]);
-    const dl2c_hull part51 = dl2c_hull_mul(part34, part50);
-    const dl2c_hull part52 = dl2c_hull_add(part49, part51);
-    const dl2c_hull part53 = dl2c_hull_at(flow0_calm_still53(p[P_ep], p[P_A]));
-    const dl2c_hull part54 = dl2c_hull_add(part52, part53);
-    const dl2c_hull part55 = dl2c_hull_mul(part54, part16);
-    const dl2c_hull part56 = dl2c_hull_at(flow0_calm_still56(p[P_ep], p[P_A], p[P_Vmax]));
-    const dl2c_hull part57 = dl2c_hull_add(part55, part56);
-    const dl2c_hull part58 = dl2c_hull_sub(part46, part57);
-    const dl2c_hull part59 = dl2c_hull_at(p[S_ensure_slack0]);
-    const dl2c_hull part60 = dl2c_hull_add(z[X_xr], part59);
-    const dl2c_hull part61 = dl2c_hull_sub(part21, part60);
-    const dl2c_hull part62 = dl2c_hull_at(p[S_ensure_slack1]);
-    const dl2c_hull part63 = dl2c_hull_sub(part12, part62);
-    return ((!bounded) | dl2c_hull_positive(z[X_vr])) & ((watch[0] != DL2C_WATCHING)
-        | (dl2c_hull_positive(part1) & dl2c_hull_positive(part3) & dl2c_hull_positive(part9)
-        & (dl2c_hull_positive(part11) | dl2c_hull_positive(part13) | dl2c_hull_positive(part18))
-        & (dl2c_hull_positive(part22) | (dl2c_hull_positive(part26) & dl2c_hull_positive(part40))
-        | (dl2c_hull_positive(part42) & dl2c_hull_positive(part58))))) & ((watch[1] != DL2C_WATCHING)
-        | (dl2c_hull_positive(z[X_T]) & (dl2c_hull_positive(part61) | dl2c_hull_positive(part63))));
+    const bool loopInv_holds1 = dl2c_hull_positive(dl2c_hull_add(z[X_vr], part0));
+    /* waypoint.kyx:51  vr <= Vmax */
+    const bool loopInv_holds2 = dl2c_hull_positive(dl2c_hull_sub(dl2c_hull_at(Vmax + p[S_loopInv_slack1]),
+        z[X_vr]));
+    /* waypoint.kyx:51  xr + stopDist(vr) < areaEnd(xg) */
+    const dl2c_hull part1 = dl2c_hull_at((xg + GDelta + p[S_loopInv_slack2]) * (2.0 * b));
+    const dl2c_hull part2 = dl2c_hull_add(dl2c_hull_mul(z[X_xr], dl2c_hull_at(2.0 * b)),
+        dl2c_hull_square(z[X_vr]));
+    const bool loopInv_holds3 = dl2c_hull_positive(dl2c_hull_sub(part1, part2));
+    /* waypoint.kyx:52  areaBegin(xg) < xr */
+    const bool loopInv_holds4 = dl2c_hull_positive(dl2c_hull_sub(dl2c_hull_at(xg - GDelta + p[S_loopInv_slack3]),
+        z[X_xr]));
+    /* waypoint.kyx:52  vr = 0 */
+    const dl2c_hull part3 = dl2c_hull_abs(z[X_vr]);
+    const bool loopInv_holds5 = dl2c_hull_positive(dl2c_hull_sub(part0, part3));
+    /* waypoint.kyx:52  T >= stopTime(vr) */
+    const dl2c_hull part4 = dl2c_hull_at(b);
+    const dl2c_hull part5 = dl2c_hull_mul(dl2c_hull_add(z[X_T], dl2c_hull_at(p[S_loopInv_slack4])),
+        part4);
+    const bool loopInv_holds6 = dl2c_hull_positive(dl2c_hull_sub(part5, z[X_vr]));
+    /* waypoint.kyx:53  xr <= areaBegin(xg) */
+    const dl2c_hull part6 = dl2c_hull_at(xg - GDelta);
+    const bool loopInv_holds7 = dl2c_hull_positive(dl2c_hull_sub(dl2c_hull_add(z[X_xr],
+        dl2c_hull_at(p[S_loopInv_slack5])), part6));
+    /* waypoint.kyx:54  vr >= minV */
+    const dl2c_hull part7 = dl2c_hull_at(A * ep);
+    const bool loopInv_holds8 = dl2c_hull_positive(dl2c_hull_sub(dl2c_hull_add(z[X_vr],
+        dl2c_hull_at(p[S_loopInv_slack6])), part7));
+    /* waypoint.kyx:54  T > maxTravelTime(xg - xr) + ep + stopTime(Vmax) */
+    const dl2c_hull part8 = dl2c_hull_mul(dl2c_hull_add(z[X_T], dl2c_hull_at(p[S_loopInv_slack7])),
+        dl2c_hull_at(b * (A * ep)));
+    const dl2c_hull part9 = dl2c_hull_sub(dl2c_hull_sub(dl2c_hull_at(xg), z[X_xr]),
+        dl2c_hull_at(GDelta));
+    const dl2c_hull part10 = dl2c_hull_mul(dl2c_hull_add(part9, dl2c_hull_at(ep * (A * ep))), part4);
+    const bool loopInv_holds9 = dl2c_hull_positive(dl2c_hull_sub(part8, dl2c_hull_add(part10,
+        dl2c_hull_at(Vmax * (A * ep)))));
+    /* waypoint.kyx:55  vr <= minV */
+    const bool loopInv_holds10 = dl2c_hull_positive(dl2c_hull_sub(dl2c_hull_at(A * ep + p[S_loopInv_slack6]),
+        z[X_vr]));
+    /* waypoint.kyx:55  T > speedUpTime(vr) + maxTravelTime(xg - xr) + ep + stopTime(Vmax) */
+    const dl2c_hull part11 = dl2c_hull_mul(dl2c_hull_add(z[X_T], dl2c_hull_at(p[S_loopInv_slack8])),
+        dl2c_hull_at(b * (A * ep * A)));
+    const dl2c_hull part12 = dl2c_hull_mul(dl2c_hull_sub(dl2c_hull_at(ep * A), z[X_vr]), part7);
+    const dl2c_hull part13 = dl2c_hull_add(dl2c_hull_add(part12, dl2c_hull_mul(part9,
+        dl2c_hull_at(A))), dl2c_hull_at(ep * (A * ep * A)));
+    const dl2c_hull part14 = dl2c_hull_add(dl2c_hull_mul(part13, part4),
+        dl2c_hull_at(Vmax * (A * ep * A)));
+    const bool loopInv_holds11 = dl2c_hull_positive(dl2c_hull_sub(part11, part14));
+    /* waypoint.kyx:94  T <= 0 */
+    const bool ensure_holds12 = dl2c_hull_positive(z[X_T]);
+    /* waypoint.kyx:59  areaBegin(xg) < xr */
+    const bool ensure_holds13 = dl2c_hull_positive(dl2c_hull_sub(part6, dl2c_hull_add(z[X_xr],
+        dl2c_hull_at(p[S_loopInv_slack3]))));
+    /* waypoint.kyx:59  vr = 0 */
+    const bool ensure_holds14 = dl2c_hull_positive(dl2c_hull_sub(part3, part0));
+    return ((!bounded) | flow0_holds0) & ((watch[0] != DL2C_WATCHING) | (loopInv_holds1
+        & loopInv_holds2 & loopInv_holds3 & (loopInv_holds4 | loopInv_holds5 | loopInv_holds6)
+        & (loopInv_holds7 | (loopInv_holds8 & loopInv_holds9) | (loopInv_holds10 & loopInv_holds11))))
+        & ((watch[1] != DL2C_WATCHING) | (ensure_holds12 & (ensure_holds13 | ensure_holds14)));
   }
   return false;
 }
@@ -1003,9 +521,10 @@ static int model_solution(int flow, const real *x, const real *p, real (*c)[DL2C
 {
   (void)p;
   if (flow == 0) {
-    c[X_xr][1] = x[X_vr];
-    c[X_xr][2] = flow0_xr_c2(x[X_ar]);
-    c[X_vr][1] = x[X_ar];
+    const real vr = x[X_vr], ar = x[X_ar];
+    c[X_xr][1] = vr;
+    c[X_xr][2] = ar / 2.0;
+    c[X_vr][1] = ar;
     c[X_t][1] = 1.0;
     c[X_T][1] = -1.0;
     return 2;
@@ -1021,53 +540,70 @@ static inline bool model_condition(int flow, int formula, const int8_t *sign)
       return (sign[0] >= 0);
     if (formula == 1)
       return ((sign[1] >= 0) & (sign[2] >= 0) & (sign[3] > 0) & ((sign[4] >= 0) | ((sign[5] >= 0)
-          & (sign[6] >= 0)) | (sign[7] >= 0)) & ((sign[8] > 0) | ((sign[9] >= 0) & (sign[10] > 0))
-          | ((sign[11] >= 0) & (sign[12] > 0))));
+          & (sign[1] >= 0)) | (sign[6] >= 0)) & ((sign[7] > 0) | ((sign[8] >= 0) & (sign[9] > 0))
+          | ((sign[10] >= 0) & (sign[11] > 0))));
     if (formula == 3)
       return false;
     if (formula == 4)
-      return ((sign[13] < 0) & ((sign[14] <= 0) | (sign[15] < 0) | (sign[16] < 0)));
+      return ((sign[12] < 0) & ((sign[13] <= 0) | (sign[5] < 0) | (sign[1] < 0)));
     if (formula == 5)
-      return (sign[13] >= 0);
+      return (sign[12] >= 0);
     if (formula == 6)
-      return ((sign[14] > 0) & (sign[15] >= 0) & (sign[16] >= 0));
+      return ((sign[13] > 0) & (sign[5] >= 0) & (sign[1] >= 0));
   }
   return true;
 }
 
-/* Whether a flow of that duration, which ends in y, plainly changes no watch that matters. */
-DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real duration, const real *y)
+/*
+ * Whether a flow of that duration, which ends in y, changes no watch that matters, by a
+ * sufficient condition.
+ */
+DL2C_INLINE bool model_keeps_watches(int flow, const real *x, const real *p, real duration,
+                                     const real *y)
 {
   if (flow == 0) {
-    const dl2c_span still0 = dl2c_line(flow0_watch_still0_c0(x[X_vr]), x[X_ar], duration);
-    const dl2c_span still1 = dl2c_line(flow0_watch_still1_c0(x[X_vr], p[P_Vmax]),
-        flow0_watch_still1_c1(x[X_ar]), duration);
-    const dl2c_span still2 = dl2c_parabola(flow0_watch_still2_c0(x[X_xr], x[X_vr], x[X_xg], p[P_b],
-        p[P_GDelta]), flow0_watch_still2_c1(x[X_vr], x[X_ar], p[P_b]), flow0_watch_still2_c2(x[X_ar],
-        p[P_b]), duration);
-    const dl2c_span still3 = dl2c_parabola(flow0_watch_still3_c0(x[X_xr], x[X_xg], p[P_GDelta]),
-        flow0_watch_still3_c1(x[X_vr]), flow0_watch_still3_c2(x[X_ar]), duration);
-    const dl2c_span still4 = dl2c_line(x[X_vr], x[X_ar], duration);
-    const dl2c_span still5 = dl2c_line(flow0_watch_still5_c0(x[X_vr], x[X_T], p[P_b]),
-        flow0_watch_still5_c1(x[X_ar], p[P_b]), duration);
-    const dl2c_span still6 = dl2c_parabola(flow0_watch_still6_c0(x[X_xr], x[X_xg], p[P_GDelta]),
-        x[X_vr], flow0_watch_still6_c2(x[X_ar]), duration);
-    const dl2c_span still7 = dl2c_line(flow0_watch_still7_c0(x[X_vr], p[P_ep], p[P_A]), x[X_ar],
-        duration);
-    const dl2c_span still8 = dl2c_parabola(flow0_watch_still8_c0(x[X_xr], x[X_xg], x[X_T], p[P_ep],
-        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still8_c1(x[X_vr], p[P_ep], p[P_b],
-        p[P_A]), flow0_watch_still8_c2(x[X_ar], p[P_b]), duration);
-    const dl2c_span still9 = dl2c_line(flow0_watch_still9_c0(x[X_vr], p[P_ep], p[P_A]),
-        flow0_watch_still9_c1(x[X_ar]), duration);
-    const dl2c_span still10 = dl2c_parabola(flow0_watch_still10_c0(x[X_xr], x[X_vr], x[X_xg], x[X_T],
-        p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]), flow0_watch_still10_c1(x[X_vr], x[X_ar],
-        p[P_ep], p[P_b], p[P_A]), flow0_watch_still10_c2(x[X_ar], p[P_b], p[P_A]), duration);
-    const dl2c_span still11 = dl2c_line(x[X_T], -1.0, duration);
-    return (dl2c_stays_closed(still0) & dl2c_stays_closed(still1) & dl2c_stays_open(still2)
-        & (dl2c_stays_closed(still3) | dl2c_stays_equal(still4) | dl2c_stays_closed(still5))
-        & (dl2c_stays_open(still6) | (dl2c_stays_closed(still7) & dl2c_stays_open(still8))
-        | (dl2c_stays_closed(still9) & dl2c_stays_open(still10))) & dl2c_stays_open(still11))
-        & flow0_watch_at_end(y[X_T]);
+    const real xr = x[X_xr], vr = x[X_vr], ar = x[X_ar], xg = x[X_xg], T = x[X_T], ep = p[P_ep];
+    const real b = p[P_b], A = p[P_A], GDelta = p[P_GDelta], Vmax = p[P_Vmax];
+    /* waypoint.kyx:51  0 <= vr */
+    const bool loopInv_holds1 = dl2c_stays_nonnegative(dl2c_line(loopInv_margin1(vr, 1e-09), ar,
+        duration));
+    /* waypoint.kyx:51  vr <= Vmax */
+    const bool loopInv_holds2 = dl2c_stays_nonnegative(dl2c_line(loopInv_margin2(vr, Vmax, 1e-09),
+        -ar, duration));
+    /* waypoint.kyx:51  xr + stopDist(vr) < areaEnd(xg) */
+    const bool loopInv_holds3 = dl2c_stays_positive(dl2c_parabola(loopInv_margin3(xr, vr, xg, b,
+        GDelta, 1e-09), -(vr * (2.0 * b) + (vr * ar + ar * vr)), -(ar / 2.0 * (2.0 * b) + ar * ar),
+        duration));
+    /* waypoint.kyx:52  areaBegin(xg) < xr */
+    const bool loopInv_holds4 = dl2c_stays_nonnegative(dl2c_parabola(loopInv_margin4(xr, xg, GDelta,
+        1e-09), -vr, -(ar / 2.0), duration));
+    /* waypoint.kyx:52  vr = 0 */
+    const bool loopInv_holds5 = dl2c_stays_zero(dl2c_line(vr, ar, duration));
+    /* waypoint.kyx:52  T >= stopTime(vr) */
+    const bool loopInv_holds6 = dl2c_stays_nonnegative(dl2c_line(loopInv_margin6(vr, T, b, 1e-09),
+        -1.0 * b - ar, duration));
+    /* waypoint.kyx:53  xr <= areaBegin(xg) */
+    const bool loopInv_holds7 = dl2c_stays_positive(dl2c_parabola(loopInv_margin7(xr, xg, GDelta,
+        1e-09), vr, ar / 2.0, duration));
+    /* waypoint.kyx:54  vr >= minV */
+    const bool loopInv_holds8 = dl2c_stays_nonnegative(dl2c_line(loopInv_margin8(vr, ep, A, 1e-09),
+        ar, duration));
+    /* waypoint.kyx:54  T > maxTravelTime(xg - xr) + ep + stopTime(Vmax) */
+    const bool loopInv_holds9 = dl2c_stays_positive(dl2c_parabola(loopInv_margin9(xr, xg, T, ep, b, A,
+        GDelta, Vmax, 1e-09), -1.0 * (b * (A * ep)) - -vr * b, -(-(ar / 2.0) * b), duration));
+    /* waypoint.kyx:55  vr <= minV */
+    const bool loopInv_holds10 = dl2c_stays_nonnegative(dl2c_line(loopInv_margin10(vr, ep, A, 1e-09),
+        -ar, duration));
+    /* waypoint.kyx:55  T > speedUpTime(vr) + maxTravelTime(xg - xr) + ep + stopTime(Vmax) */
+    const real t0 = A * ep;
+    const bool loopInv_holds11 = dl2c_stays_positive(dl2c_parabola(loopInv_margin11(xr, vr, xg, T, ep,
+        b, A, GDelta, Vmax, 1e-09), -1.0 * (b * (t0 * A)) - (-ar * t0 + -vr * A) * b,
+        -(-(ar / 2.0) * A * b), duration));
+    /* waypoint.kyx:94  T <= 0 */
+    const bool ensure_holds12 = dl2c_stays_positive(dl2c_line(T, -1.0, duration));
+    return (loopInv_holds1 & loopInv_holds2 & loopInv_holds3 & (loopInv_holds4 | loopInv_holds5
+        | loopInv_holds6) & (loopInv_holds7 | (loopInv_holds8 & loopInv_holds9) | (loopInv_holds10
+        & loopInv_holds11)) & ensure_holds12) & flow0_at_end(y[X_T]);
   }
   return true;
 }
@@ -1076,20 +612,20 @@ DL2C_INLINE bool model_quiet(int flow, const real *x, const real *p, real durati
 static inline void model_freeze(int flow, const real *x, real *p)
 {
   if (flow == 0) {
-    p[S_loopInv_slack0] = dl2c_frozen(flow0_loopInv_slack0(x[X_vr]));
-    p[S_loopInv_slack1] = dl2c_frozen(flow0_loopInv_slack1(x[X_vr], p[P_Vmax]));
-    p[S_loopInv_slack2] = dl2c_frozen(flow0_loopInv_slack2(x[X_xr], x[X_vr], x[X_xg], p[P_b],
-        p[P_GDelta]));
-    p[S_loopInv_slack3] = dl2c_frozen(flow0_loopInv_slack3(x[X_xr], x[X_xg], p[P_GDelta]));
-    p[S_loopInv_slack4] = dl2c_frozen(flow0_loopInv_slack4(x[X_vr], x[X_T], p[P_b]));
-    p[S_loopInv_slack5] = dl2c_frozen(flow0_loopInv_slack5(x[X_xr], x[X_xg], p[P_GDelta]));
-    p[S_loopInv_slack6] = dl2c_frozen(flow0_loopInv_slack6(x[X_vr], p[P_ep], p[P_A]));
-    p[S_loopInv_slack7] = dl2c_frozen(flow0_loopInv_slack7(x[X_xr], x[X_xg], x[X_T], p[P_ep], p[P_b],
-        p[P_A], p[P_GDelta], p[P_Vmax]));
-    p[S_loopInv_slack8] = dl2c_frozen(flow0_loopInv_slack8(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep],
-        p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]));
-    p[S_ensure_slack0] = dl2c_frozen(flow0_ensure_slack0(x[X_xr], x[X_xg], p[P_GDelta]));
-    p[S_ensure_slack1] = dl2c_frozen(flow0_ensure_slack1(x[X_vr]));
+    const real xr = x[X_xr], vr = x[X_vr], xg = x[X_xg], T = x[X_T], ep = p[P_ep], b = p[P_b];
+    const real A = p[P_A], GDelta = p[P_GDelta], Vmax = p[P_Vmax];
+    p[S_loopInv_slack0] = dl2c_frozen(1e-09 * (1.0 + fabs(vr)));
+    p[S_loopInv_slack1] = dl2c_frozen(1e-09 * (1.0 + fabs(vr) + fabs(Vmax)));
+    p[S_loopInv_slack2] = dl2c_frozen(1e-09 * (1.0 + fabs(xr) + fabs(vr * vr / (2.0 * b)) + fabs(xg) + fabs(GDelta)));
+    p[S_loopInv_slack3] = dl2c_frozen(1e-09 * (1.0 + fabs(xg) + fabs(GDelta) + fabs(xr)));
+    p[S_loopInv_slack4] = dl2c_frozen(1e-09 * (1.0 + fabs(T) + fabs(vr / b)));
+    p[S_loopInv_slack5] = dl2c_frozen(1e-09 * (1.0 + fabs(xr) + fabs(xg) + fabs(GDelta)));
+    p[S_loopInv_slack6] = dl2c_frozen(1e-09 * (1.0 + fabs(vr) + fabs(A * ep)));
+    const real t0 = 1.0 + fabs(T) + fabs((xg - xr - GDelta) / (A * ep)) + fabs(ep) + fabs(Vmax / b);
+    p[S_loopInv_slack7] = dl2c_frozen(1e-09 * t0);
+    const real t1 = fabs(ep);
+    const real t2 = 1.0 + fabs(T) + t1 + fabs(vr / A) + fabs((xg - xr - GDelta) / (A * ep)) + t1;
+    p[S_loopInv_slack8] = dl2c_frozen(1e-09 * (t2 + fabs(Vmax / b)));
   }
 }
 
@@ -1141,16 +677,11 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
         p[P_Vmax * stride + i])) << 3;
     words[i] = word;
   }
-  for (int64_t i = 0; i < count; i++)
-    bits[i] = (uint8_t)words[i];
-  for (int64_t i = 0; i < count; i++)
-    enabled[0 * stride + i] = bits[i] >> 0 & 1;
-  for (int64_t i = 0; i < count; i++)
-    enabled[1 * stride + i] = bits[i] >> 1 & 1;
-  for (int64_t i = 0; i < count; i++)
-    enabled[2 * stride + i] = bits[i] >> 2 & 1;
-  for (int64_t i = 0; i < count; i++)
-    enabled[3 * stride + i] = bits[i] >> 3 & 1;
+  for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+  for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 0 & 1;
+  for (int64_t i = 0; i < count; i++) enabled[1 * stride + i] = bits[i] >> 1 & 1;
+  for (int64_t i = 0; i < count; i++) enabled[2 * stride + i] = bits[i] >> 2 & 1;
+  for (int64_t i = 0; i < count; i++) enabled[3 * stride + i] = bits[i] >> 3 & 1;
 }
 
 /* Executes the assignments of a path from x into y. False where a value is undefined. */
@@ -1191,35 +722,7 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, cons
   return true;
 }
 
-/* Narrows the values of an input to those its tests leave, up to rounding. */
-DL2C_INLINE void model_limits(int path, int input, const real *x, const real *p, const real *u,
-                              real *low, real *high)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)low; (void)high;
-}
-
-/* Where the tests of an input may begin or cease to hold, in no order; how many. */
-static inline int model_criticals(int path, int input, const real *x, const real *p, const real *u,
-                                  real *root)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
-  return 0;
-}
-
-/* The only values that an equality leaves to an input, up to its Box; -1 where none does. */
-static inline int model_pins(int path, int input, const real *x, const real *p, const real *u,
-                             real *root)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u; (void)root;
-  return -1;
-}
-
-/* Whether the value of an input passes the tests of it and of no later input. */
-DL2C_INLINE bool model_admits(int path, int input, const real *x, const real *p, const real *u)
-{
-  (void)path; (void)input; (void)x; (void)p; (void)u;
-  return true;
-}
+#include "no_inputs.h"
 
 /* What a post-state is tested for.   facts: (NFACT, row) */
 DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
@@ -1239,16 +742,11 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
         x[X_xg * stride + i], x[X_T * stride + i], p[P_GDelta * stride + i])) << 3;
     words[i] = word;
   }
-  for (int64_t i = 0; i < count; i++)
-    bits[i] = (uint8_t)words[i];
-  for (int64_t i = 0; i < count; i++)
-    facts[F_loopInv_holds * row + i] = bits[i] >> 0 & 1;
-  for (int64_t i = 0; i < count; i++)
-    facts[F_ensure_holds * row + i] = bits[i] >> 1 & 1;
-  for (int64_t i = 0; i < count; i++)
-    facts[F_ensure_due * row + i] = bits[i] >> 2 & 1;
-  for (int64_t i = 0; i < count; i++)
-    facts[F_postcondition * row + i] = bits[i] >> 3 & 1;
+  for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+  for (int64_t i = 0; i < count; i++) facts[F_loopInv_holds * row + i] = bits[i] >> 0 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_ensure_holds * row + i] = bits[i] >> 1 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_ensure_due * row + i] = bits[i] >> 2 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 3 & 1;
 }
 
 /*
@@ -1274,8 +772,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
                              dl2c_judgement *restrict judged)
 {
   (void)x; (void)p; (void)stride;
-  for (int64_t i = 0; i < count; i++)
-    judged->reward[i] = 0.0;
+  for (int64_t i = 0; i < count; i++) judged->reward[i] = 0.0;
   for (int64_t i = 0; i < count; i++) {
     judged->cost[i] = 0;
     judged->undefined[i] = 0;
@@ -1375,7 +872,7 @@ static inline real model_density(int chart, const real *x, const real *p)
   return 1.0;
 }
 
-/* What is left of the precondition, with room for rounding: true in doubles proves it. */
+/* What is left of the precondition, with a margin for rounding: true in doubles proves it. */
 static inline bool model_accept(int chart, const real *x, const real *p)
 {
   switch (chart) {
@@ -1386,6 +883,14 @@ static inline bool model_accept(int chart, const real *x, const real *p)
   default: return false;
   }
 }
+
+#include "Waypoint_tables.h"
+#include "batch.h" /* the runtime, compiled with this model as one unit */
+
+/* SPDX-License-Identifier: MIT-0 */
+/* Waypoint -- generated by dl2c 0.1.0 from waypoint.kyx. Do not edit. */
+#ifndef DL2C_GENERATED_WAYPOINT_TABLES_H
+#define DL2C_GENERATED_WAYPOINT_TABLES_H
 
 static const int32_t POINT_START[2] = {0, 4};
 static const int32_t MASK_START[2] = {0, 4};
@@ -1413,11 +918,13 @@ static const dl2c_path PATHS[4] = {
   {0, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS, 0},
   {0, -1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS, 0},
 };
+
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};
 static const real FLOW_REACH[1] = {0.0};
 static const uint8_t WATCH_CUTS[2] = {1, 0};
-static const int32_t FLOW_MARGINS[1] = {17};
+static const int32_t FLOW_MARGINS[1] = {14};
+
 static const int32_t SAMPLE_START[3] = {0, 1, 65};
 static const real SAMPLE_LOW[65][8] = {
   {-10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0},
@@ -1757,4 +1264,4 @@ static const int32_t SAMPLE_CHART[65] = {
 static const int32_t SAMPLE_FREE[2] = {2, 8};
 static const real SAMPLE_DENSITY[1] = {1.0};
 
-#include "batch.h" /* the runtime, compiled with this model as one unit */
+#endif
