@@ -12,6 +12,7 @@ from typing import TypeAlias
 from dl2c.emit import names
 from dl2c.emit.cfile import comment, function, place, wrapped
 from dl2c.emit.leaf import Leaves, Place
+from dl2c.emit.monitor.copied import copied_body
 from dl2c.emit.monitor.monitor_h import Unit, declarations_of_controller
 from dl2c.emit.monitor.values_c import search_functions
 from dl2c.ir.logic import conjuncts, folded, symbols
@@ -181,36 +182,7 @@ def _public(unit: Unit, controller: Controller) -> Iterable[str]:
     yield function(heads["monitor_satisfied"], [f"return {check}.id == 0;"])
     yield function(heads["run"], [*_requested(controller), "return false;"])
     yield function(heads["fallback"], [f"{stem}_state post = curr;", *_fallback(controller), "return post;"])
-    judged = f"made.verdict = {stem}_check_{CHECK}(&curr, &made.post, params);"
-    yield function(
-        heads["decide"],
-        [
-            f"{stem}_decision made;",
-            "made.post = curr;",
-            judged,
-            "if (ctrl != 0) {",
-            "  made.post = ctrl(curr, params, input);",
-            f"  {judged}",
-            "}",
-            "made.wanted = made.verdict;",
-            "made.overruled = ctrl == 0 || made.verdict.id != 0;",
-            "if (!made.overruled)",
-            "  return made;",
-            "if (fallback != 0) {",
-            "  made.post = fallback(curr, params, input);",
-            f"  {judged}",
-            "  if (made.verdict.id == 0)",
-            "    return made;",
-            "}",
-            f"const {stem}_state post = {stem}_fallback(curr, params, input);",
-            f"const {stem}_verdict verdict = {stem}_check_{CHECK}(&curr, &post, params);",
-            "if (fallback == 0 || verdict.id == 0) {",
-            "  made.post = post;",
-            "  made.verdict = verdict;",
-            "}",
-            "return made;",
-        ],
-    )
+    yield function(heads["decide"], copied_body("decide.h", "MODEL_decide", {"MODEL": stem}))
     called = f"{stem}_decide(curr, params, input, ctrl, fallback)"
     yield function(heads["monitored_ctrl"], [f"return {called}.post;"])
 

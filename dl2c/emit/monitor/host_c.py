@@ -2,36 +2,9 @@
 
 from dl2c.emit import names
 from dl2c.emit.cfile import function
+from dl2c.emit.monitor.copied import copied
 from dl2c.emit.monitor.monitor_h import Unit, title_of
 from dl2c.monitor.check import Check
-
-ABOUT = (
-    "Reads lines of a word and numbers, as `--help` lists them, and prints for each what it asks for. Exits "
-    "with 2 at the first line that is none of these."
-)
-
-READING = """\
-static const real *numbers_of(char *text, int *count)
-{
-  static real numbers[MOST];
-  *count = 0;
-  for (char *part = strtok(text, BLANK); part != NULL; part = strtok(NULL, BLANK)) {
-    char *end;
-    if (*count == MOST)
-      return NULL;
-    numbers[(*count)++] = STRTOREAL(part, &end);
-    if (*end != '\\0')
-      return NULL;
-  }
-  return numbers;
-}
-
-static int refuse(long number, const char *why)
-{
-  fprintf(stderr, "line %ld: %s; a line is one of\\n%s", number, why, USAGE);
-  return 2;
-}
-"""
 
 
 def main_c(unit: Unit, policy: bool = False) -> str:
@@ -63,37 +36,13 @@ def main_c(unit: Unit, policy: bool = False) -> str:
             f"#define STRTOREAL {'strtof' if unit.single else 'strtod'}",
             '#define BLANK " \\t\\r\\n"',
             "#define USAGE \\\n" + " \\\n".join(f'  "  {text}\\n"' for text in usage) + "\n",
-            READING,
+            copied("host.h", ("numbers_of", "refuse")),
             *functions,
             function("static int expected(const char *word)", _expected(counts)),
             function("static void answer(const char *word, const real *from)", _answer(unit)),
-            function("int main(int argc, char **argv)", MAIN.splitlines(), ABOUT),
+            copied("host.h", ("main",)),
         ]
     )
-
-
-MAIN = """\
-char line[LENGTH];
-if (argc > 1) {
-  fputs(USAGE, stdout);
-  return strcmp(argv[1], "--help") == 0 ? 0 : 2;
-}
-for (long number = 1; fgets(line, sizeof line, stdin) != NULL; number++) {
-  if (strchr(line, '\\n') == NULL && !feof(stdin))
-    return refuse(number, "too long");
-  char word[16] = "";
-  int length = 0, count = 0;
-  if (sscanf(line, "%15s%n", word, &length) != 1)
-    continue;
-  const real *const numbers = numbers_of(line + length, &count);
-  if (expected(word) < 0)
-    return refuse(number, "an unknown word");
-  if (numbers == NULL || count != expected(word))
-    return refuse(number, "other than the numbers that belong to its word");
-  answer(word, numbers);
-}
-return 0;
-"""
 
 
 def _line(kind: str, parts: list[str], listed: dict[str, list[str]], choices: int) -> str:

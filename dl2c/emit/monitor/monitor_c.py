@@ -15,6 +15,7 @@ from dl2c.emit import names
 from dl2c.emit.cfile import comment, function, place, wrapped
 from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor.control_c import controller_functions, reading
+from dl2c.emit.monitor.copied import one_line, preprocessed
 from dl2c.emit.monitor.monitor_h import Unit, head, title_of
 from dl2c.emit.monitor.own_names import with_own_names
 from dl2c.interval.arithmetic import Interval, enclosure
@@ -25,10 +26,7 @@ from dl2c.symbolic.terms import Builder
 
 LARGEST_SINGLE = 3.4e38
 
-RUNTIME = {
-    "dl2c_min": "static inline real dl2c_min(real a, real b) { return a < b ? a : b; }\n",
-    "dl2c_max": "static inline real dl2c_max(real a, real b) { return a > b ? a : b; }\n",
-}
+RUNTIME = ("dl2c_min", "dl2c_max")
 """What leaf functions use of the runtime, as it is there."""
 
 
@@ -44,7 +42,7 @@ def monitor_c(unit: Unit) -> str:
     if unit.monitor.controller is not None:
         functions += controller_functions(unit, leaves, "CASE == 0", leaves.condition)
     body = "\n".join([*leaves.texts, in_range(unit), *functions])
-    used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
+    used = [one_line(name) for name in RUNTIME if re.search(rf"\b{name}\b", body)]
     smallest = "FLT_MIN" if unit.single else "DBL_MIN"
     text = "\n".join(
         [
@@ -61,15 +59,10 @@ def monitor_c(unit: Unit) -> str:
 
 def arithmetic(unit: Unit) -> str:
     """Refuses to be compiled for arithmetic that a monitor cannot rely on."""
-    wrong = "defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)"
-    allowed = "0" if unit.single else "0 && FLT_EVAL_METHOD != 1"
-    return f"""#if {wrong}
-#error "a monitor needs NaN and infinities: compile it without -ffast-math and -ffinite-math-only"
-#endif
-#if defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != {allowed}
-#error "a monitor needs arithmetic that rounds to {unit.real}: on x86 compile it with -mfpmath=sse -msse2"
-#endif
-"""
+    text = preprocessed("arithmetic.h")
+    return (
+        text if not unit.single else text.replace(" && FLT_EVAL_METHOD != 1", "").replace("double", "float")
+    )
 
 
 def builder_of(unit: Unit) -> Builder:

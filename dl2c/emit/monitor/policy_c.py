@@ -14,6 +14,7 @@ from dl2c.emit.cexpr import MATH
 from dl2c.emit.cfile import comment, function, table, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.monitor.control_c import reading
+from dl2c.emit.monitor.copied import copied, one_line
 from dl2c.emit.monitor.monitor_c import RUNTIME, builder_of, grouped, order_of
 from dl2c.emit.monitor.monitor_h import AFTER, BEFORE, Unit, title_of, wrapped_head
 from dl2c.emit.monitor.network_c import network_functions
@@ -97,15 +98,14 @@ def _source(unit: Unit, policy: NetworkPolicy) -> str:
     size, signature = len(policy.interface.observations), declarations_of_policy(unit)["outputs"]
     parts = [network_functions(unit, policy.network, size, signature), *_acting(unit, policy)]
     body = "\n".join([*leaves.texts, observed, *parts])
-    used = [text for name, text in RUNTIME.items() if f"{name}(" in body]
-    clip = CLIP if "clipped(" in body else ""
+    used = [one_line(name) for name in RUNTIME if f"{name}(" in body]
+    used += [copied("policy.h", ("clipped",))] if "clipped(" in body else []
     text = "\n".join(
         [
             f'{title_of(unit, "Policy")}\n#include "{unit.stem}_policy.h"\n',
             *(["#include <math.h>\n"] if re.search(LIBRARY, body) else []),
             f"typedef {unit.real} real;\n",
             *used,
-            *([clip] if clip else []),
             body,
         ]
     )
@@ -114,14 +114,6 @@ def _source(unit: Unit, policy: NetworkPolicy) -> str:
 
 LIBRARY = rf"\b({MATH}|expm1|rint)f?\(|\bisfinite\("
 """Calls of <math.h>."""
-
-CLIP = """\
-static inline real clipped(real value, real low, real high)
-{
-  return value > low ? (value < high ? value : high) : low;
-}
-"""
-
 
 # Observations --------------------------------------------------------------------------------------
 
@@ -172,7 +164,7 @@ def _acting(unit: Unit, policy: NetworkPolicy) -> Iterator[str]:
     assert controller is not None
     stem, io = unit.stem, policy.interface
     if io.kind in ("choice", "choices", "runs"):
-        yield LARGEST
+        yield copied("policy.h", ("largest",))
         if policy.masked:
             yield _mask(unit, policy, controller)
         if io.kind == "runs":
@@ -191,21 +183,6 @@ def _acting(unit: Unit, policy: NetworkPolicy) -> Iterator[str]:
     yield function(heads["ctrl"], lines)
     called = f"curr, params, input, {stem}_policy_ctrl, {stem}_fallback"
     yield function(heads["monitored"], wrapped(f"return {stem}_monitored_ctrl({called});"))
-
-
-LARGEST = """\
-/* The first of the largest numbers that are open; all are where `open` is null. */
-static int largest(const real *values, const bool *open, int count)
-{
-  int best = -1;
-  for (int k = 0; k < count; k++) {
-    const bool allowed = open == 0 || open[k];
-    if (allowed && (best < 0 || values[k] > values[best]))
-      best = k;
-  }
-  return best < 0 ? 0 : best;
-}
-"""
 
 
 def _row(values: tuple[int, ...]) -> str:

@@ -11,6 +11,7 @@ from dl2c.emit.cexpr import MATH
 from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor.control_c import Holds, controller_functions
+from dl2c.emit.monitor.copied import one_line
 from dl2c.emit.monitor.interval_c import Statements, prelude
 from dl2c.emit.monitor.monitor_c import (
     RUNTIME,
@@ -46,7 +47,7 @@ def sound_monitor_c(unit: Unit) -> str:
     body = "\n".join([*leaves, *plain.texts, in_range(unit), *functions])
     text = prelude(body, unit.single, unit.largest)
     needs_math = re.search(LIBRARY, f"{text}{body}") is not None
-    used = [text for name, text in RUNTIME.items() if re.search(rf"\b{name}\b", body)]
+    used = [one_line(name) for name in RUNTIME if re.search(rf"\b{name}\b", body)]
     whole = "\n".join(
         [
             f'{title_of(unit)}\n#include "{unit.stem}_monitor.h"\n',

@@ -1,166 +1,19 @@
-"""How an exported controller finds values of inputs that pass: C that knows nothing of a model but names.
+"""How an exported controller finds values of inputs that pass: copies of cgen/monitor/values.h."""
 
-`MODEL` stands for what all names of the model begin with, `MOST` for the largest number of values that
-are looked at. Every loop is bounded by it or by the bits of a number.
-"""
-
-SEARCH = """\
-enum { MOST = @MOST, HALVINGS = @HALVINGS };
-
-/*
- * The search for a value of an input. Between two neighbours in `at`, the first and the last of
- * which are the ends of its range, either all values pass its tests or none does.
- */
-typedef struct {
-  const MODEL_state *before;
-  const MODEL_parameters *parameters;
-  MODEL_input *given; /* holds the values of earlier inputs */
-  real *value; /* of this one, in `given` */
-  bool (*admits)(const MODEL_state *, const MODEL_parameters *, const MODEL_input *);
-  int count;
-  real at[MOST];
-} search;
-
-static bool passes(const search *s, real value)
-{
-  *s->value = value;
-  return s->admits(s->before, s->parameters, s->given);
-}
-"""
-
-ENTER = """\
-/* Enters a root, in order, if it lies inside the range; a NaN does not. */
-static void enter(search *s, real root)
-{
-  if (s->count == MOST || !(root > s->at[0] && root < s->at[s->count - 1]))
-    return;
-  real moved = root;
-  for (int k = 1; k < MOST; k++) {
-    if (k < s->count && s->at[k] > moved) {
-      const real next = s->at[k];
-      s->at[k] = moved;
-      moved = next;
-    }
-  }
-  s->at[s->count] = moved;
-  s->count++;
-}
-"""
-
-ROOTS = """\
-/* Enters the roots of c0 + c1*u + c2*u^2; where there is none, the place where it is nearest to 0. */
-static void enter_roots(search *s, real c0, real c1, real c2)
-{
-  const real square = c1 * c1 - 4 * c2 * c0;
-  const real root = square > 0 ? @SQRT(square) : 0;
-  const real sum = -(c1 < 0 ? c1 - root : c1 + root) / 2;
-  enter(s, sum / c2);
-  enter(s, c0 / sum);
-}
-"""
-
-NEAREST = """\
-/* The last value that passes on the way from one that does to one that does not. */
-static real last_passing(const search *s, real passing, real failing)
-{
-  for (int n = 0; n < HALVINGS; n++) {
-    const real middle = passing + (failing - passing) / 2;
-    if (passes(s, middle))
-      passing = middle;
-    else
-      failing = middle;
-  }
-  return passing;
-}
-
-/* The value nearest to `wanted` that passes; where none is found, one inside the range. */
-static real nearest(const search *s, real wanted)
-{
-  const real low = s->at[0];
-  const real high = s->at[s->count - 1];
-  const real inside = wanted > low ? (wanted < high ? wanted : high) : low;
-  if (passes(s, inside))
-    return inside;
-  real best = inside;
-  real least = high - low;
-  bool found = false;
-  for (int k = 0; k < 2 * MOST - 1; k++) { /* one of the values in `at`, or all up to the next */
-    if (k / 2 + k % 2 >= s->count)
-      continue;
-    const real first = s->at[k / 2];
-    const real last = s->at[k / 2 + k % 2];
-    const real middle = first + (last - first) / 2;
-    real value = inside > first ? (inside < last ? inside : last) : first;
-    bool passing = passes(s, value);
-    if (!passing && passes(s, middle)) {
-      value = last_passing(s, middle, value);
-      passing = true;
-    }
-    const real off = @ABS(value - inside);
-    if (passing && (!found || off < least)) {
-      best = value;
-      least = off;
-      found = true;
-    }
-  }
-  *s->value = best;
-  return best;
-}
-"""
-
-SPREAD = """\
-/* The value so far along all that pass, from -1 to 1; single values only where there is nothing else. */
-static real spread(const search *s, real wanted)
-{
-  const real share = (wanted + 1) / 2;
-  const real part = share > 0 ? (share < 1 ? share : 1) : 0;
-  real length = 0;
-  int points = 0;
-  bool open[MOST] = {false};
-  for (int k = 0; k < MOST; k++) {
-    if (k >= s->count)
-      continue;
-    points += passes(s, s->at[k]) ? 1 : 0;
-    if (k + 1 == s->count)
-      continue;
-    const real width = s->at[k + 1] - s->at[k];
-    open[k] = width > 0 && passes(s, s->at[k] + width / 2);
-    length += open[k] ? width : 0;
-  }
-  real along = length > 0 ? length * part : part * (real)points;
-  real value = s->at[0];
-  bool found = false;
-  for (int k = 0; k < MOST; k++) {
-    if (k >= s->count || found || (length > 0 ? !open[k] : !passes(s, s->at[k])))
-      continue;
-    const real width = length > 0 ? s->at[k + 1] - s->at[k] : 1;
-    found = along < width;
-    value = s->at[k] + (length > 0 ? (found ? along : width) : 0);
-    along -= width;
-  }
-  return nearest(s, value);
-}
-"""
+from dl2c.emit.monitor.copied import copied
 
 
 def search_functions(stem: str, most: int, single: bool, quadratic: bool, squash: bool) -> str:
     """What runs with inputs need. `most` counts the roots of an input and the two ends of its range."""
-    parts = [
-        SEARCH,
-        *([ENTER] if most > 2 else []),
-        *([ROOTS] if quadratic else []),
-        NEAREST,
-        *([SPREAD] if squash else []),
-    ]
+    names = ["MOST", "search", "passes", *(["enter"] if most > 2 else [])]
+    names += ["enter_roots"] if quadratic else []
+    names += ["last_passing", "nearest", *(["spread"] if squash else [])]
     suffix = "f" if single else ""
     words = {
         "MODEL": stem,
-        "@MOST": str(most),
-        "@SQRT": f"sqrt{suffix}",
-        "@ABS": f"fabs{suffix}",
-        "@HALVINGS": "26" if single else "55",
+        "VALUES_MOST": str(most),
+        "VALUES_SQRT": f"sqrt{suffix}",
+        "VALUES_ABS": f"fabs{suffix}",
+        "VALUES_HALVINGS": "26" if single else "55",
     }
-    text = "\n".join(parts)
-    for word, meaning in words.items():
-        text = text.replace(word, meaning)
-    return text
+    return copied("values.h", tuple(names), words)
