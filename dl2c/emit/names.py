@@ -45,15 +45,19 @@ def local(name: str) -> str:
 
 PARAMETERS = frozenset(
     [
-        *("bounded", "c", "duration", "flow", "g", "margin", "watch", "z"),
+        *("bounded", "c", "defined", "duration", "end", "first", "flow", "g", "inside", "k", "margin"),
+        *("met", "moves", "reach", "tau", "there", "watch", "z"),
     ]
 )
-"""Names of parameters beside which functions have locals that are called like variables of the model."""
+"""Names of functions beside which they have locals that are called like variables of the model."""
+
+NUMBERED = re.compile(r"(doubt|exit|hit|left|until)\d+")
+"""The same, with numbers."""
 
 
 def beside(name: str) -> str:
-    """A local variable of a function with `PARAMETERS`."""
-    return f"{name}_v" if name in PARAMETERS else local(name)
+    """A local variable of a function that has names of its own."""
+    return f"{name}_v" if name in PARAMETERS or NUMBERED.fullmatch(name) else local(name)
 
 
 def stem(wanted: str, taken: Collection[str]) -> str:

@@ -1,14 +1,16 @@
 """Flows in C: the exact kernel of one ODE as straight-line code (see dl2c/flows/exact.py).
 
-For flow k: leaf functions of coefficients, margins, horizon and domain, then `flowK_at`
+For flow k: leaf functions of horizon and domain, then `flowK_at`
 (the state after a time), `flowK_stays` (the domain) and `flowK_motion` (how long the flow
 lasts and where it ends), all without branches; at the end `model_motion` and `model_at`,
 which select one.
 """
 
+import re
+
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import function, place, wrapped
-from dl2c.emit.leaf import Leaves
+from dl2c.emit.cfile import comment, function, place, wrapped
+from dl2c.emit.leaf import Leaves, Locals
 from dl2c.emit.names import after, index, slot
 from dl2c.emit.plan import Environment
 from dl2c.flows.exact import Edge, ExactPlan
@@ -16,7 +18,6 @@ from dl2c.flows.kernel import FlowPlan
 from dl2c.flows.solution import Solution
 from dl2c.ir.logic import domain_at_end
 from dl2c.ir.model import TRUE, Flow, Symbol
-from dl2c.ir.polynomial import Coefficients
 from dl2c.ir.printer import print_flow, print_formula, print_term
 
 EXITS = {"closed": "dl2c_exit_nonnegative", "open": "dl2c_exit_positive", "apart": "dl2c_exit_nonzero"}
@@ -105,27 +106,27 @@ def _model_settle(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def _coefficients(stem: str, coefficients: Coefficients, about: str, leaves: Leaves) -> list[str]:
-    return [
-        leaves.term(f"{stem}_c{j}", c, f"{about}, coefficient of tau^{j}") for j, c in enumerate(coefficients)
-    ]
-
-
 def _at(k: int, flow: Flow, solution: Solution, leaves: Leaves) -> str:
+    local = Locals(leaves)
     body: list[str] = []
     for variable, coefficients in solution.variables.items():
         if len(coefficients) == 1:
             continue
-        terms = _coefficients(f"flow{k}_{variable}", coefficients, f"{variable}(tau)", leaves)
+        terms = [_operand(local.term(c)) for c in coefficients]
         value = {"1.0": "tau", "-1.0": "-tau"}.get(terms[-1], f"{terms[-1]} * tau") + f" + {terms[-2]}"
         for term in reversed(terms[:-2]):
             value = f"({value}) * tau + {term}"
         body += wrapped(f"y[{index(Symbol(variable, 'variable'))}] = {value};")
     return function(
         f"static inline void flow{k}_at(const real *x, const real *p, real tau, real *y)",
-        body,
+        [*local.begun(), *body],
         f"{place(flow.span)}  {print_flow(flow)} solved: y is x moved by the time tau.",
     )
+
+
+def _operand(expression: str) -> str:
+    """An expression that stands beside any operator."""
+    return expression if re.fullmatch(r"-?[\w.]+", expression) else f"({expression})"
 
 
 def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
@@ -133,8 +134,9 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     terms += [c for w in plan.edges for c in w.margin] + [h.bound for h in plan.flow.horizons]
     defined = leaves.defined(f"flow{k}_defined", terms, "all coefficients have a value")
     limits, body = _limits(k, plan.flow, leaves)
-    for j, edge in enumerate(plan.edges):
-        body += _exit(k, j, edge, leaves)
+    local = Locals(leaves)
+    crossings = [line for j, edge in enumerate(plan.edges) for line in _exit(j, edge, local)]
+    body += [*local.begun(), *crossings]
     exits = [f"exit{j}" for j in range(len(plan.edges))]
     body += _reached(k, plan.flow, exits) if plan.flow.reach is not None else [f"real end = {limits[0]};"]
     body += [f"end = dl2c_select({name} < end, {name}, end);" for name in (*limits[1:], *exits)]
@@ -154,7 +156,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
         "DL2C_UNROLL",
         "for (int k = 0; k < NX; k++) y[k] = x[k];",
         f"flow{k}_at(x, p, end, y);",
-        *_settled(k, plan, leaves),
+        *_snapped(k, plan, leaves),
         f"const bool defined = {' & '.join(conditions)};",
         f"const bool inside = !moves | {_ends_inside(k, plan.flow)};",
         *(f"y[{v}] = dl2c_select(moves, y[{v}], x[{v}]);" for v in _moving(plan)),
@@ -229,20 +231,19 @@ def _clocks(flow: Flow, end: str) -> list[str]:
     return lines
 
 
-def _exit(k: int, j: int, edge: Edge, leaves: Leaves) -> list[str]:
+def _exit(j: int, edge: Edge, local: Locals) -> list[str]:
     """When the motion leaves one condition of the domain."""
+    about = comment(f"{place(edge.span)}  {' '.join(edge.span.text.split())}").split("\n")
     if edge.kind == "equal":
-        return [f"const real exit{j} = dl2c_exit_zero();"]
-    stem = f"flow{k}_domain_margin{j}"
-    terms = _coefficients(stem, edge.margin, f"{place(edge.span)}  {edge.span.text}, margin", leaves)
-    padded = ", ".join([*terms, "0.0", "0.0"][:3])
-    lines = wrapped(f"const real exit{j} = {EXITS[edge.kind]}({padded});")
-    if len(terms) > 2:
+        return [*about, f"const real exit{j} = dl2c_exit_zero();"]
+    padded = ", ".join([*map(local.term, edge.margin), "0.0", "0.0"][:3])
+    lines = [*about, *wrapped(f"const real exit{j} = {EXITS[edge.kind]}({padded});")]
+    if len(edge.margin) > 2:
         lines += wrapped(f"const bool doubt{j} = dl2c_doubtful({padded});")
     return lines
 
 
-def _settled(k: int, plan: ExactPlan, leaves: Leaves) -> list[str]:
+def _snapped(k: int, plan: ExactPlan, leaves: Leaves) -> list[str]:
     """A clock that ran out and a bound that was met are met exactly (semantics 4, snap)."""
     lines = _clocks(plan.flow, "end")
     for j, edge in enumerate(plan.edges):

@@ -1,0 +1,68 @@
+"""The C that exported monitors hold copies of compiles as it stands, without a model."""
+
+import subprocess
+
+from dl2c.code import cgen_dir
+from dl2c.native.toolchain import STRICT_FLAGS, find_compiler
+
+PREAMBLE = """
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+typedef double real;
+typedef struct { real x; } MODEL_state;
+typedef struct { real p; } MODEL_parameters;
+typedef struct { real u; } MODEL_input;
+typedef struct { int id; real val; } MODEL_verdict;
+typedef struct { MODEL_state post; MODEL_verdict wanted, verdict; bool overruled; } MODEL_decision;
+typedef MODEL_state MODEL_ctrl(MODEL_state, const MODEL_parameters *, const MODEL_input *);
+MODEL_verdict MODEL_check_controller(const MODEL_state *, const MODEL_state *, const MODEL_parameters *);
+MODEL_ctrl MODEL_fallback;
+MODEL_decision MODEL_decide(MODEL_state, const MODEL_parameters *, const MODEL_input *, MODEL_ctrl *,
+                            MODEL_ctrl *);
+#define IV_EPSILON DBL_EPSILON
+#define IV_SMALLEST DBL_MIN
+#define IV_LARGEST DBL_MAX
+#define IV_TINY 1e-100
+#define IV_SHORT 67108864.0
+#define IV_SHORT_SCALE 64.0
+#define IV_EXP_MOST 700
+#define IV_ANGLE_MOST 1000000
+#define IV_SQRT sqrt
+#define IV_LDEXP ldexp
+#define IV_FREXP frexp
+static const real iv_half_pi[4], iv_log_2[4];
+enum { VALUES_MOST = 4, VALUES_HALVINGS = 55 };
+#define VALUES_SQRT sqrt
+#define VALUES_ABS fabs
+"""
+
+HOST = """
+enum { LINE = 4, LENGTH = 64 };
+#undef MOST
+#define MOST LINE
+#define STRTOREAL strtod
+#define BLANK " "
+#define USAGE "none"
+#include "host.h"
+static int expected(const char *word) { return word[0] == 'x' ? 1 : -1; }
+static void answer(const char *word, const real *from) { printf("%s %g", word, from[0]); }
+"""
+
+
+def test_they_compile_under_strict_flags() -> None:
+    """Warnings are errors, but that nothing here calls all of it."""
+    first = ["arithmetic", "intervals", "functions", "values", "decide", "policy"]
+    text = PREAMBLE + "".join(f'#include "{name}.h"\n' for name in first) + HOST
+    flags = ("-std=c99", *STRICT_FLAGS, "-Wno-unused-function", f"-I{cgen_dir() / 'monitor'}")
+    command = [*find_compiler().command, *flags, "-fsyntax-only", "-x", "c", "-"]
+    found = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stderr
+
+
+def test_all_of_them_are_compiled_here() -> None:
+    """A file that is added is added here."""
+    there = {path.stem for path in (cgen_dir() / "monitor").glob("*.h")}
+    assert there == {"arithmetic", "intervals", "functions", "values", "decide", "policy", "host"}
