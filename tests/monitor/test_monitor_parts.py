@@ -5,6 +5,8 @@ import subprocess
 from dl2c.code import cgen_dir
 from dl2c.native.toolchain import STRICT_FLAGS, find_compiler
 
+FILES = ("arithmetic", "intervals", "functions", "values", "decide", "policy")
+
 PREAMBLE = """
 #include <math.h>
 #include <stdbool.h>
@@ -39,6 +41,42 @@ enum { VALUES_MOST = 4, VALUES_HALVINGS = 55 };
 #define VALUES_ABS fabs
 """
 
+CHECK = """
+#define STATES const MODEL_state *state, const MODEL_parameters *parameters
+#define GIVEN state, parameters
+#define USABLE state->x <= 1 && parameters->p <= 1
+#define COUNTS margin < least
+#define LARGEST 1e100
+#define DL2C_SMALLEST DBL_MIN
+enum { OUT_OF_RANGE = 1, FIRST = 2, END = 4, CASES = 1 };
+static const short firsts[2] = {FIRST, END};
+"""
+
+PLAIN = """
+MODEL_verdict KIND_check_one(STATES);
+MODEL_verdict KIND_check_any(STATES);
+static bool KIND_holds(int id, STATES) { return state->x < id + parameters->p; }
+static real KIND_margin(int id, STATES) { return id + parameters->p - state->x; }
+#include "check.h"
+"""
+
+SOUND = """
+#include <float.h>
+#include <stdbool.h>
+typedef double real;
+typedef struct { real x; } MODEL_state;
+typedef struct { real p; } MODEL_parameters;
+typedef struct { int id; bool unknown; } MODEL_verdict;
+enum { IV_FALSE, IV_UNKNOWN, IV_TRUE };
+"""
+
+SOUND_CHECK = """
+MODEL_verdict KIND_check_one(STATES);
+MODEL_verdict KIND_check_any(STATES);
+static int KIND_truth(int id, STATES) { return state->x < id + parameters->p ? IV_TRUE : IV_UNKNOWN; }
+#include "sound_check.h"
+"""
+
 HOST = """
 enum { LINE = 4, LENGTH = 64 };
 #undef MOST
@@ -52,17 +90,26 @@ static void answer(const char *word, const real *from) { printf("%s %g", word, f
 """
 
 
-def test_they_compile_under_strict_flags() -> None:
+def compiled(text: str) -> None:
     """Warnings are errors, but that nothing here calls all of it."""
-    first = ["arithmetic", "intervals", "functions", "values", "decide", "policy"]
-    text = PREAMBLE + "".join(f'#include "{name}.h"\n' for name in first) + HOST
     flags = ("-std=c99", *STRICT_FLAGS, "-Wno-unused-function", f"-I{cgen_dir() / 'monitor'}")
     command = [*find_compiler().command, *flags, "-fsyntax-only", "-x", "c", "-"]
     found = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
     assert found.returncode == 0, found.stderr
 
 
+def test_they_compile_under_strict_flags() -> None:
+    """Those of monitors of numbers, of policies and of the program for the host."""
+    included = "".join(f'#include "{name}.h"\n' for name in FILES)
+    compiled(PREAMBLE + included + CHECK + PLAIN + HOST)
+
+
+def test_the_sound_check_compiles_under_strict_flags() -> None:
+    """Its verdict is another type."""
+    compiled(SOUND + CHECK + SOUND_CHECK)
+
+
 def test_all_of_them_are_compiled_here() -> None:
     """A file that is added is added here."""
     there = {path.stem for path in (cgen_dir() / "monitor").glob("*.h")}
-    assert there == {"arithmetic", "intervals", "functions", "values", "decide", "policy", "host"}
+    assert there == {*FILES, "check", "sound_check", "host"}

@@ -15,7 +15,7 @@ from dl2c.emit import names
 from dl2c.emit.cfile import comment, function, place, wrapped
 from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor.control_c import controller_functions, reading
-from dl2c.emit.monitor.copied import one_line, preprocessed
+from dl2c.emit.monitor.copied import copied_body, one_line, preprocessed
 from dl2c.emit.monitor.monitor_h import Unit, head, title_of
 from dl2c.emit.monitor.own_names import with_own_names
 from dl2c.interval.arithmetic import Interval, enclosure
@@ -142,13 +142,7 @@ def _holds(unit: Unit, check: Check, leaves: Leaves) -> str:
 def _case(unit: Unit, check: Check) -> str:
     return function(
         f"static int {check.kind}_case(int first, int end, {arguments(unit, check)}",
-        [
-            "for (int id = first; id < end; id++) {",
-            f"  if (!{check.kind}_holds(id, {passed(check)}))",
-            "    return id;",
-            "}",
-            "return 0;",
-        ],
+        copied_body("check.h", "KIND_case", words(unit, check)),
         "The first of a case's conditions that does not hold, 0 for none.",
     )
 
@@ -187,45 +181,55 @@ def _is_inequality(condition: Condition) -> bool:
 def _room(unit: Unit, check: Check) -> str:
     """How far a state that satisfies a case is from violating an inequality of it."""
     conditions = check.conditions
-    lines = [f"real least = {unit.literal(unit.largest)};"]
+    lines: list[str] = []
     counts = "margin < least"
     if not all(map(_is_inequality, conditions)):
         flags = [_is_inequality(c) for c in conditions]
         octets = [sum(flag << i for i, flag in enumerate(flags[k : k + 8])) for k in range(0, len(flags), 8)]
         listed = ", ".join(f"{octet:#04x}" for octet in octets)
-        lines = [*wrapped(f"static const unsigned char inequalities[{len(octets)}] = {{{listed}}};"), *lines]
+        lines += wrapped(f"static const unsigned char inequalities[{len(octets)}] = {{{listed}}};")
         bit = f"(id - {conditions[0].number})"
         counts = f"(inequalities[{bit} / 8] >> {bit} % 8 & 1) != 0 && {counts}"
-    lines += [
-        "for (int id = first; id < end; id++) {",
-        f"  const real margin = {check.kind}_margin(id, {passed(check)});",
-        *(f"  {line}" for line in wrapped(f"if ({counts})")),
-        "    least = margin;",
-        "}",
-        "return least;",
-    ]
+    meant = words(unit, check) | {"COUNTS": counts, "LARGEST": unit.literal(unit.largest)}
+    lines += [part for line in copied_body("check.h", "KIND_room", meant) for part in indented(line)]
     signature = f"static real {check.kind}_room(int first, int end, {arguments(unit, check)}"
     return function(signature, lines, "How much room a satisfied case leaves in its inequalities.")
 
 
 def _check(unit: Unit, check: Check) -> str:
     """A check, as the header declares it. A loop over the cases takes less code than one after another."""
-    verdict = f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, -DL2C_SMALLEST}};"
+    return function(head(unit, check), checking(unit, check, "check.h"))
+
+
+def checking(unit: Unit, check: Check, file: str) -> list[str]:
+    """The statements of a check, as a file of cgen/monitor has them."""
+    one = "KIND_check_one" if len(check.cases) < 2 else "KIND_check_any"
+    first, *rest = copied_body(file, one, words(unit, check))
     if not check.cases:
-        return function(head(unit, check), [verdict, "return verdict;"])
-    return function(
-        head(unit, check),
-        [
-            verdict,
-            *begun(check),
-            *refusal(check),
-            *(_one_case(check) if len(check.cases) == 1 else _any_case(check)),
-            f"const real margin = {check.kind}_margin(verdict.id, {passed(check)});",
-            "if (margin < verdict.val)",
-            "  verdict.val = margin;",
-            "return verdict;",
-        ],
-    )
+        return [first, "return verdict;"]
+    return [first, *begun(check), *(part for line in rest for part in indented(line))]
+
+
+def indented(line: str) -> list[str]:
+    """A statement, wrapped where it is too long."""
+    text = line.lstrip(" ")
+    return [f"{line[: len(line) - len(text)]}{part}" for part in wrapped(text)]
+
+
+def words(unit: Unit, check: Check) -> dict[str, str]:
+    """What the words of check.h stand for."""
+    states = ("before", "after") if check.transition else ("state",)
+    bounds = check.bounds if check.cases else (0, 0)
+    return {
+        "MODEL": unit.stem,
+        "KIND": check.kind,
+        "GIVEN": passed(check),
+        "USABLE": " && ".join([*(f"is_state({s})" for s in states), "are_parameters(parameters)"]),
+        "OUT_OF_RANGE": str(OUT_OF_RANGE),
+        "FIRST": str(bounds[0]),
+        "END": str(bounds[1]),
+        "CASES": str(len(check.cases)),
+    }
 
 
 def begun(check: Check) -> list[str]:
@@ -241,45 +245,6 @@ def begun(check: Check) -> list[str]:
     return [
         *comment(about).split("\n"),
         *wrapped(f"static const {kind} firsts[{len(bounds)}] = {{{listed}}};"),
-    ]
-
-
-def refusal(check: Check) -> list[str]:
-    """The end of a check of numbers that are out of range."""
-    states = ("before", "after") if check.transition else ("state",)
-    usable = " && ".join([*(f"is_state({s})" for s in states), "are_parameters(parameters)"])
-    return [f"if (!({usable}))", "  return verdict;"]
-
-
-def _one_case(check: Check) -> list[str]:
-    case = f"({', '.join(map(str, check.bounds))}, {passed(check)})"
-    return [
-        f"verdict.id = {check.kind}_case{case};",
-        "if (verdict.id == 0) {",
-        f"  verdict.val = {check.kind}_room{case};",
-        "  return verdict;",
-        "}",
-    ]
-
-
-def _any_case(check: Check) -> list[str]:
-    case = f"(firsts[k], firsts[k + 1], {passed(check)})"
-    return [
-        "int closest = -1;",
-        f"for (int k = 0; k < {len(check.cases)}; k++) {{",
-        f"  const int id = {check.kind}_case{case};",
-        "  if (id == 0) {",
-        f"    const real room = {check.kind}_room{case};",
-        "    verdict.id = 0;",
-        "    if (room > verdict.val)",
-        "      verdict.val = room;",
-        "  } else if (verdict.id != 0 && id - firsts[k] > closest) {",
-        "    closest = id - firsts[k];",
-        "    verdict.id = id;",
-        "  }",
-        "}",
-        "if (verdict.id == 0)",
-        "  return verdict;",
     ]
 
 

@@ -11,26 +11,25 @@ from dl2c.emit.cexpr import MATH
 from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.leaf import Leaves, Place
 from dl2c.emit.monitor.control_c import Holds, controller_functions
-from dl2c.emit.monitor.copied import one_line
+from dl2c.emit.monitor.copied import copied_body, one_line
 from dl2c.emit.monitor.interval_c import Statements, prelude
 from dl2c.emit.monitor.monitor_c import (
     RUNTIME,
     arguments,
     arithmetic,
-    begun,
     builder_of,
+    checking,
     in_range,
     order_of,
-    passed,
     places,
-    refusal,
     selected,
+    words,
 )
 from dl2c.emit.monitor.monitor_h import Unit, head, title_of, with_fixed
 from dl2c.emit.monitor.own_names import with_own_names
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import Formula
-from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition
+from dl2c.monitor.check import Check, Condition
 
 
 def sound_monitor_c(unit: Unit) -> str:
@@ -112,49 +111,11 @@ def _truth_of(unit: Unit, check: Check) -> str:
 def _case(unit: Unit, check: Check) -> str:
     return function(
         f"static {unit.stem}_verdict {check.kind}_case(int first, int end, {arguments(unit, check)}",
-        [
-            f"{unit.stem}_verdict verdict = {{0, false}};",
-            "for (int id = first; id < end; id++) {",
-            f"  const int truth = {check.kind}_truth(id, {passed(check)});",
-            "  if (truth == IV_FALSE || (truth == IV_UNKNOWN && verdict.id == 0)) {",
-            "    verdict.id = id;",
-            "    verdict.unknown = truth == IV_UNKNOWN;",
-            "  }",
-            "  if (truth == IV_FALSE)",
-            "    return verdict;",
-            "}",
-            "return verdict;",
-        ],
+        copied_body("sound_check.h", "KIND_case", words(unit, check)),
         "The first of a case's conditions that does not hold, else the first that may not, 0 for none.",
     )
 
 
 def _check(unit: Unit, check: Check) -> str:
     """A check, as the header declares it: a case that may hold comes before those that do not."""
-    verdict = f"{unit.stem}_verdict verdict = {{{OUT_OF_RANGE}, false}};"
-    if not check.cases:
-        return function(head(unit, check), [verdict, "return verdict;"])
-    if len(check.cases) == 1:
-        case = f"{check.kind}_case({', '.join(map(str, check.bounds))}, {passed(check)})"
-        return function(head(unit, check), [verdict, *refusal(check), f"return {case};"])
-    better = "found.unknown == verdict.unknown && found.id - firsts[k] > closest"
-    return function(
-        head(unit, check),
-        [
-            verdict,
-            *begun(check),
-            *refusal(check),
-            "int closest = -1;",
-            f"for (int k = 0; k < {len(check.cases)}; k++) {{",
-            f"  const {unit.stem}_verdict found =",
-            f"      {check.kind}_case(firsts[k], firsts[k + 1], {passed(check)});",
-            "  if (found.id == 0)",
-            "    return found;",
-            *(f"  {line}" for line in wrapped(f"if ((found.unknown && !verdict.unknown) || ({better})) {{")),
-            "    closest = found.id - firsts[k];",
-            "    verdict = found;",
-            "  }",
-            "}",
-            "return verdict;",
-        ],
-    )
+    return function(head(unit, check), checking(unit, check, "sound_check.h"))
