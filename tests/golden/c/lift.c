@@ -38,22 +38,16 @@ static inline bool flow0_inside(real h, real t)
   return (t <= 0.5) & (h >= 0.0) & (h <= 3.0);
 }
 
-/* lift.kyx:47  h <= top, margin, coefficient of tau^0 */
-static inline real flow0_domain_margin1_c0(real h)
-{
-  return 3.0 - h;
-}
-
-/* lift.kyx:47  h <= top, margin, coefficient of tau^1 */
-static inline real flow0_domain_margin1_c1(real v)
-{
-  return -v;
-}
-
 /* lift.kyx:49  t <= 0.5 */
 static inline bool flow1_inside(real t)
 {
   return t <= 0.5;
+}
+
+/* lift.kyx:47  h <= top */
+static inline real flow0_margin1(real h)
+{
+  return 3.0 - h;
 }
 
 /* lift.kyx:11  0 < h */
@@ -84,6 +78,12 @@ static inline real flow1_delivered_margin3(real clock)
 static inline real flow1_delivered_margin4(real load, real slack)
 {
   return load + slack - 1.0;
+}
+
+/* lift.kyx:47  d/dt (3 - h) along {h' = v, clock' = 1, t' = 1 & 0 <= h & h <= 3 & t <= 0.5} */
+static inline real flow0_lie1(real v)
+{
+  return -v;
 }
 
 /* lift.kyx:18  h < 3 & speed != 0 & 0 <= h & h <= 3 */
@@ -224,9 +224,10 @@ static inline bool flow0_stays(const real *y, const real *p)
 static inline void flow0_at(const real *x, const real *p, real tau, real *y)
 {
   (void)p;
-  y[X_h] = x[X_v] * tau + x[X_h];
-  y[X_clock] = tau + x[X_clock];
-  y[X_t] = tau + x[X_t];
+  const real h = x[X_h], v = x[X_v], clock = x[X_clock], t = x[X_t];
+  y[X_h] = v * tau + h;
+  y[X_clock] = tau + clock;
+  y[X_t] = tau + t;
 }
 
 /* lift.kyx:47  {h' = v, clock' = 1, t' = 1 & 0 <= h & h <= 3 & t <= 0.5} */
@@ -234,9 +235,11 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
 {
   const real until0 = 0.5;
   const real left0 = until0 - x[X_t];
-  const real exit0 = dl2c_exit_nonnegative(x[X_h], x[X_v], 0.0);
-  const real exit1 = dl2c_exit_nonnegative(flow0_domain_margin1_c0(x[X_h]),
-      flow0_domain_margin1_c1(x[X_v]), 0.0);
+  const real h = x[X_h], v = x[X_v];
+  /* lift.kyx:47  0 <= h */
+  const real exit0 = dl2c_exit_nonnegative(h, v, 0.0);
+  /* lift.kyx:47  h <= top */
+  const real exit1 = dl2c_exit_nonnegative(3.0 - h, -v, 0.0);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
   end = dl2c_select(exit1 < end, exit1, end);
@@ -270,8 +273,9 @@ static inline bool flow1_stays(const real *y, const real *p)
 static inline void flow1_at(const real *x, const real *p, real tau, real *y)
 {
   (void)p;
-  y[X_clock] = tau + x[X_clock];
-  y[X_t] = tau + x[X_t];
+  const real clock = x[X_clock], t = x[X_t];
+  y[X_clock] = tau + clock;
+  y[X_t] = tau + t;
 }
 
 /* lift.kyx:49  {clock' = 1, t' = 1 & t <= 0.5} */
@@ -366,7 +370,7 @@ static inline real model_margin(int flow, int margin, const real *x, const real 
   if (flow == 0) {
     const real h = x[X_h];
     if (margin == 0) return h;
-    if (margin == 1) return flow0_domain_margin1_c0(h);
+    if (margin == 1) return flow0_margin1(h);
   }
   if (flow == 1) {
     const real h = x[X_h], door = x[X_door], load = x[X_load], clock = x[X_clock];
@@ -567,8 +571,8 @@ static inline void model_roots(int flow, const real *x, const real *p, real *g, 
   if (flow == 0) {
     g[0] = x[X_h];
     dg[0] = x[X_v];
-    g[1] = flow0_domain_margin1_c0(x[X_h]);
-    dg[1] = flow0_domain_margin1_c1(x[X_v]);
+    g[1] = flow0_margin1(x[X_h]);
+    dg[1] = flow0_lie1(x[X_v]);
   }
 }
 

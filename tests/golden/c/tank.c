@@ -118,8 +118,9 @@ static inline bool flow0_stays(const real *y, const real *p)
 static inline void flow0_at(const real *x, const real *p, real tau, real *y)
 {
   (void)p;
-  y[X_x] = x[X_f] * tau + x[X_x];
-  y[X_t] = tau + x[X_t];
+  const real x_v = x[X_x], f = x[X_f], t = x[X_t];
+  y[X_x] = f * tau + x_v;
+  y[X_t] = tau + t;
 }
 
 /* tank.kyx:33  {x' = f, t' = 1 & t <= ep & x >= 0} */
@@ -127,7 +128,9 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
 {
   const real until0 = p[P_ep];
   const real left0 = until0 - x[X_t];
-  const real exit0 = dl2c_exit_nonnegative(x[X_x], x[X_f], 0.0);
+  const real x_v = x[X_x], f = x[X_f];
+  /* tank.kyx:33  x >= 0 */
+  const real exit0 = dl2c_exit_nonnegative(x_v, f, 0.0);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
   const bool hit0 = exit0 <= end;

@@ -42,14 +42,14 @@ static inline bool flow1_inside(real x_v)
   return x_v <= 8.0;
 }
 
-/* walk.kyx:32  x <= 8, margin, coefficient of tau^0 */
-static inline real flow1_domain_margin0_c0(real x_v)
+/* walk.kyx:32  x <= 8 */
+static inline real flow1_margin0(real x_v)
 {
   return 8.0 - x_v;
 }
 
-/* walk.kyx:32  x <= 8, margin, coefficient of tau^1 */
-static inline real flow1_domain_margin0_c1(real v)
+/* walk.kyx:32  d/dt (8 - x) along {x' = v & x <= 8} */
+static inline real flow1_lie0(real v)
 {
   return -v;
 }
@@ -187,8 +187,9 @@ static inline bool flow0_stays(const real *y, const real *p)
 static inline void flow0_at(const real *x, const real *p, real tau, real *y)
 {
   (void)p;
-  y[X_x] = x[X_v] * tau + x[X_x];
-  y[X_t] = tau + x[X_t];
+  const real x_v = x[X_x], t = x[X_t], v = x[X_v];
+  y[X_x] = v * tau + x_v;
+  y[X_t] = tau + t;
 }
 
 /* walk.kyx:41  {x' = v, t' = 1 & t <= 1 & x >= 0} */
@@ -196,7 +197,9 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
 {
   const real until0 = 1.0;
   const real left0 = until0 - x[X_t];
-  const real exit0 = dl2c_exit_nonnegative(x[X_x], x[X_v], 0.0);
+  const real x_v = x[X_x], v = x[X_v];
+  /* walk.kyx:41  x >= 0 */
+  const real exit0 = dl2c_exit_nonnegative(x_v, v, 0.0);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
   const bool hit0 = exit0 <= end;
@@ -226,14 +229,16 @@ static inline bool flow1_stays(const real *y, const real *p)
 static inline void flow1_at(const real *x, const real *p, real tau, real *y)
 {
   (void)p;
-  y[X_x] = x[X_v] * tau + x[X_x];
+  const real x_v = x[X_x], v = x[X_v];
+  y[X_x] = v * tau + x_v;
 }
 
 /* walk.kyx:32  {x' = v & x <= 8} */
 static inline int64_t flow1_motion(const real *x, const real *p, real *y, real *duration)
 {
-  const real exit0 = dl2c_exit_nonnegative(flow1_domain_margin0_c0(x[X_x]),
-      flow1_domain_margin0_c1(x[X_v]), 0.0);
+  const real x_v = x[X_x], v = x[X_v];
+  /* walk.kyx:32  x <= 8 */
+  const real exit0 = dl2c_exit_nonnegative(8.0 - x_v, -v, 0.0);
   real end = 0.1;
   end = dl2c_select(exit0 < end, exit0, end);
   const bool hit0 = exit0 <= end;
@@ -321,7 +326,7 @@ static inline real model_margin(int flow, int margin, const real *x, const real 
   }
   if (flow == 1) {
     const real x_v = x[X_x];
-    if (margin == 0) return flow1_domain_margin0_c0(x_v);
+    if (margin == 0) return flow1_margin0(x_v);
   }
   return 0.0;
 }
@@ -444,8 +449,8 @@ static inline void model_roots(int flow, const real *x, const real *p, real *g, 
     dg[0] = x[X_v];
   }
   if (flow == 1) {
-    g[0] = flow1_domain_margin0_c0(x[X_x]);
-    dg[0] = flow1_domain_margin0_c1(x[X_v]);
+    g[0] = flow1_margin0(x[X_x]);
+    dg[0] = flow1_lie0(x[X_v]);
   }
 }
 

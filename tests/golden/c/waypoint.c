@@ -38,12 +38,6 @@ static inline bool flow0_inside(real vr, real t, real ep)
   return (t <= ep) & (vr >= 0.0);
 }
 
-/* xr(tau), coefficient of tau^2 */
-static inline real flow0_xr_c2(real ar)
-{
-  return ar / 2.0;
-}
-
 /* waypoint.kyx:51  0 <= vr */
 static inline real loopInv_margin1(real vr, real slack)
 {
@@ -266,10 +260,11 @@ static inline bool flow0_stays(const real *y, const real *p)
 static inline void flow0_at(const real *x, const real *p, real tau, real *y)
 {
   (void)p;
-  y[X_xr] = (flow0_xr_c2(x[X_ar]) * tau + x[X_vr]) * tau + x[X_xr];
-  y[X_vr] = x[X_ar] * tau + x[X_vr];
-  y[X_t] = tau + x[X_t];
-  y[X_T] = -tau + x[X_T];
+  const real xr = x[X_xr], vr = x[X_vr], ar = x[X_ar], t = x[X_t], T = x[X_T];
+  y[X_xr] = ((ar / 2.0) * tau + vr) * tau + xr;
+  y[X_vr] = ar * tau + vr;
+  y[X_t] = tau + t;
+  y[X_T] = -tau + T;
 }
 
 /* waypoint.kyx:68  {xr' = vr, vr' = ar, t' = 1, T' = -1 & t <= ep & vr >= 0} */
@@ -277,7 +272,9 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
 {
   const real until0 = p[P_ep];
   const real left0 = until0 - x[X_t];
-  const real exit0 = dl2c_exit_nonnegative(x[X_vr], x[X_ar], 0.0);
+  const real vr = x[X_vr], ar = x[X_ar];
+  /* waypoint.kyx:68  vr >= 0 */
+  const real exit0 = dl2c_exit_nonnegative(vr, ar, 0.0);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
   const bool hit0 = exit0 <= end;
