@@ -16,7 +16,7 @@ static inline real dl2c_growth_limit(const real *x)
   return DL2C_GROWN * largest;
 }
 
-#if DL2C_SOLVED_FLOWS || DL2C_DOPRI_FLOWS
+#ifdef DL2C_RTOL
 /* The relative uncertainty of time: ends of flows are within ten tolerances. */
 #define DL2C_TIME_SHARE (10.0 * DL2C_RTOL)
 

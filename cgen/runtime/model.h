@@ -39,6 +39,7 @@
  *   bool model_admits(int path, int input, x, p, u)              tests that this input decides
  *   bool model_update(int path, x, p, u, real *y)                false: a value is undefined
  *   bool model_assign(int64_t path, x, p, u, real *y)            the same by selection, for lanes
+ *   DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, ...                  kernels: how flows are followed (dl2c/flows/kernel.py)
  *   static const uint8_t FLOW_KERNEL[], WATCH_CUTS[]; static const int32_t FLOW_MARGINS[], FLOW_DURATION[];
  *   static const real FLOW_REACH[];              how long its domain may take to end a flow without a clock, or 0
  *   int64_t model_motion(int flow, x, p, real *y, real *duration)   a dl2c_motion; flows of kernel QUICK
@@ -119,15 +120,6 @@ typedef enum dl2c_motion {
   DL2C_UNSOLVED = 3,  /* the solver failed */
   DL2C_DOUBTFUL = 4,  /* rounding may decide where it ends: search for the end */
 } dl2c_motion;
-
-/* How a flow is followed. */
-typedef enum dl2c_kernel {
-  DL2C_QUICK = 0,    /* straight-line motion, a polynomial of time */
-  DL2C_SOLUTION = 1, /* a polynomial of time whose end is searched */
-  DL2C_LINEAR = 2,   /* linear equations: power series */
-  DL2C_NUMERIC = 3,  /* CVODES */
-  DL2C_DOPRI = 4,    /* the Runge-Kutta method of Dormand and Prince */
-} dl2c_kernel;
 
 /* What became of a watch in a step: a safety predicate that was violated on the way has failed. */
 typedef enum dl2c_watched {

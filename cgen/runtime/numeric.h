@@ -118,7 +118,7 @@ static bool dl2c_integrator_done(const dl2c_integrator *integrator)
  */
 static bool dl2c_lost(const dl2c_integrator *integrator, const dl2c_track *track, real limit)
 {
-#if DL2C_SOLVED_FLOWS || DL2C_DOPRI_FLOWS
+#ifdef DL2C_RTOL
   if (integrator->kernel > DL2C_LINEAR)
     return dl2c_blows_up(integrator->flow, integrator->p, track->end, limit, track->from + track->length);
 #endif

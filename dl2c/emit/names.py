@@ -7,7 +7,9 @@ before its index, so every name made here that has `_` before a letter is new.
 import keyword
 import re
 from collections.abc import Collection
+from functools import cache
 
+from dl2c.code import cgen_dir
 from dl2c.ir.model import Symbol
 
 C_WORDS = frozenset(
@@ -93,35 +95,20 @@ def after(symbol: Symbol) -> str:
     return slot(symbol, "y")
 
 
-RUNTIME_FILES = frozenset(
-    [
-        *("actions", "active_set", "admissible", "ahead", "batch", "block", "dense", "dl2c"),
-        *("dopri5", "events", "flow_cvodes", "flow_exact", "growth", "hull", "judge", "lanes", "linear"),
-        *(
-            "model",
-            "move",
-            "no_inputs",
-            "numbers",
-            "numeric",
-            "pieces",
-            "project",
-            "rng",
-            "sampler",
-            "search",
-        ),
-        *("snapshot", "state", "step", "stretch", "sundials", "sundials_casadi", "sundials_system", "target"),
-        *("taylor", "taylor_functions", "threads", "travel", "zeros"),
-    ]
-)
-"""Headers of the runtime, which a model's own header must not hide."""
-
 LONGEST_STEM = 60
+
+
+@cache
+def runtime_headers() -> frozenset[str]:
+    """Headers of the runtime, which a model's own header must not hide."""
+    folders = (cgen_dir() / folder for folder in ("include", "runtime"))
+    return frozenset(path.stem for folder in folders for path in folder.glob("*.h"))
 
 
 def file_stem(model_name: str) -> str:
     """The base name of a model's generated files: letters, digits and `_`, not starting with a digit."""
     stem = "".join(c if c.isascii() and c.isalnum() else "_" for c in model_name[:LONGEST_STEM]) or "model"
-    if stem.lower() in RUNTIME_FILES:
+    if stem.lower() in runtime_headers():
         stem = f"{stem}_model"
     return f"m{stem}" if stem[0].isdigit() else stem
 

@@ -3,19 +3,12 @@
 from collections.abc import Iterator
 
 from dl2c.flows.exact import MAX_ROOT_DEGREE
-from dl2c.flows.kernel import FlowPlan, Kernel, constant_along
+from dl2c.flows.kernel import KERNELS, FlowPlan, constant_along
 from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import atoms, subterms
 from dl2c.ir.margins import margin_of
 from dl2c.ir.model import Call, Compare, Formula, Model
 from dl2c.ir.printer import print_formula
-
-MOTIONS: dict[Kernel, str] = {
-    "exact": "the solution",
-    "linear": "the solution, a power series to the last digit",
-    "cvodes": "the solver's interpolant; that this is within the tolerances of the solution is not",
-    "dopri5": "the method's interpolant; that this is within the tolerances of the solution is not",
-}
 
 
 def certainties(plan: FlowPlan, model: Model) -> Iterator[tuple[str, str]]:
@@ -49,4 +42,4 @@ def _searched(formula: Formula, plan: FlowPlan) -> str:
     calls = {t.function for t in subterms(formula) if isinstance(t, Call)}
     named = sorted(name for name in calls if not FUNCTIONS[name].exact)
     library = f"; {', '.join(named)} of the C library taken as 2^-50 off at most" if named else ""
-    return f"certified along {MOTIONS[plan.kernel]}{library}"
+    return f"certified along {KERNELS[plan.kernel].motion}{library}"

@@ -23,6 +23,31 @@ from dl2c.source import Span
 
 Kernel: TypeAlias = Literal["exact", "linear", "cvodes", "dopri5"]
 
+
+@dataclass(frozen=True, slots=True)
+class KernelFacts:
+    """`code` names the kernel in C, `part` the part of the runtime that it needs, "" for none. `motion` says
+    what its tracks are; with `tolerances` they approximate the solution, in steps that `rtol` and `atol` choose.
+    """
+
+    code: str
+    motion: str
+    part: str = ""
+    tolerances: bool = False
+
+
+APPROXIMATE = "that this is within the tolerances of the solution is not"
+
+KERNELS: Mapping[Kernel, KernelFacts] = {
+    "exact": KernelFacts("SOLUTION", "the solution"),
+    "linear": KernelFacts("LINEAR", "the solution, a power series to the last digit", "LINEAR"),
+    "cvodes": KernelFacts("NUMERIC", f"the solver's interpolant; {APPROXIMATE}", "SOLVED", tolerances=True),
+    "dopri5": KernelFacts("DOPRI", f"the method's interpolant; {APPROXIMATE}", "DOPRI", tolerances=True),
+}
+
+QUICK = "QUICK"
+"""The code of straight-line motion, which is what `exact` flows of low degree have."""
+
 QUICK_DEGREE = 2
 """Straight-line code proves of margins of this degree that they keep their sign."""
 
@@ -189,7 +214,7 @@ def _smoothed(watch: Watch, moves: Moves) -> Watch:
 
 def _solved(flow: Flow, integrator: Integrator) -> tuple[Solution | None, str]:
     """The polynomial solution if it can be used, and the reason for the kernel that follows from it."""
-    if integrator in ("cvodes", "dopri5"):
+    if integrator not in ("auto", "exact"):
         return None, f"integrator={integrator} was asked for"
     solution = solve(flow)
     if isinstance(solution, NotPolynomial):

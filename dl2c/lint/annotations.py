@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 from dl2c.diagnostics import Diagnostic, warning
-from dl2c.emit.simulator.judge_c import observed
 from dl2c.flows.kernel import constant_along
 from dl2c.interval.arithmetic import WHOLE, Interval, enclosure, evaluate
 from dl2c.interval.bounded import initial_box
@@ -11,6 +10,7 @@ from dl2c.ir.liveness import read_first
 from dl2c.ir.logic import conjuncts, symbols
 from dl2c.ir.model import ONE, ZERO, Bound, Compare, Flow, Formula, Model, Number, Predicate, Symbol, Term
 from dl2c.lint.world import bounds_of, changing, rigid_facts
+from dl2c.lower.observations import observed
 from dl2c.options import DEFAULT_DT, Options
 from dl2c.paths.path import END, Paths
 from dl2c.resolve.predicates import AnnotatedPredicate

@@ -8,11 +8,11 @@ from typing import Any
 from dl2c.emit.cfile import place
 from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.emit.plan import Environment
-from dl2c.emit.simulator.judge_c import observation_limits, observed
 from dl2c.flows.certainty import certainties
 from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import Bound, Constant, Role, Variable
 from dl2c.ir.printer import print_flow, print_number
+from dl2c.lower.observations import observation_limits, observed
 from dl2c.monitor.check import OUT_OF_RANGE
 from dl2c.native.manifest import (
     ChoiceSpec,

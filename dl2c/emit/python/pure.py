@@ -24,9 +24,9 @@ from dl2c.emit.python.parts import (
     start_function,
 )
 from dl2c.emit.python.text import agent_decisions, class_name, clean, file_name, headline, sections
-from dl2c.emit.simulator.judge_c import observation_limits, observed
 from dl2c.flows.watch import surely_positive
 from dl2c.ir.model import Constant, Model, Number, Term, Variable
+from dl2c.lower.observations import observation_limits, observed
 from dl2c.source import Source
 
 ARGUMENTS = (

@@ -9,10 +9,10 @@ from collections.abc import Iterator, Sequence
 
 from dl2c.emit.cfile import place
 from dl2c.emit.plan import Environment
-from dl2c.emit.simulator.judge_c import observation_limits, observed
 from dl2c.ir.logic import conjuncts
 from dl2c.ir.model import Constant, Formula, Model, Predicate, Trigger, Variable
 from dl2c.ir.printer import print_flow, print_formula, print_number, print_term
+from dl2c.lower.observations import observation_limits, observed
 from dl2c.paths.path import Decision, Input
 from dl2c.source import NOWHERE, Source
 

@@ -5,9 +5,6 @@ Sections: leaf functions of predicates, rewards, precondition and postcondition,
 """
 
 import math
-from fractions import Fraction
-
-import numpy as np
 
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import LANES, each_flag, each_lane, function, place, wrapped
@@ -15,10 +12,10 @@ from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import lane
 from dl2c.emit.plan import Environment
 from dl2c.flows.watch import watches_of
-from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Rank, Symbol, Term, rank
+from dl2c.ir.model import TRUE, Formula, Model, Predicate, Rank, Term, rank
 from dl2c.ir.printer import print_formula, print_term
 from dl2c.ir.slack import equalities_relaxed
-from dl2c.options import Options
+from dl2c.lower.observations import observation_limits, observed
 
 STATE = "const real *x, const real *p"
 STATUS = {"none": "DL2C_NONE", "success": "DL2C_SUCCESS", "failure": "DL2C_FAILURE"}
@@ -212,31 +209,6 @@ def _endings(model: Model) -> list[str]:
 def _failed(predicate: Predicate, good: str) -> str:
     """When a predicate counts as failed; a progress predicate only once its obligation is due."""
     return f"facts[F_{predicate.name}_failed * row + i]" if predicate.category == "progress" else f"!{good}"
-
-
-def observed(model: Model, options: Options) -> list[tuple[str, Symbol, Bound]]:
-    """The entries of an observation: observed variables, then sampled constants (semantics 7)."""
-    entries = [(v.name, Symbol(v.name, "variable"), v.bound) for v in model.variables if v.observed]
-    if options.observe_constants:
-        sampled = [c for c in model.constants if c.value is None and c.observed]
-        entries += [(c.name, Symbol(c.name, "constant"), c.bound) for c in sampled]
-    return entries
-
-
-def observation_limits(bound: Bound, options: Options) -> tuple[float, float]:
-    """The declared bound rounded outward to the observation's type; infinite where open or not wanted."""
-    if options.observation_bounds == "unbounded":
-        return -math.inf, math.inf
-    low = -math.inf if bound.low is None else _outward(bound.low, -1, options)
-    return low, math.inf if bound.high is None else _outward(bound.high, 1, options)
-
-
-def _outward(value: Fraction, direction: int, options: Options) -> float:
-    kind = np.float32 if options.obs_dtype == "float32" else np.float64
-    near = kind(float(value))
-    if (Fraction(float(near)) - value) * direction < 0:
-        near = np.nextafter(near, kind(direction * math.inf))
-    return float(near)
 
 
 def _observe(environment: Environment, leaves: Leaves) -> str:

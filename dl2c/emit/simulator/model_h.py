@@ -7,14 +7,16 @@ from dl2c.emit.cfile import LICENCE, comment, enumeration, filled
 from dl2c.emit.names import file_stem, index
 from dl2c.emit.plan import Environment
 from dl2c.emit.simulator.inputs_c import critical_count
-from dl2c.emit.simulator.judge_c import fact_names, observed
+from dl2c.emit.simulator.judge_c import fact_names
 from dl2c.emit.simulator.paths_c import decides_in_lanes, flows_in_lanes, steps_in_lanes
 from dl2c.emit.simulator.rates_c import root_count
 from dl2c.emit.simulator.sampler_c import free_names
 from dl2c.emit.simulator.start_c import projection_count, start_symbols
 from dl2c.emit.simulator.watch_c import margin_count, searched
+from dl2c.flows.kernel import KERNELS, QUICK
 from dl2c.flows.watch import watches_of
 from dl2c.ir.model import Symbol
+from dl2c.lower.observations import observed
 from dl2c.paths.path import Decision, Input, Paths
 
 
@@ -111,15 +113,14 @@ def _kernels(environment: Environment) -> str:
     """Which parts of the runtime the flows need, and the tolerances of the solver."""
     options = environment.options
     kernels = {f.kernel for f in environment.flows}
-    needs = {
-        "SOLVED": "cvodes" in kernels or any(f.stiff for f in environment.flows),
-        "DOPRI": "dopri5" in kernels,
-        "LINEAR": "linear" in kernels,
-        "TRACKED": bool(kernels - {"exact"}),
-        "SEARCHED": searched(environment),
-    }
-    text = "".join(f"#define DL2C_{name}_FLOWS {int(value)}\n" for name, value in needs.items())
-    if needs["SOLVED"] or needs["DOPRI"]:
+    spare = any(f.stiff for f in environment.flows)
+    needs = {facts.part: kernel in kernels for kernel, facts in KERNELS.items() if facts.part}
+    needs["SOLVED"] |= spare
+    needs |= {"TRACKED": bool(kernels - {"exact"}), "SEARCHED": searched(environment)}
+    codes = [f"DL2C_{code}" for code in (QUICK, *(facts.code for facts in KERNELS.values()))]
+    text = filled(f"enum {{ {', '.join(codes)} }};", 96) + " /* kernels: how flows are followed */\n"
+    text += "".join(f"#define DL2C_{name}_FLOWS {int(value)}\n" for name, value in needs.items())
+    if spare or any(KERNELS[kernel].tolerances for kernel in kernels):
         text += f"#define DL2C_RTOL {number(float(options.rtol))}\n"
         text += f"#define DL2C_ATOL {number(float(options.atol))}\n"
     if needs["SOLVED"] and "cvodes" not in kernels:

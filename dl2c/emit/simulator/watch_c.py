@@ -18,7 +18,7 @@ from dl2c.emit.simulator.enclosed_c import Enclosed
 from dl2c.emit.simulator.hull_c import event_free_function, over_atoms
 from dl2c.emit.simulator.labels import Label, atom_name, margin_labels, quoted
 from dl2c.emit.simulator.rates_c import selected
-from dl2c.flows.kernel import FlowPlan, constant_along
+from dl2c.flows.kernel import KERNELS, QUICK, FlowPlan, constant_along
 from dl2c.flows.watch import watches_of
 from dl2c.ir.logic import atoms, conjunction, operands, symbols
 from dl2c.ir.model import TRUE, And, Compare, Formula, Number, Or, Symbol, Term, Truth
@@ -90,15 +90,7 @@ def _durations(environment: Environment) -> list[str]:
 
 
 def _kind(plan: FlowPlan) -> str:
-    match plan.kernel:
-        case "cvodes":
-            return "DL2C_NUMERIC"
-        case "dopri5":
-            return "DL2C_DOPRI"
-        case "linear":
-            return "DL2C_LINEAR"
-        case "exact":
-            return "DL2C_SOLUTION" if plan.quick is None else "DL2C_QUICK"
+    return f"DL2C_{QUICK if plan.quick is not None else KERNELS[plan.kernel].code}"
 
 
 def _margin(environment: Environment, leaves: Leaves) -> str:
