@@ -9,7 +9,7 @@ def main() -> None:
     """Run the command line. Raises `SystemExit`."""
     end_at_once()
     try:
-        from dl2c.cli import main as command
+        from dl2c.experiments.commands import main as command
 
         raise_again()
         command()

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from dl2c.cli import app
+from dl2c.cli import app, main
 from dl2c.commands.arguments import Model
 from dl2c.commands.failures import to_json
 from dl2c.commands.flags import Json, model_options
@@ -14,6 +14,8 @@ from dl2c.commands.verbosity import talkative
 from dl2c.commands.waiting import working
 from dl2c.experiments.paper.command import paper
 from dl2c.experiments.studies.command import study
+
+__all__ = ["app", "main"]
 
 
 @app.command()

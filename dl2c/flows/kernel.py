@@ -27,7 +27,7 @@ Kernel: TypeAlias = Literal["exact", "linear", "cvodes", "dopri5"]
 @dataclass(frozen=True, slots=True)
 class KernelFacts:
     """`code` names the kernel in C, `part` the part of the runtime that it needs, "" for none. `motion` says
-    what its tracks are; with `tolerances` they approximate the solution, in steps that `rtol` and `atol` choose.
+    what its tracks are; with `tolerances` they approximate the solution as `rtol` and `atol` ask.
     """
 
     code: str

@@ -120,7 +120,7 @@ def _kernels(environment: Environment) -> str:
     codes = [f"DL2C_{code}" for code in (QUICK, *(facts.code for facts in KERNELS.values()))]
     text = filled(f"enum {{ {', '.join(codes)} }};", 96) + " /* kernels: how flows are followed */\n"
     text += "".join(f"#define DL2C_{name}_FLOWS {int(value)}\n" for name, value in needs.items())
-    if spare or any(KERNELS[kernel].tolerances for kernel in kernels):
+    if spare or any(facts.tolerances and kernel in kernels for kernel, facts in KERNELS.items()):
         text += f"#define DL2C_RTOL {number(float(options.rtol))}\n"
         text += f"#define DL2C_ATOL {number(float(options.atol))}\n"
     if needs["SOLVED"] and "cvodes" not in kernels:
