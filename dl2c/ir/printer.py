@@ -5,6 +5,7 @@ What a person reads in `dl2c emit --stage ir` and in the comments of generated C
 
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
+from itertools import count
 from typing import assert_never
 
 from dl2c.ir.model import (
@@ -46,20 +47,25 @@ SHORT = 17
 
 def print_number(value: Fraction) -> str:
     """A decimal where the number has a short one, else the double it is, else a quotient."""
+    places = decimal_places(value)
+    if places is None:
+        return f"{value.numerator}/{value.denominator}"
+    if places > SHORT and Fraction(float(value)) == value:
+        return repr(float(value))
+    whole = str(abs((value * 10**places).numerator)).rjust(places + 1, "0")
+    sign = "-" if value < 0 else ""
+    return sign + (whole if places == 0 else f"{whole[:-places]}.{whole[-places:]}")
+
+
+def decimal_places(value: Fraction) -> int | None:
+    """How many digits after the point the number has as a decimal; None where it is none."""
     denominator = value.denominator
     for prime in (2, 5):
         while denominator % prime == 0:
             denominator //= prime
     if denominator != 1:
-        return f"{value.numerator}/{value.denominator}"
-    digits = 0
-    while (value * 10**digits).denominator != 1:
-        digits += 1
-    if digits > SHORT and Fraction(float(value)) == value:
-        return repr(float(value))
-    whole = str(abs((value * 10**digits).numerator)).rjust(digits + 1, "0")
-    sign = "-" if value < 0 else ""
-    return sign + (whole if digits == 0 else f"{whole[:-digits]}.{whole[-digits:]}")
+        return None
+    return next(places for places in count() if (value * 10**places).denominator == 1)
 
 
 def print_term(term: Term) -> str:

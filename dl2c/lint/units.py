@@ -91,7 +91,7 @@ class _Units:
                     if isinstance(equation, tree.AtomicODE):
                         self.rate(equation, scope)
                 self.node(domain, scope)
-            case tree.Forall(name, child) | tree.Exists(name, child):
+            case tree.Quantified(name, child):
                 self.node(child, {**scope, name: None})
             case _:
                 for child in children(node):
@@ -219,7 +219,7 @@ def _is_number(term: tree.Term) -> bool:
             return True
         case tree.Neg(child):
             return _is_number(child)
-        case tree.Plus() | tree.Minus() | tree.Times() | tree.Divide() | tree.Power():
+        case tree.BinaryTerm():
             return _is_number(term.left) and _is_number(term.right)
         case _:
             return False

@@ -269,51 +269,23 @@ def _predicates(problem: Problem, scope: Scope, options: Options) -> tuple[ir.Pr
     """Annotated predicates; without any annotation Q is a safety predicate (semantics 6)."""
     if problem.annotated:
         return tuple(_predicate(p, scope, options) for p in problem.predicates)
-    implied: list[ir.Predicate] = []
-    if problem.shape.postcondition is not None:
-        lowered = lower_predicate("postcondition", problem.shape.postcondition, scope, options.tolerance)
-        implied.append(
-            ir.Predicate(
-                name="postcondition",
-                category="safety",
-                formula=lowered.formula,
-                relaxed=lowered.relaxed,
-                along=lowered.along,
-                slacks=lowered.slacks,
-                penalty=ir.Number(UNANNOTATED_PENALTY),
-                on_failure=ir.Trigger("terminate", "failure"),
-                span=problem.shape.postcondition.span,
-            )
-        )
-    if problem.shape.progress is not None and problem.shape.postcondition is None:
-        lowered = lower_predicate("progress", problem.shape.progress, scope, options.tolerance)
-        implied.append(
-            ir.Predicate(
-                name="progress",
-                category="progress",
-                formula=lowered.formula,
-                relaxed=lowered.relaxed,
-                along=lowered.along,
-                slacks=lowered.slacks,
-                reward=ir.ONE,
-                on_success=ir.Trigger("terminate", "success"),
-                span=problem.shape.progress.span,
-            )
-        )
-    return tuple(implied)
+    post, progress = problem.shape.postcondition, problem.shape.progress
+    if post is not None:
+        implied = lower_predicate("postcondition", "safety", post, scope, options.tolerance)
+        failure = ir.Trigger("terminate", "failure")
+        return (replace(implied, penalty=ir.Number(UNANNOTATED_PENALTY), on_failure=failure),)
+    if progress is not None:
+        implied = lower_predicate("progress", "progress", progress, scope, options.tolerance)
+        return (replace(implied, reward=ir.ONE, on_success=ir.Trigger("terminate", "success")),)
+    return ()
 
 
 def _predicate(predicate: AnnotatedPredicate, scope: Scope, options: Options) -> ir.Predicate:
     annotation = predicate.annotation
     name = predicate.declaration.name
-    lowered = lower_predicate(name, predicate.formula, scope, options.tolerance)
-    return ir.Predicate(
-        name=name,
-        category=annotation.category,
-        formula=lowered.formula,
-        relaxed=lowered.relaxed,
-        along=lowered.along,
-        slacks=lowered.slacks,
+    lowered = lower_predicate(name, annotation.category, predicate.formula, scope, options.tolerance)
+    return replace(
+        lowered,
         reward=_value(predicate.reward, scope),
         penalty=_value(predicate.penalty, scope),
         shape=_value(predicate.shape, scope),

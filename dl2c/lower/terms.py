@@ -16,6 +16,7 @@ from dl2c.ir.logic import NEGATED, always_defined, conjunction, delta, disjuncti
 from dl2c.ir.slack import Slacks, settled
 from dl2c.lower.modal import Modality, Scope
 from dl2c.parse import tree
+from dl2c.parse.errors import beyond_doubles
 from dl2c.quantifiers.eliminate import Quantifier, eliminated
 from dl2c.resolve.symbols import nodes
 from dl2c.source import Span
@@ -24,6 +25,8 @@ from dl2c.work import spend
 PI = Fraction(884279719003555, 281474976710656)
 E = Fraction(6121026514868073, 2251799813685248)
 """The doubles nearest to pi and e, as exact numbers."""
+
+OPERATIONS = {tree.Plus: ir.Add, tree.Minus: ir.Sub, tree.Times: ir.Mul, tree.Divide: ir.Div}
 
 MAX_EXPONENT = 64
 """A literal exponent up to this is repeated multiplication, above it a call of pow."""
@@ -35,7 +38,7 @@ def lower_term(term: tree.Term, scope: Scope) -> ir.Term:
     """The IR of a term; operations on numbers fold. Raises `CompileError` for a number that is no double."""
     lowered = _lowered(term, scope)
     if isinstance(lowered, ir.Number) and abs(lowered.value) > LARGEST:
-        raise CompileError(_beyond_doubles(term.span))
+        raise CompileError(beyond_doubles(term.span))
     return lowered
 
 
@@ -54,16 +57,11 @@ def _lowered(term: tree.Term, scope: Scope) -> ir.Term:
             return folded(ir.Call(name, tuple(lower_term(a, scope) for a in args)))
         case tree.Neg(child):
             return folded(ir.Neg(lower_term(child, scope)))
-        case tree.Plus(left, right):
-            return folded(ir.Add(lower_term(left, scope), lower_term(right, scope)))
-        case tree.Minus(left, right):
-            return folded(ir.Sub(lower_term(left, scope), lower_term(right, scope)))
-        case tree.Times(left, right):
-            return folded(ir.Mul(lower_term(left, scope), lower_term(right, scope)))
-        case tree.Divide(left, right):
-            return folded(ir.Div(lower_term(left, scope), lower_term(right, scope)))
         case tree.Power(left, right):
             return _power(lower_term(left, scope), lower_term(right, scope))
+        case tree.BinaryTerm():
+            operation = OPERATIONS[type(term)]
+            return folded(operation(lower_term(term.left, scope), lower_term(term.right, scope)))
         case tree.DifferentialSymbol() | tree.Differential() | tree.UnitFunctional():
             raise AssertionError("check_executable refuses these")
         case _:
@@ -98,23 +96,17 @@ def lower_formula(formula: tree.Formula, scope: Scope) -> ir.Formula:
     return _decided(_Lowering(STRICT).formula(formula, scope))
 
 
-@dataclass(frozen=True, slots=True)
-class Lowered:
-    """An annotated predicate: as it is, with every atom of the source relaxed, and as it is watched along
-    flows (see `ir.Predicate`).
+def lower_predicate(
+    name: str, category: ir.Category, formula: tree.Formula, scope: Scope, tolerance: Fraction
+) -> ir.Predicate:
+    """A predicate without rewards and triggers: as it is, with every atom of the source relaxed, and as it
+    is watched along flows (semantics 5).
     """
-
-    formula: ir.Formula
-    relaxed: ir.Formula
-    along: ir.Formula
-    slacks: tuple[tuple[ir.Symbol, ir.Term], ...]
-
-
-def lower_predicate(name: str, formula: tree.Formula, scope: Scope, tolerance: Fraction) -> Lowered:
-    """An annotated predicate of that name (semantics 5)."""
     slacks = Slacks(name, tolerance, {})
     along = _decided(_Lowering(slacks).formula(formula, scope))
-    return Lowered(lower_formula(formula, scope), settled(along, slacks.starts), along, slacks.starts)
+    relaxed = settled(along, slacks.starts)
+    exact = lower_formula(formula, scope)
+    return ir.Predicate(name, category, exact, relaxed, along=along, slacks=slacks.starts, span=formula.span)
 
 
 def _decided(formula: ir.Formula) -> ir.Formula:
@@ -148,13 +140,13 @@ class _Lowering:
             case tree.Equiv(left, right):
                 one = self.formula(tree.Imply(left, right), scope, negated)
                 return both((one, self.formula(tree.Imply(right, left), scope, negated)))
-            case tree.Forall(name, child) | tree.Exists(name, child):
+            case tree.Quantified(name, child):
                 bound = ir.Symbol(f"bound {name}", "variable")
                 body = self.formula(child, {**scope, name: bound}, negated)
                 everything = isinstance(formula, tree.Forall) != negated
-                nested = any(isinstance(n, (tree.Forall, tree.Exists)) for n in nodes(child))
+                nested = any(isinstance(n, tree.Quantified) for n in nodes(child))
                 return eliminated(Quantifier(everything, name, bound, nested, formula.span), body)
-            case tree.Box(program, child) | tree.Diamond(program, child):
+            case tree.Modal(program, child):
                 everything = isinstance(formula, tree.Box) != negated
                 runs = Modality(everything, negated, child, formula.span, self.formula, lower_term)
                 return runs.after((program,), scope)
@@ -169,24 +161,14 @@ class _Lowering:
 def lower_delta(formula: tree.Formula, scope: Scope) -> ir.Term:
     """The distance to satisfaction of a formula (paper eq. 4-5)."""
     for node in nodes(formula):
-        if isinstance(node, (tree.Forall, tree.Exists)):
+        if isinstance(node, tree.Quantified):
             raise CompileError(_no_distance(node.span, "a quantifier compares no terms"))
-        if isinstance(node, (tree.Box, tree.Diamond)):
+        if isinstance(node, tree.Modal):
             raise CompileError(_no_distance(node.span, "a program compares no terms"))
     term = delta(_Lowering(STRICT).formula(formula, scope))
     if term is None:
         raise CompileError(_no_distance(formula.span, "it is always true or always false"))
     return term
-
-
-def _beyond_doubles(span: Span) -> Diagnostic:
-    return error(
-        "number-out-of-range",
-        "this number is too large",
-        span,
-        "no floating-point number is as large",
-        "choose other units",
-    )
 
 
 def _no_distance(span: Span, why: str) -> Diagnostic:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import assert_never, cast
 
+from dl2c.ir.printer import decimal_places
 from dl2c.parse.archive import read_archive
 from dl2c.parse.notes import with_notes
 from dl2c.parse.tree import (
@@ -18,10 +19,12 @@ from dl2c.parse.tree import (
     Assign,
     AssignAny,
     AtomicODE,
+    BinaryTerm,
     Box,
     Choice,
     Compare,
     Compose,
+    Connective,
     Declaration,
     Diamond,
     Differential,
@@ -32,7 +35,6 @@ from dl2c.parse.tree import (
     Dual,
     Entry,
     Equiv,
-    Exists,
     Forall,
     Formula,
     FuncOf,
@@ -50,6 +52,7 @@ from dl2c.parse.tree import (
     PredOf,
     Program,
     ProgramConst,
+    Quantified,
     Term,
     Test,
     Times,
@@ -65,6 +68,19 @@ SUM, PRODUCT, POWER, ATOM = range(4)
 
 EQUIV, IMPLY, OR, AND, UNARY = range(5)
 """How strongly a formula binds."""
+
+INFIX: dict[type, tuple[str, int, int, int]] = {
+    Plus: (" + ", SUM, SUM, PRODUCT),
+    Minus: (" - ", SUM, SUM, PRODUCT),
+    Times: ("*", PRODUCT, PRODUCT, POWER),
+    Divide: ("/", PRODUCT, PRODUCT, POWER),
+    Power: ("^", POWER, ATOM, POWER),
+    And: (" & ", AND, UNARY, AND),
+    Or: (" | ", OR, AND, OR),
+    Imply: (" -> ", IMPLY, OR, IMPLY),
+    Equiv: (" <-> ", EQUIV, IMPLY, IMPLY),
+}
+"""How operators are written, how strongly they bind, and how strongly their operands have to."""
 
 CHOICE, SEQUENCE, STATEMENT = range(3)
 """How strongly a program binds."""
@@ -101,64 +117,45 @@ def _term(term: Term, level: int) -> str:
 
 def _term_level(term: Term) -> int:
     match term:
-        case Neg() | Plus() | Minus():
+        case BinaryTerm():
+            return INFIX[type(term)][1]
+        case Neg():
             return SUM
-        case Times() | Divide():
+        case Number(value) if decimal_places(value) is None:
             return PRODUCT
-        case Power():
-            return POWER
-        case Number(value=value):
-            return ATOM if _is_decimal(value) else PRODUCT
         case _:
             return ATOM
 
 
 def _bare_term(term: Term) -> str:
     match term:
-        case Number(value=value):
+        case Number(value):
             return decimal(value)
-        case Variable(name=name):
+        case Variable(name):
             return name
-        case DifferentialSymbol(name=name):
+        case DifferentialSymbol(name):
             return f"{name}'"
-        case FuncOf(name=name, args=args):
+        case FuncOf(name, args):
             return f"{name}({', '.join(map(print_term, args))})"
-        case UnitFunctional(name=name, taboo=taboo):
+        case UnitFunctional(name, taboo):
             return f"{name}(|{','.join(taboo)}|)"
-        case Neg(child=child):
+        case Neg(child):
             return f"-{_term(child, PRODUCT)}"
-        case Plus(left=left, right=right):
-            return f"{_term(left, SUM)} + {_term(right, PRODUCT)}"
-        case Minus(left=left, right=right):
-            return f"{_term(left, SUM)} - {_term(right, PRODUCT)}"
-        case Times(left=left, right=right):
-            return f"{_term(left, PRODUCT)}*{_term(right, POWER)}"
-        case Divide(left=left, right=right):
-            return f"{_term(left, PRODUCT)}/{_term(right, POWER)}"
-        case Power(left=left, right=right):
-            return f"{_term(left, ATOM)}^{_term(right, POWER)}"
-        case Differential(child=child):
+        case BinaryTerm():
+            operator, _, left, right = INFIX[type(term)]
+            return f"{_term(term.left, left)}{operator}{_term(term.right, right)}"
+        case Differential(child):
             return f"({print_term(child)})'"
         case _:
             assert_never(term)
 
 
-def _is_decimal(value: Fraction) -> bool:
-    denominator = value.denominator
-    for prime in (2, 5):
-        while denominator % prime == 0:
-            denominator //= prime
-    return denominator == 1
-
-
 def decimal(value: Fraction) -> str:
     """A non-negative number as an exact decimal; as a quotient if it has none."""
     assert value >= 0
-    if not _is_decimal(value):
+    places = decimal_places(value)
+    if places is None:
         return f"{value.numerator}/{value.denominator}"
-    places = 0
-    while (value * 10**places).denominator != 1:
-        places += 1
     digits = str(int(value * 10**places)).rjust(places + 1, "0")
     return digits if places == 0 else f"{digits[:-places]}.{digits[-places:]}"
 
@@ -168,55 +165,36 @@ def decimal(value: Fraction) -> str:
 
 def _formula(formula: Formula, level: int) -> str:
     """The formula, in parentheses where it binds more weakly than `level`."""
+    own = INFIX[type(formula)][1] if isinstance(formula, Connective) else UNARY
     text = _bare_formula(formula)
-    return text if _formula_level(formula) >= level else f"({text})"
-
-
-def _formula_level(formula: Formula) -> int:
-    match formula:
-        case Equiv():
-            return EQUIV
-        case Imply():
-            return IMPLY
-        case Or():
-            return OR
-        case And():
-            return AND
-        case _:
-            return UNARY
+    return text if own >= level else f"({text})"
 
 
 def _bare_formula(formula: Formula) -> str:
     match formula:
-        case Truth(value=value):
+        case Truth(value):
             return "true" if value else "false"
-        case Compare(op=op, left=left, right=right):
+        case Compare(op, left, right):
             return f"{print_term(left)} {op} {print_term(right)}"
-        case PredOf(name=name, args=args):
+        case PredOf(name, args):
             return f"{name}({', '.join(map(print_term, args))})"
-        case UnitPredicational(name=name, taboo=taboo):
+        case UnitPredicational(name, taboo):
             return f"{name}(|{','.join(taboo)}|)"
-        case PredicationalOf(name=name, child=child):
+        case PredicationalOf(name, child):
             return f"{name}{{{print_formula(child)}}}"
-        case Not(child=child):
+        case Not(child):
             return f"!{_operand(child)}"
-        case And(left=left, right=right):
-            return f"{_formula(left, UNARY)} & {_formula(right, AND)}"
-        case Or(left=left, right=right):
-            return f"{_formula(left, AND)} | {_formula(right, OR)}"
-        case Imply(left=left, right=right):
-            return f"{_formula(left, OR)} -> {_formula(right, IMPLY)}"
-        case Equiv(left=left, right=right):
-            return f"{_formula(left, IMPLY)} <-> {_formula(right, IMPLY)}"
-        case Forall(variable=variable, child=child):
-            return f"\\forall {variable} {_operand(child)}"
-        case Exists(variable=variable, child=child):
-            return f"\\exists {variable} {_operand(child)}"
-        case Box(program=program, child=child):
+        case Connective():
+            operator, _, left, right = INFIX[type(formula)]
+            return f"{_formula(formula.left, left)}{operator}{_formula(formula.right, right)}"
+        case Quantified(variable, child):
+            word = "forall" if isinstance(formula, Forall) else "exists"
+            return f"\\{word} {variable} {_operand(child)}"
+        case Box(program, child):
             return f"[{print_program(program)}]{_operand(child)}"
-        case Diamond(program=program, child=child):
+        case Diamond(program, child):
             return f"<{print_program(program)}>{_operand(child)}"
-        case DifferentialFormula(child=child):
+        case DifferentialFormula(child):
             return f"({print_formula(child)})'"
         case _:
             assert_never(formula)
@@ -245,15 +223,15 @@ def _program(program: Program, level: int) -> str:
 
 def _bare_program(program: Program) -> str:
     match program:
-        case Assign(name=name, term=term, differential=differential):
+        case Assign(name, term, differential):
             return f"{name}{_prime(differential)} := {print_term(term)};"
         case AssignAny(dual=True) | ODESystem(dual=True):
             return _bare_program(Dual(replace(program, dual=False)))
         case AssignAny(name=name, differential=differential):
             return f"{name}{_prime(differential)} := *;"
-        case Test(formula=formula):
+        case Test(formula):
             return f"?{_bare_formula(formula)};"
-        case ProgramConst(name=name):
+        case ProgramConst(name):
             return f"{name};"
         case ODESystem(equations=equations, domain=domain, invariants=invariants):
             constraint = "" if domain == Truth(True) else f" & {print_formula(domain)}"
@@ -265,7 +243,7 @@ def _bare_program(program: Program) -> str:
             return f"{_program(left, SEQUENCE)} {'--' if dual else '++'} {_program(right, level)}"
         case Loop(child=child, invariants=invariants, dual=dual):
             return f"{{{print_program(child)}}}{'×' if dual else '*'}{_invariants(invariants)}"
-        case Dual(child=child):
+        case Dual(child):
             return f"{{{print_program(child)}}}^@"
         case _:
             assert_never(program)
@@ -277,9 +255,9 @@ def _prime(differential: bool) -> str:
 
 def _equation(equation: AtomicODE | DifferentialProgramConst) -> str:
     match equation:
-        case AtomicODE(name=name, term=term):
+        case AtomicODE(name, term):
             return f"{name}' = {print_term(term)}"
-        case DifferentialProgramConst(name=name, taboo=taboo):
+        case DifferentialProgramConst(name, taboo):
             return name if taboo is None else f"{name}{{|{','.join(taboo)}|}}"
         case _:
             assert_never(equation)

@@ -73,38 +73,32 @@ class Neg:
 
 
 @dataclass(frozen=True, slots=True)
-class Plus:
+class BinaryTerm:
+    """An operation on two terms: one of the five below."""
+
     left: "Term"
     right: "Term"
     span: Span = _span()
 
 
-@dataclass(frozen=True, slots=True)
-class Minus:
-    left: "Term"
-    right: "Term"
-    span: Span = _span()
+class Plus(BinaryTerm):
+    __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Times:
-    left: "Term"
-    right: "Term"
-    span: Span = _span()
+class Minus(BinaryTerm):
+    __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Divide:
-    left: "Term"
-    right: "Term"
-    span: Span = _span()
+class Times(BinaryTerm):
+    __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Power:
-    left: "Term"
-    right: "Term"
-    span: Span = _span()
+class Divide(BinaryTerm):
+    __slots__ = ()
+
+
+class Power(BinaryTerm):
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,63 +179,60 @@ class Not:
 
 
 @dataclass(frozen=True, slots=True)
-class And:
+class Connective:
+    """Two formulas joined: one of the four below."""
+
     left: "Formula"
     right: "Formula"
     span: Span = _span()
 
 
-@dataclass(frozen=True, slots=True)
-class Or:
-    left: "Formula"
-    right: "Formula"
-    span: Span = _span()
+class And(Connective):
+    __slots__ = ()
+
+
+class Or(Connective):
+    __slots__ = ()
+
+
+class Imply(Connective):
+    __slots__ = ()
+
+
+class Equiv(Connective):
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Imply:
-    left: "Formula"
-    right: "Formula"
-    span: Span = _span()
-
-
-@dataclass(frozen=True, slots=True)
-class Equiv:
-    left: "Formula"
-    right: "Formula"
-    span: Span = _span()
-
-
-@dataclass(frozen=True, slots=True)
-class Forall:
+class Quantified:
     variable: str
     child: "Formula"
     span: Span = _span()
 
 
-@dataclass(frozen=True, slots=True)
-class Exists:
-    variable: str
-    child: "Formula"
-    span: Span = _span()
+class Forall(Quantified):
+    __slots__ = ()
+
+
+class Exists(Quantified):
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
-    """`[program] child`."""
+class Modal:
+    """A formula about the states after a program: `[program] child` or `<program> child`."""
 
     program: "Program"
     child: "Formula"
     span: Span = _span()
 
 
-@dataclass(frozen=True, slots=True)
-class Diamond:
-    """`<program> child`."""
+class Box(Modal):
+    __slots__ = ()
 
-    program: "Program"
-    child: "Formula"
-    span: Span = _span()
+
+class Diamond(Modal):
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)

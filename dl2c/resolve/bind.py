@@ -75,7 +75,7 @@ def check(node: Node, symbols: Symbols, local: frozenset[str]) -> Iterator[Diagn
             yield from _call(name, args, node, symbols, local, "function")
         case tree.PredOf(name, args):
             yield from _call(name, args, node, symbols, local, "predicate")
-        case tree.Forall(name, child) | tree.Exists(name, child):
+        case tree.Quantified(name, child):
             yield from check(child, symbols, local | {name})
             return
         case tree.Assign(name, _) | tree.AssignAny(name) | tree.AtomicODE(name, _):

@@ -55,7 +55,7 @@ class Expander:
                 return term
             case tree.Neg(child) | tree.Differential(child):
                 return replace(term, child=self.term(child, values, bound))
-            case tree.Plus() | tree.Minus() | tree.Times() | tree.Divide() | tree.Power():
+            case tree.BinaryTerm():
                 return replace(
                     term, left=self.term(term.left, values, bound), right=self.term(term.right, values, bound)
                 )
@@ -78,7 +78,7 @@ class Expander:
         self._check_use(declaration, use, bound)
         if declaration.implicit:
             return self._solution(declaration, args, use, bound)
-        return self.term(_term_body(declaration), _bound_parameters(declaration, args), bound)
+        return self.term(_term_body(declaration), bound_parameters(declaration, args), bound)
 
     def _solution(
         self, function: tree.Declaration, args: tuple[tree.Term, ...], use: tree.Term, bound: Names
@@ -111,20 +111,20 @@ class Expander:
                     self._undefined(name, formula)
                     return replace(formula, args=actual)
                 self._check_use(declaration, formula, bound)
-                return self.formula(_formula_body(declaration), _bound_parameters(declaration, actual), bound)
+                return self.formula(_formula_body(declaration), bound_parameters(declaration, actual), bound)
             case tree.Not(child) | tree.DifferentialFormula(child):
                 return replace(formula, child=self.formula(child, values, bound))
-            case tree.And() | tree.Or() | tree.Imply() | tree.Equiv():
+            case tree.Connective():
                 return replace(
                     formula,
                     left=self.formula(formula.left, values, bound),
                     right=self.formula(formula.right, values, bound),
                 )
-            case tree.Forall(name, child) | tree.Exists(name, child):
+            case tree.Quantified(name, child):
                 own = self._bound_name(name, child, values)
                 inner = {**values, name: tree.Variable(own)}
                 return replace(formula, variable=own, child=self.formula(child, inner, bound | {own}))
-            case tree.Box(program, child) | tree.Diamond(program, child):
+            case tree.Modal(program, child):
                 expanded, written = self.program(program, values, bound)
                 return replace(formula, program=expanded, child=self.formula(child, values, bound | written))
             case _:
@@ -263,14 +263,15 @@ def _check_size(formula: tree.Formula, run: bool) -> None:
             raise CompileError(errors.too_deep(formula.span, MAX_DEPTH))
         if size > MAX_SIZE:
             raise CompileError(errors.too_large(formula.span, MAX_SIZE))
-        quantifiers += copies if isinstance(node, (tree.Forall, tree.Exists)) else 0
+        quantifiers += copies if isinstance(node, tree.Quantified) else 0
         if run and quantifiers > MAX_QUANTIFIERS:
             raise CompileError(errors.too_many_quantifiers(node.span, MAX_QUANTIFIERS))
         copies *= 2 if isinstance(node, tree.Equiv) else 1
         stack += [(child, depth + 1, copies) for child in children(node)]
 
 
-def _bound_parameters(declaration: tree.Declaration, args: tuple[tree.Term, ...]) -> dict[str, tree.Term]:
+def bound_parameters(declaration: tree.Declaration, args: tuple[tree.Term, ...]) -> dict[str, tree.Term]:
+    """What the parameters of a definition stand for in a call with these arguments."""
     return {p.name: a for p, a in zip(declaration.parameters or (), args, strict=True)}
 
 

@@ -34,10 +34,10 @@ def _top(formula: tree.Formula) -> Iterator[Diagnostic]:
         case tree.And(left, right) if _has_modality(formula):
             yield from _top(left)
             yield from _top(right)
-        case tree.Box(program, child) | tree.Diamond(program, child):
+        case tree.Modal(program, child):
             yield from _state(program)
             yield from _top(child) if isinstance(child, type(formula)) else _state(child)
-        case tree.Forall(name, child, span=span) | tree.Exists(name, child, span=span) if _runs(child):
+        case tree.Quantified(name, child, span=span) if _runs(child):
             advice = f"give `{name}` a name of its own, or declare it as a constant or a variable"
             yield errors.not_executable("quantifier", "a quantifier around a program", span, advice)
         case _:
@@ -45,13 +45,13 @@ def _top(formula: tree.Formula) -> Iterator[Diagnostic]:
 
 
 def _has_modality(node: Node) -> bool:
-    return isinstance(node, (tree.Box, tree.Diamond)) or any(
+    return isinstance(node, tree.Modal) or any(
         _has_modality(c) for c in children(node) if isinstance(node, (tree.And, tree.Imply))
     )
 
 
 def _runs(formula: tree.Formula) -> bool:
-    return any(isinstance(n, (tree.Box, tree.Diamond)) for n in nodes(formula))
+    return any(isinstance(n, tree.Modal) for n in nodes(formula))
 
 
 def _endless(node: Node) -> str:
@@ -77,7 +77,7 @@ def _state(node: Node) -> Iterator[Diagnostic]:
 
 def _refused(node: Node) -> Diagnostic | None:
     match node:
-        case tree.Box(program, span=span) | tree.Diamond(program, span=span):
+        case tree.Modal(program, span=span):
             return next((errors.modality(span, why) for n in nodes(program) if (why := _endless(n))), None)
         case tree.FuncOf("old", (_, *_), span=span):
             advice = "keep the earlier value in a variable of the program"

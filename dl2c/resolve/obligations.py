@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from dl2c.parse import tree
-from dl2c.resolve.expand import NONE, Expander
+from dl2c.resolve.expand import NONE, Expander, bound_parameters
 
 Premises = tuple[tree.Formula, ...]
 
@@ -78,5 +78,5 @@ class Obligations:
     ) -> Iterator[Premises]:
         declaration = self.expander.symbols.declarations[name]
         if isinstance(declaration.body, tree.Formula):
-            values = {p.name: a for p, a in zip(declaration.parameters or (), actual, strict=True)}
+            values = bound_parameters(declaration, actual)
             yield from self._walk(_Part(declaration.body, negated, values), premises)

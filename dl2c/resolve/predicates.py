@@ -10,13 +10,14 @@ parameters alike; as a predicate it is true.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.parse import tree
 from dl2c.parse.annotations import PredicateAnnotation
 from dl2c.parse.printer import print_term
 from dl2c.resolve.bind import IN_HINTS, check
-from dl2c.resolve.expand import NONE, Expander
+from dl2c.resolve.expand import NONE, Expander, bound_parameters
 from dl2c.resolve.fragment import not_executable
 from dl2c.resolve.obligations import Obligations
 from dl2c.resolve.shape import Shape
@@ -69,14 +70,11 @@ def bind_predicates(
     """
     found: list[Diagnostic] = []
     bound: list[AnnotatedPredicate] = []
-    for declaration, annotation in declared:
+    bindings = [partial(_bound, declaration, annotation) for declaration, annotation in declared]
+    bindings += [partial(_concluded, annotation) for annotation in concluded]
+    for binding in bindings:
         try:
-            bound.append(_bound(declaration, annotation, shape, symbols))
-        except CompileError as problem:
-            found += problem.diagnostics
-    for annotation in concluded:
-        try:
-            bound.append(_concluded(annotation, shape, symbols))
+            bound.append(binding(shape, symbols))
         except CompileError as problem:
             found += problem.diagnostics
     if found:
@@ -119,7 +117,7 @@ def _bound(
 ) -> AnnotatedPredicate:
     _check_kind(declaration, annotation)
     arguments = _arguments(declaration, shape, symbols)
-    values = _values(declaration, arguments)
+    values = bound_parameters(declaration, arguments)
     binding = _Binding(declaration, values, shape, symbols)
     expander = Expander(symbols)
     body = declaration.body if isinstance(declaration.body, tree.Formula) else tree.Truth(True)
@@ -163,10 +161,6 @@ def _not_a_predicate(
     )
 
 
-def _values(declaration: tree.Declaration, arguments: Arguments) -> Values:
-    return {p.name: a for p, a in zip(declaration.parameters or (), arguments, strict=True)}
-
-
 def _arguments(declaration: tree.Declaration, shape: Shape, symbols: Symbols) -> Arguments:
     """The one argument list that binds the parameters."""
     places: list[tuple[tree.Formula, ...]] = [
@@ -205,8 +199,8 @@ def _calls(node: Node, name: str, values: Values, symbols: Symbols) -> Iterator[
             if node.name == name:
                 yield actual
                 return
-            yield from _calls(definition.body, name, _values(definition, actual), symbols)
-    bound = {node.variable} if isinstance(node, (tree.Forall, tree.Exists)) else set[str]()
+            yield from _calls(definition.body, name, bound_parameters(definition, actual), symbols)
+    bound = {node.variable} if isinstance(node, tree.Quantified) else set[str]()
     values = {parameter: v for parameter, v in values.items() if parameter not in bound}
     for child in children(node):
         for arguments in _calls(child, name, values, symbols):
@@ -297,7 +291,7 @@ def _without_predicates(
             )
         case tree.Neg(child):
             return tree.Neg(_without_predicates(child, uses, binding), span=expression.span)
-        case tree.Plus() | tree.Minus() | tree.Times() | tree.Divide() | tree.Power():
+        case tree.BinaryTerm():
             left = _without_predicates(expression.left, uses, binding)
             right = _without_predicates(expression.right, uses, binding)
             return type(expression)(left, right, span=expression.span)
@@ -318,7 +312,7 @@ def _bare(name: tree.Variable, uses: dict[str, _Use], binding: _Binding) -> tree
     declaration = binding.symbols.declarations[name.name]
     values = binding.values
     if declaration.name != binding.declaration.name:
-        values = _values(declaration, _arguments(declaration, binding.shape, binding.symbols))
+        values = bound_parameters(declaration, _arguments(declaration, binding.shape, binding.symbols))
     own = tuple(tree.Variable(p.name, span=name.span) for p in declaration.parameters or ())
     return _fresh(tree.PredOf(name.name, own, span=name.span), values, uses)
 

@@ -52,7 +52,7 @@ class _Opening:
             case tree.PredOf(name, ()) if name in self.bodies:
                 inner = self._inside(name).opened(self.bodies[name], outside)
                 return inner if inner.declared else closed
-            case tree.Forall(name, child) | tree.Exists(name, child) if name not in outside:
+            case tree.Quantified(name, child) if name not in outside:
                 some = isinstance(formula, tree.Exists)
                 inner = self.opened(self._premise(child, some), outside)
                 if not self._is_problem(inner.problem) or any(d.name == name for d in inner.declared):
@@ -77,7 +77,7 @@ class _Opening:
         _, conclusion = implications(formula)
         for part in conjuncts(conclusion):
             match part:
-                case tree.Box() | tree.Diamond():
+                case tree.Modal():
                     return True
                 case tree.PredOf(name) if name in self.bodies:
                     if self._inside(name)._is_problem(self.bodies[name]):
@@ -93,9 +93,7 @@ class _Opening:
     def _runs(self, formula: tree.Formula) -> bool:
         """Whether a program stands anywhere in a formula, or in what it calls."""
         return any(
-            isinstance(node, (tree.Box, tree.Diamond))
-            for body in self._with_called(formula)
-            for node in nodes(body)
+            isinstance(node, tree.Modal) for body in self._with_called(formula) for node in nodes(body)
         )
 
     def _names(self, formula: tree.Formula) -> frozenset[str]:

@@ -40,7 +40,7 @@ class Shape:
 class _Modal:
     programs: tuple[tree.Program, ...]
     post: tree.Formula
-    node: tree.Box | tree.Diamond
+    node: tree.Modal
 
     @property
     def statements(self) -> tuple[tree.Program, ...]:
@@ -128,7 +128,7 @@ def implications(formula: tree.Formula) -> tuple[tuple[tree.Formula, ...], tree.
 
 def _modal(formula: tree.Formula) -> _Modal | None:
     """`[a][b]Q` is `[a;b]Q`."""
-    if not isinstance(formula, (tree.Box, tree.Diamond)):
+    if not isinstance(formula, tree.Modal):
         return None
     programs = [with_players(formula.program)]
     post = formula.child

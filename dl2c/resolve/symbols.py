@@ -151,7 +151,7 @@ def free_variables(node: "Node") -> frozenset[str]:
     match node:
         case tree.Variable(name):
             return frozenset({name})
-        case tree.Forall(name, child) | tree.Exists(name, child):
+        case tree.Quantified(name, child):
             return free_variables(child) - {name}
         case _:
             return frozenset[str]().union(*map(free_variables, children(node)))
@@ -173,18 +173,6 @@ def nodes(expression: Node | None) -> Iterator[Node]:
 def children(node: Node) -> tuple[Node, ...]:
     """The direct parts of a node; invariants are not part of the program."""
     match node:
-        case (
-            tree.Number()
-            | tree.Variable()
-            | tree.DifferentialSymbol()
-            | tree.UnitFunctional()
-            | tree.Truth()
-            | tree.UnitPredicational()
-            | tree.AssignAny()
-            | tree.ProgramConst()
-            | tree.DifferentialProgramConst()
-        ):
-            return ()
         case tree.FuncOf(_, args) | tree.PredOf(_, args):
             return args
         case (
@@ -192,8 +180,7 @@ def children(node: Node) -> tuple[Node, ...]:
             | tree.Differential(child)
             | tree.PredicationalOf(_, child)
             | tree.Not(child)
-            | tree.Forall(_, child)
-            | tree.Exists(_, child)
+            | tree.Quantified(_, child)
             | tree.DifferentialFormula(child)
             | tree.Loop(child)
             | tree.Dual(child)
@@ -203,33 +190,25 @@ def children(node: Node) -> tuple[Node, ...]:
         ):
             return (child,)
         case (
-            tree.Plus(left, right)
-            | tree.Minus(left, right)
-            | tree.Times(left, right)
-            | tree.Divide(left, right)
-            | tree.Power(left, right)
+            tree.BinaryTerm(left, right)
             | tree.Compare(_, left, right)
-            | tree.And(left, right)
-            | tree.Or(left, right)
-            | tree.Imply(left, right)
-            | tree.Equiv(left, right)
+            | tree.Connective(left, right)
             | tree.Compose(left, right)
             | tree.Choice(left, right)
-            | tree.Box(left, right)
-            | tree.Diamond(left, right)
+            | tree.Modal(left, right)
         ):
             return (left, right)
         case tree.ODESystem(equations, domain):
             return (*equations, domain)
         case _:
-            assert_never(node)
+            return ()
 
 
 def uses(node: Node, local: frozenset[str] = frozenset()) -> Iterator[tuple[str, Node]]:
     """Every name of a number that is used, but for `local` ones, with the node that does."""
     spend()
     match node:
-        case tree.Forall(name, child) | tree.Exists(name, child):
+        case tree.Quantified(name, child):
             yield from uses(child, local | {name})
             return
         case tree.Variable(name) | tree.FuncOf(name, ()):

@@ -217,7 +217,7 @@ def test_names_are_bound_where_the_quantifier_says() -> None:
 
 def test_atoms_are_relaxed_before_elimination() -> None:
     formula = parse_formula("\\exists y (y >= x & y <= z)")
-    made = lower_predicate("near", formula, SCOPE, Fraction(1, 100))
+    made = lower_predicate("near", "safety", formula, SCOPE, Fraction(1, 100))
     strict, relaxed = made.formula, made.relaxed
     at = {SCOPE["x"]: Fraction(1), SCOPE["z"]: Fraction(99, 100)}
     assert not truth(strict, at, True) and truth(relaxed, at, True)
