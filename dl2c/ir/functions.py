@@ -163,5 +163,13 @@ _ROWS = {
 FUNCTIONS: Mapping[str, Function] = {name: _named(name, row) for name, row in _ROWS.items()}
 """All of them by their names in dL."""
 
-KYX_MATH = {n: f.arity for n, f in FUNCTIONS.items() if n != "pow"} | {"div": 2, "e": 0, "pi": 0}
+DEFINED = {"div": (("x", "y"), "x/y")}
+"""Functions that are another way to write a term: their parameters and the term."""
+
+KYX_MATH = {
+    **{name: row.arity for name, row in FUNCTIONS.items() if name != "pow"},
+    **{name: len(parameters) for name, (parameters, _) in DEFINED.items()},
+    "e": 0,
+    "pi": 0,
+}
 """Every name of the package kyx.math, the only one there is, with its arity. A power is written `x^y`."""

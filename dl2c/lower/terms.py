@@ -140,16 +140,17 @@ class _Lowering:
             case tree.Equiv(left, right):
                 one = self.formula(tree.Imply(left, right), scope, negated)
                 return both((one, self.formula(tree.Imply(right, left), scope, negated)))
-            case tree.Quantified(name, child):
+            case tree.Quantified():
+                name, child = formula.variable, formula.child
                 bound = ir.Symbol(f"bound {name}", "variable")
                 body = self.formula(child, {**scope, name: bound}, negated)
                 everything = isinstance(formula, tree.Forall) != negated
                 nested = any(isinstance(n, tree.Quantified) for n in nodes(child))
                 return eliminated(Quantifier(everything, name, bound, nested, formula.span), body)
-            case tree.Modal(program, child):
+            case tree.Modal():
                 everything = isinstance(formula, tree.Box) != negated
-                runs = Modality(everything, negated, child, formula.span, self.formula, lower_term)
-                return runs.after((program,), scope)
+                runs = Modality(everything, negated, formula.child, formula.span, self.formula, lower_term)
+                return runs.after((formula.program,), scope)
             case (
                 tree.PredOf() | tree.UnitPredicational() | tree.PredicationalOf() | tree.DifferentialFormula()
             ):

@@ -187,9 +187,9 @@ def _bare_formula(formula: Formula) -> str:
         case Connective():
             operator, _, left, right = INFIX[type(formula)]
             return f"{_formula(formula.left, left)}{operator}{_formula(formula.right, right)}"
-        case Quantified(variable, child):
+        case Quantified():
             word = "forall" if isinstance(formula, Forall) else "exists"
-            return f"\\{word} {variable} {_operand(child)}"
+            return f"\\{word} {formula.variable} {_operand(formula.child)}"
         case Box(program, child):
             return f"[{print_program(program)}]{_operand(child)}"
         case Diamond(program, child):

@@ -12,10 +12,13 @@ from dataclasses import dataclass, field, replace
 from typing import assert_never
 
 from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.ir.functions import DEFINED
 from dl2c.parse import tree
+from dl2c.parse.parser import parse_term
 from dl2c.resolve import errors
 from dl2c.resolve.implicit import Solution, solve
 from dl2c.resolve.symbols import Node, Symbols, children, free_variables, mentioned, own_names
+from dl2c.source import Span
 from dl2c.work import spend
 
 Names = frozenset[str]
@@ -66,8 +69,10 @@ class Expander:
         if self.symbols.is_builtin(name, len(args)) and not (
             args == () and isinstance(use, tree.Variable) and name in self.symbols.declarations
         ):
-            if name == "div" and self.run:
-                return tree.Divide(*args, span=use.span)
+            if name in DEFINED and self.run:
+                parameters, text = DEFINED[name]
+                values = dict(zip(parameters, args, strict=True))
+                return self.term(_placed(parse_term(text), use.span), values, bound)
             return tree.FuncOf(name, args, span=use.span)
         declaration = self.symbols.declarations.get(name)
         if declaration is None or self.symbols.roles[name] in ("variable", "constant"):
@@ -120,13 +125,15 @@ class Expander:
                     left=self.formula(formula.left, values, bound),
                     right=self.formula(formula.right, values, bound),
                 )
-            case tree.Quantified(name, child):
+            case tree.Quantified():
+                name, child = formula.variable, formula.child
                 own = self._bound_name(name, child, values)
                 inner = {**values, name: tree.Variable(own)}
                 return replace(formula, variable=own, child=self.formula(child, inner, bound | {own}))
-            case tree.Modal(program, child):
-                expanded, written = self.program(program, values, bound)
-                return replace(formula, program=expanded, child=self.formula(child, values, bound | written))
+            case tree.Modal():
+                program, written = self.program(formula.program, values, bound)
+                child = self.formula(formula.child, values, bound | written)
+                return replace(formula, program=program, child=child)
             case _:
                 assert_never(formula)
 
@@ -268,6 +275,19 @@ def _check_size(formula: tree.Formula, run: bool) -> None:
             raise CompileError(errors.too_many_quantifiers(node.span, MAX_QUANTIFIERS))
         copies *= 2 if isinstance(node, tree.Equiv) else 1
         stack += [(child, depth + 1, copies) for child in children(node)]
+
+
+def _placed(term: tree.Term, span: Span) -> tree.Term:
+    """A term of ours, as if the user had written it at a place."""
+    match term:
+        case tree.BinaryTerm():
+            return type(term)(_placed(term.left, span), _placed(term.right, span), span=span)
+        case tree.Neg(child):
+            return tree.Neg(_placed(child, span), span=span)
+        case tree.FuncOf(name, args):
+            return tree.FuncOf(name, tuple(_placed(a, span) for a in args), span=span)
+        case _:
+            return replace(term, span=span)
 
 
 def bound_parameters(declaration: tree.Declaration, args: tuple[tree.Term, ...]) -> dict[str, tree.Term]:
