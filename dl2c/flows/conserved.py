@@ -7,13 +7,22 @@ no where terms are too long, and where two functions would have to be known to b
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from typing import cast
 
 from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import minus, number, operands, plus, subterms, times, with_operands
 from dl2c.ir.margins import fraction
-from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Kind, Mul, Neg, Number, Pow, Sub, Symbol, Term
-from dl2c.ir.normal import MAX_TERMS, Monomial, Normal, added, multiplied, normal_form, powers, quotient
+from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
+from dl2c.ir.normal import (
+    MAX_TERMS,
+    Monomial,
+    Normal,
+    added,
+    multiplied,
+    normal_form,
+    powers,
+    quotient,
+    symbol_of,
+)
 
 LARGEST_ROOT = 12
 """Powers by a number are powers of a root of at most this degree, else not looked into."""
@@ -56,7 +65,7 @@ def _solved(form: Normal) -> tuple[Symbol, Normal] | None:
     for monomial, factor in form.items():
         if len(monomial) == 1 and monomial[0][2] == 1:
             (kind, name, _) = monomial[0]
-            symbol = Symbol(name, cast("Kind", kind))
+            symbol = symbol_of(kind, name)
             rest = {m: c / -factor for m, c in form.items() if m != monomial}
             if all(0 in powers({m: c}, symbol) for m, c in rest.items()):
                 return symbol, rest

@@ -5,9 +5,9 @@ exact; None for other terms and for polynomials of more than `MAX_TERMS` monomia
 """
 
 from fractions import Fraction
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
-from dl2c.ir.model import Add, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
+from dl2c.ir.model import Add, Div, Kind, Mul, Neg, Number, Pow, Sub, Symbol, Term
 from dl2c.work import spend
 
 Monomial: TypeAlias = tuple[tuple[str, str, int], ...]
@@ -46,6 +46,11 @@ def normal_form(term: Term) -> Normal | None:
             return result
         case _:
             return None
+
+
+def symbol_of(kind: str, name: str) -> Symbol:
+    """The symbol of a factor of a monomial."""
+    return Symbol(name, cast("Kind", kind))
 
 
 def powers(form: Normal, x: Symbol) -> dict[int, Normal]:

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 from dl2c.diagnostics import Diagnostic, warning
 from dl2c.flows.kernel import constant_along
-from dl2c.interval.arithmetic import WHOLE, Interval, enclosure, evaluate
-from dl2c.interval.bounded import initial_box
+from dl2c.interval.arithmetic import WHOLE, Interval, evaluate
+from dl2c.interval.bounded import initial_box, interval_of
 from dl2c.ir.liveness import read_first
 from dl2c.ir.logic import conjuncts, symbols
-from dl2c.ir.model import ONE, ZERO, Bound, Compare, Flow, Formula, Model, Number, Predicate, Symbol, Term
+from dl2c.ir.model import ONE, ZERO, Compare, Flow, Formula, Model, Number, Predicate, Symbol, Term
 from dl2c.lint.world import bounds_of, changing, rigid_facts
 from dl2c.lower.observations import observed
 from dl2c.options import DEFAULT_DT, Options
@@ -75,7 +75,7 @@ def _may_be_positive(shape: Term, model: Model, known: tuple[Formula, ...], orac
     for item in (*model.variables, *model.constants):
         symbol = Symbol(item.name, "variable" if item in model.variables else "constant")
         if symbol in box:
-            box[symbol] = _interval(item.bound)
+            box[symbol] = interval_of(item.bound)
     if evaluate(shape, box).high <= 0:
         return False
     question = (*known, Compare(">", shape, ZERO))
@@ -85,8 +85,9 @@ def _may_be_positive(shape: Term, model: Model, known: tuple[Formula, ...], orac
 def safety_checks(model: Model, paths: Paths, options: Options) -> Iterator[Diagnostic]:
     """`safety-after-steps`: once, at the first flow along which nothing is watched."""
     safe = [p for p in model.predicates if p.category == "safety"]
-    first = min(p for p in (paths.lead, paths.prefix, paths.points) if p is not None)
-    onward = [p.flow for p in paths.paths if p.flow is not None and p.target != END and p.point < first]
+    onward = [
+        p.flow for p in paths.paths if p.flow is not None and p.target != END and p.point < paths.own_points
+    ]
     if options.safety_check != "continuous" or not onward or not safe:
         return
     others = sorted({model.flows[k].span.line for k in onward} - {model.flows[min(onward)].span.line})
@@ -191,11 +192,6 @@ def _is_strict_clock(atom: Formula, flow: Flow) -> bool:
 
 def _is_point(interval: Interval) -> bool:
     return interval.high - interval.low <= 1e-9 * (1 + abs(interval.low))
-
-
-def _interval(bound: Bound) -> Interval:
-    low = WHOLE.low if bound.low is None else enclosure(bound.low).low
-    return Interval(low, WHOLE.high if bound.high is None else enclosure(bound.high).high)
 
 
 def _pairs(model: Model, problem: Problem) -> Iterator[tuple[Predicate, AnnotatedPredicate]]:

@@ -82,14 +82,9 @@ def deadlock(model: Model, problem: Problem, paths: Paths, oracle: Oracle) -> It
 
 def after_steps(model: Model, paths: Paths) -> Formula:
     """What holds after every step because flows end in their domains."""
-    last = [p.flow for p in paths.paths if p.target == END and p.point < _first_other(paths)]
+    last = [p.flow for p in paths.paths if p.target == END and p.point < paths.own_points]
     flows = [model.flows[k] for k in dict.fromkeys(last) if k is not None]
     return TRUE if None in last else disjunction(domain_at_end(flow) for flow in flows)
-
-
-def _first_other(paths: Paths) -> int:
-    """The first point that does not belong to the steps' own part."""
-    return min(p for p in (paths.lead, paths.prefix, paths.points) if p is not None)
 
 
 def postcondition(model: Model, problem: Problem, paths: Paths, oracle: Oracle) -> Iterator[Diagnostic]:

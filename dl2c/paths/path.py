@@ -98,6 +98,11 @@ class Paths:
         return tuple(p for p in self.paths if p.point == point)
 
     @property
+    def own_points(self) -> int:
+        """How many points belong to the step itself: these come first."""
+        return min(p for p in (self.lead, self.prefix, self.points) if p is not None)
+
+    @property
     def draws(self) -> tuple[tuple[str, int], ...]:
         """How many numbers a step draws, by what they decide: one for each alternative, one for an input
         or the duration of a flow (`flow_<k>`).

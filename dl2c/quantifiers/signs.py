@@ -29,7 +29,7 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
-from dl2c.ir.normal import Monomial, Normal
+from dl2c.ir.normal import Monomial, Normal, symbol_of
 from dl2c.source import Span
 
 Signs: TypeAlias = frozenset[int]
@@ -119,7 +119,7 @@ def _sum(parts: list[tuple[Monomial, Fraction]]) -> Term:
 
 
 def _product(monomial: Monomial, factor: Fraction) -> Term:
-    powers = [_power(Symbol(n, k), e) for k, n, e in monomial]  # pyright: ignore[reportArgumentType]
+    powers = [_power(symbol_of(k, n), e) for k, n, e in monomial]
     if not powers:
         return Number(factor)
     product = reduce(Mul, powers)

@@ -169,16 +169,15 @@ def _completed(difference: Term) -> list[Term] | None:
     rest = normal_form(difference)
     if rest is None or any(sum(e for _, _, e in m) > 2 for m in rest):
         return None
-    known = {(s.kind, s.name): s for s in symbols(difference)}
     found: list[Term] = []
     signs: set[bool] = set()
-    for symbol in sorted(known.values(), key=lambda s: s.name):
+    for symbol in sorted(symbols(difference), key=lambda s: s.name):
         by_power = powers(rest, symbol)
         if 2 not in by_power:
             continue
         ((_, leading),) = by_power[2].items()
         half = {m: c / (2 * leading) for m, c in by_power.get(1, {}).items()}
-        beside, below = term_of(half, known), term_of(by_power.get(0, {}), known)
+        beside, below = term_of(half), term_of(by_power.get(0, {}))
         found.append(plus(symbol, beside))
         signs.add(leading > 0)
         rest = normal_form(Sub(below, Mul(Number(leading), Pow(beside, 2))))

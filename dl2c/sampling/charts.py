@@ -184,8 +184,8 @@ def _shortened(elimination: Elimination) -> Iterator[Compare]:
         if not isinstance(atom, Compare) or not symbols(atom) & values.keys():
             continue
         difference = replaced(Sub(atom.left, atom.right), values)
-        form, known = normal_form(difference), {(s.kind, s.name): s for s in symbols(difference)}
-        if form is not None and len(symbols(shorter := term_of(form, known))) < len(known):
+        form = normal_form(difference)
+        if form is not None and len(symbols(shorter := term_of(form))) < len(symbols(difference)):
             yield Compare(atom.op, shorter, ZERO, span=atom.span)
 
 

@@ -142,14 +142,13 @@ def _centre(factor: Term, rest: Term) -> Term | None:
         if any((kind, name) not in {(k, n) for k, n, e in m if e >= exponent} for m in above):
             return None
         above = divided(above, (kind, name), exponent)
-    known = {(s.kind, s.name): s for s in symbols(rest)}
-    return term_of({m: c / value for m, c in above.items()}, known)
+    return term_of({m: c / value for m, c in above.items()})
 
 
 def _plain(term: Term) -> Term:
     """The term multiplied out where it is a polynomial."""
     form = normal_form(term)
-    return term if form is None else term_of(form, {(s.kind, s.name): s for s in symbols(term)})
+    return term if form is None else term_of(form)
 
 
 def _drawn_between(chart: Chart, limits: _Limits) -> Chart | None:
@@ -183,10 +182,9 @@ def _drawn_between(chart: Chart, limits: _Limits) -> Chart | None:
 def _differences(limits: _Limits, box: Interval) -> tuple[Term, ...]:
     """What the width is the least of; names in both limits cancel."""
     lows, highs = (*limits.lows, _number(box.low)), (*limits.highs, _number(box.high))
-    known = {(s.kind, s.name): s for t in (*lows, *highs) for s in symbols(t)}
     pairs = [Sub(high, low) for high in highs for low in lows]
     forms = [normal_form(pair) for pair in pairs]
-    return tuple(p if f is None else term_of(f, known) for p, f in zip(pairs, forms, strict=True))
+    return tuple(p if f is None else term_of(f) for p, f in zip(pairs, forms, strict=True))
 
 
 def _number(value: float) -> Number:

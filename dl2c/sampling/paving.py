@@ -76,7 +76,7 @@ def pave(roots: Sequence[Root], *, boxes: int, time_limit_s: float) -> tuple[Lea
     final: list[Leaf] = []
     directions = [_directions(root) for root in roots]
     nodes = max(
-        (_nodes(r) * min(len(d), CANDIDATES) for r, d in zip(roots, directions, strict=True)), default=1
+        (size(r.formula) * min(len(d), CANDIDATES) for r, d in zip(roots, directions, strict=True)), default=1
     )
     splits = int(time_limit_s * NODES_PER_SECOND / (2 * ROUNDS * nodes + 1))
     while leaves and splits > 0:
@@ -145,10 +145,6 @@ def _directions(root: Root) -> list[Symbol]:
     return [s for s in _wide(root) if s in told]
 
 
-def _nodes(root: Root) -> int:
-    return size(root.formula)
-
-
 def _best_split(
     root: Root, leaf: Leaf, directions: Sequence[Symbol], widths: Widths
 ) -> list[dict[Symbol, Interval]] | None:
@@ -156,11 +152,9 @@ def _best_split(
     best: tuple[float, list[dict[Symbol, Interval]]] | None = None
     before = _volume(root, leaf.box, widths)
     for symbol in directions:
-        edge = leaf.box[symbol]
-        middle = edge.low + (edge.high - edge.low) / 2
-        if not edge.low < middle < edge.high:
+        parts = _halved(leaf.box[symbol])
+        if any(p.low == p.high for p in parts):
             continue
-        parts = (Interval(edge.low, middle), Interval(middle, edge.high))
         halves = [root.contractor.contract({**leaf.box, symbol: part}, ROUNDS) for part in parts]
         kept = [h for h in halves if h is not None and _volume(root, h, widths) > 0]
         left = math.fsum(_volume(root, h, widths) * _relative(root, h, leaf, symbol) for h in kept) / before
@@ -168,6 +162,11 @@ def _best_split(
         if best is None or score < best[0]:
             best = score, kept
     return None if best is None else best[1]
+
+
+def _halved(edge: Interval) -> tuple[Interval, Interval]:
+    middle = edge.low + (edge.high - edge.low) / 2
+    return Interval(edge.low, middle), Interval(middle, edge.high)
 
 
 def _edge(box: Box, symbol: Symbol, widths: Widths) -> float:
@@ -179,7 +178,5 @@ def _relative(root: Root, box: Box, leaf: Leaf, symbol: Symbol) -> float:
     it is mostly largest on both sides of zero."""
     if not root.bent or not math.isfinite(leaf.density):
         return 1.0
-    edge = box[symbol]
-    middle = edge.low + (edge.high - edge.low) / 2
-    parts = (Interval(edge.low, middle), Interval(middle, edge.high))
+    parts = _halved(box[symbol])
     return math.fsum(root.density({**box, symbol: part}) for part in parts) / 2 / leaf.density

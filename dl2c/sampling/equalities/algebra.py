@@ -4,14 +4,14 @@ Terms of the IR come in; polynomials in normal form, their coefficients and deri
 again go out. All arithmetic is exact, over the reals.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from functools import reduce
 from typing import assert_never
 
 from dl2c.ir.logic import folded, minus, plus, subterms, symbols, times
 from dl2c.ir.model import ONE, ZERO, Add, Binary, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
-from dl2c.ir.normal import Monomial, Normal, divided, normal_form, powers
+from dl2c.ir.normal import Monomial, Normal, divided, normal_form, powers, symbol_of
 
 
 def fraction(term: Term) -> tuple[Term, Term] | None:
@@ -57,16 +57,14 @@ def _power(base: Term, exponent: int) -> Term:
 def remainder(form: Normal, divisor: Normal, symbol: Symbol) -> Normal | None:
     """A multiple of the polynomial less a multiple of the divisor, of lower degree in the name than that
     (pseudo-division); None where it has too many monomials."""
-    names = {(k, n) for f in (form, divisor) for m in f for k, n, _ in m}
-    known = {(k, n): Symbol(n, "constant" if k == "constant" else "variable") for k, n in names}
     by_power = powers(divisor, symbol)
     degree = max(by_power)
-    leading, whole = term_of(by_power[degree], known), term_of(divisor, known)
+    leading, whole = term_of(by_power[degree]), term_of(divisor)
     rest: Normal | None = form
     while rest and (highest := max(powers(rest, symbol))) >= degree:
-        top = term_of(powers(rest, symbol)[highest], known)
+        top = term_of(powers(rest, symbol)[highest])
         shift = times(top, ONE if highest == degree else Pow(symbol, highest - degree))
-        rest = normal_form(Sub(Mul(leading, term_of(rest, known)), Mul(shift, whole)))
+        rest = normal_form(Sub(Mul(leading, term_of(rest)), Mul(shift, whole)))
     return rest
 
 
@@ -99,9 +97,9 @@ def has_dyadic_numbers(term: Term) -> bool:
     return form is not None and all(c.denominator & (c.denominator - 1) == 0 for c in form.values())
 
 
-def term_of(form: Normal, known: Mapping[tuple[str, str], Symbol]) -> Term:
-    """The polynomial as a term, over symbols found by kind and name."""
-    parts = [_monomial(m, c, known) for m, c in sorted(form.items(), key=lambda i: (-len(i[0]), i[0]))]
+def term_of(form: Normal) -> Term:
+    """The polynomial as a term."""
+    parts = [_monomial(m, c) for m, c in sorted(form.items(), key=lambda i: (-len(i[0]), i[0]))]
     return _balanced(parts) if parts else ZERO
 
 
@@ -113,8 +111,8 @@ def _balanced(parts: Sequence[Term]) -> Term:
     return Add(_balanced(parts[:middle]), _balanced(parts[middle:]))
 
 
-def _monomial(monomial: Monomial, value: Fraction, known: Mapping[tuple[str, str], Symbol]) -> Term:
-    powers = [s if e == 1 else Pow(s, e) for k, n, e in monomial for s in [known[k, n]]]
+def _monomial(monomial: Monomial, value: Fraction) -> Term:
+    powers = [s if e == 1 else Pow(s, e) for k, n, e in monomial for s in [symbol_of(k, n)]]
     factors: list[Term] = [Number(value)] if value != 1 or not powers else []
     return reduce(Mul, [*factors, *powers])
 

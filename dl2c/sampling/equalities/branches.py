@@ -13,7 +13,7 @@ from fractions import Fraction
 from math import isqrt
 
 from dl2c.interval.arithmetic import Box, evaluate
-from dl2c.ir.logic import folded, plus, size, symbols
+from dl2c.ir.logic import folded, plus, size
 from dl2c.ir.model import (
     ONE,
     ZERO,
@@ -30,7 +30,7 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
-from dl2c.ir.normal import Normal, derivative, divided, normal_form, powers, quotient
+from dl2c.ir.normal import Normal, derivative, divided, normal_form, powers, quotient, symbol_of
 from dl2c.sampling.equalities.algebra import content, fraction, remainder, term_of, without_content
 from dl2c.sampling.equalities.root_of import Definition, has_roots, roots_of
 
@@ -94,8 +94,7 @@ def _solved(
 
 def _is_gentle(branch: Branch, form: Normal, names: Sequence[Symbol], box: Box) -> bool:
     """Whether the changes with each of these names have a bound."""
-    known = {(s.kind, s.name): s for s in _symbols(form)}
-    slope = evaluate(term_of(derivative(form, branch.symbol), known), box)
+    slope = evaluate(term_of(derivative(form, branch.symbol)), box)
     bounded = {branch.symbol, *branch.row.gentle, *branch.row.limits}
     return not slope.contains(0.0) or all(s in bounded for s in names)
 
@@ -120,13 +119,12 @@ def _charts(
     box: Box,
     is_nonzero: Callable[[Symbol], bool],
 ) -> Iterator[Branch]:
-    known = {(s.kind, s.name): s for s in _symbols(form)}
     by_power = powers(form, symbol)
-    c0, c1, c2 = (term_of(by_power.get(k, {}), known) for k in range(3))
-    slope = term_of(derivative(form, symbol), known)
+    c0, c1, c2 = (term_of(by_power.get(k, {})) for k in range(3))
+    slope = term_of(derivative(form, symbol))
     is_quadratic = max(by_power) == 2
     steepness = _expanded(_discriminant(c0, c1, c2) if is_quadratic else Pow(slope, 2))
-    others = {o: term_of(derivative(form, o), known) for o in known.values() if o != symbol}
+    others = {o: term_of(derivative(form, o)) for o in _symbols(form) if o != symbol}
     conditions: list[Formula] = []
     for other in (o for o in solvable if o != symbol):
         if not _always_equal(Sub(Pow(slope, 2), Pow(others[other], 2)), form, symbol):
@@ -134,19 +132,19 @@ def _charts(
         elif solvable.index(other) < solvable.index(symbol):
             return
     steps = [derivative(form, s) for s in solvable]
-    limits = {o: _limit(derivative(form, o), steps, known) for o in others if o not in solvable}
+    limits = {o: _limit(derivative(form, o), steps) for o in others if o not in solvable}
     row = Row(
         symbol,
         {o: folded(Div(g, slope)) for o, g in others.items()},
         frozenset(o for o in solvable if o != symbol),
         {o: limit for o, limit in limits.items() if limit is not None},
     )
-    values = _roots(c0, c1, c2) if max(by_power) <= 2 else roots_of(form, symbol, box, known)
+    values = _roots(c0, c1, c2) if max(by_power) <= 2 else roots_of(form, symbol, box)
     for value in values:
         yield Branch(symbol, value, tuple(conditions), row, form)
 
 
-def _limit(form: Normal, steps: Sequence[Normal], known: Mapping[tuple[str, str], Symbol]) -> Term | None:
+def _limit(form: Normal, steps: Sequence[Normal]) -> Term | None:
     """A bound of the polynomial relative to the steepest of the `steps`: each of its monomials is divided
     by one of them that is a monomial too; None where that does not go."""
     bound: Term = ZERO
@@ -155,7 +153,7 @@ def _limit(form: Normal, steps: Sequence[Normal], known: Mapping[tuple[str, str]
         if not quotients:
             return None
         shortest = min(quotients, key=lambda q: len(next(iter(q))))
-        bound = plus(bound, Call("abs", (term_of(shortest, known),)))
+        bound = plus(bound, Call("abs", (term_of(shortest),)))
     return bound
 
 
@@ -165,12 +163,11 @@ def _at_least(large: Term, small: Term, is_nonzero: Callable[[Symbol], bool]) ->
     form = normal_form(Sub(large, small))
     if form is None:
         raise _TooLong
-    known = {(s.kind, s.name): s for s in symbols(large) | symbols(small)}
     shorter = form
-    for name in sorted(n for n in content(form) if is_nonzero(known[n])):
+    for name in sorted(n for n in content(form) if is_nonzero(symbol_of(*n))):
         least = min(e for m in form for k, n, e in m if (k, n) == name)
         shorter = divided(shorter, name, least - least % 2)
-    expanded = term_of(shorter, known)
+    expanded = term_of(shorter)
     if shorter != form or size(expanded) <= size(large) + size(small):
         return Compare(">=", expanded, ZERO)
     return Compare(">=", large, small)
@@ -216,7 +213,7 @@ def _expanded(term: Term) -> Term:
     form = normal_form(term)
     if form is None:
         raise _TooLong
-    return term_of(form, {(s.kind, s.name): s for s in symbols(term)})
+    return term_of(form)
 
 
 def _expanded_quotient(above: Term, below: Term) -> Term:
@@ -226,4 +223,4 @@ def _expanded_quotient(above: Term, below: Term) -> Term:
 
 def _symbols(form: Normal) -> list[Symbol]:
     names = {(kind, name) for monomial in form for kind, name, _ in monomial}
-    return [Symbol(name, kind) for kind, name in sorted(names) if kind in ("variable", "constant")]
+    return [symbol_of(*name) for name in sorted(names)]

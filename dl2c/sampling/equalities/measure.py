@@ -19,7 +19,7 @@ from typing import TypeAlias
 
 from dl2c.ir.logic import folded, minus, plus, times
 from dl2c.ir.model import ONE, ZERO, Div, Number, Symbol, Term
-from dl2c.ir.normal import normal_form
+from dl2c.ir.normal import normal_form, symbol_of
 from dl2c.sampling.equalities.algebra import is_affine
 from dl2c.sampling.equalities.branches import Row
 from dl2c.sampling.equalities.root_of import RootOf
@@ -91,14 +91,10 @@ def _affine(term: Term, known: Mapping[Symbol, Affine]) -> Affine:
     found: Affine = {}
     for monomial, value in form.items():
         for kind, name, _ in monomial:
-            symbol = _symbol(kind, name)
+            symbol = symbol_of(kind, name)
             for z, share in known.get(symbol, {symbol: Fraction(1)}).items():
                 found[z] = found.get(z, Fraction(0)) + value * share
     return {z: c for z, c in found.items() if c}
-
-
-def _symbol(kind: str, name: str) -> Symbol:
-    return Symbol(name, "constant" if kind == "constant" else "variable")
 
 
 def _entries(row: Row, affine: Mapping[Symbol, Affine]) -> dict[Symbol, tuple[Entry, ...]]:

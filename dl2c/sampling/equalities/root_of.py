@@ -4,7 +4,7 @@ The equality and a box come in; its roots along the name go out, one for each ti
 there. Roots at which it does not change are singular points of the solutions, or where two roots meet.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
@@ -70,24 +70,22 @@ def _is_finite(box: Box, symbol: Symbol) -> bool:
     return max(abs(box[symbol].low), abs(box[symbol].high)) <= 1e100
 
 
-def roots_of(
-    form: Normal, symbol: Symbol, box: Box, known: Mapping[tuple[str, str], Symbol]
-) -> Iterator[RootOf]:
+def roots_of(form: Normal, symbol: Symbol, box: Box) -> Iterator[RootOf]:
     """Every place along the symbol where the polynomial may change its sign."""
     by_power = powers(form, symbol)
-    coefficients = tuple(term_of(by_power.get(k, {}), known) for k in range(max(by_power) + 1))
+    coefficients = tuple(term_of(by_power.get(k, {})) for k in range(max(by_power) + 1))
     around = box[symbol]
     reach = WIDER * max(1.0, abs(around.low), abs(around.high))
     wider = Interval(around.low - reach, around.high + reach)
-    for number in range(_most(form, symbol, {**box, symbol: wider}, known)):
+    for number in range(_most(form, symbol, {**box, symbol: wider})):
         yield RootOf(symbol, coefficients, wider.low, wider.high, number)
 
 
-def _most(form: Normal, symbol: Symbol, box: Box, known: Mapping[tuple[str, str], Symbol]) -> int:
+def _most(form: Normal, symbol: Symbol, box: Box) -> int:
     """As often at most: where its k-th derivative has no zero, a function has at most k (Rolle)."""
     degree = max(powers(form, symbol))
     for k in range(1, degree):
         form = derivative(form, symbol)
-        if not evaluate(term_of(form, known), box).contains(0.0):
+        if not evaluate(term_of(form), box).contains(0.0):
             return k
     return degree

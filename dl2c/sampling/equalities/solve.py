@@ -15,7 +15,7 @@ from fractions import Fraction
 from dl2c.interval.arithmetic import Box, Interval, magnitude, truth
 from dl2c.ir.logic import atoms, folded, mapped, size, symbols
 from dl2c.ir.model import ONE, ZERO, Compare, Div, Formula, Neg, Number, Sub, Symbol, Term
-from dl2c.ir.normal import normal_form
+from dl2c.ir.normal import normal_form, symbol_of
 from dl2c.sampling.equalities.algebra import (
     content,
     derivative,
@@ -118,11 +118,10 @@ def _cancelled(equality: Compare, others: Sequence[Formula], box: Box) -> Compar
     form = normal_form(Sub(equality.left, equality.right))
     if form is None:
         return equality
-    known = {(s.kind, s.name): s for s in symbols(equality)}
-    nonzero = {key for key in content(form) if _is_nonzero(known[key], others, box)}
+    nonzero = {n for n in content(form) if _is_nonzero(symbol_of(*n), others, box)}
     if not nonzero:
         return equality
-    return Compare("=", term_of(without_content(form, nonzero), known), ZERO, span=equality.span)
+    return Compare("=", term_of(without_content(form, nonzero)), ZERO, span=equality.span)
 
 
 def _branching(
@@ -179,7 +178,7 @@ def _collected(equality: Compare) -> Compare:
     difference = Sub(equality.left, equality.right)
     if size(difference) <= LONG or (form := normal_form(difference)) is None:
         return equality
-    whole = term_of(form, {(s.kind, s.name): s for s in symbols(equality)})
+    whole = term_of(form)
     return Compare("=", whole, ZERO, span=equality.span) if size(whole) < size(difference) else equality
 
 
@@ -191,9 +190,8 @@ def _reduced(equality: Compare, branch: Branch) -> tuple[Compare, tuple[Formula,
         return equality, ()
     if any(rest) and len(rest) > len(form):
         return equality, ()
-    known = {(s.kind, s.name): s for s in symbols(equality) | names_of(branch.value) | {branch.symbol}}
     divisor = () if parts[1] == ONE else (Compare("!=", parts[1], ZERO, span=equality.span),)
-    return Compare("=", term_of(rest, known), ZERO, span=equality.span), divisor
+    return Compare("=", term_of(rest), ZERO, span=equality.span), divisor
 
 
 def _row(solution: Solution, box: Box) -> Row | None:
