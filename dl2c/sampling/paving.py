@@ -153,7 +153,7 @@ def _best_split(
     before = _volume(root, leaf.box, widths)
     for symbol in directions:
         parts = _halved(leaf.box[symbol])
-        if any(p.low == p.high for p in parts):
+        if not all(p.low < p.high for p in parts):
             continue
         halves = [root.contractor.contract({**leaf.box, symbol: part}, ROUNDS) for part in parts]
         kept = [h for h in halves if h is not None and _volume(root, h, widths) > 0]
