@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
 from dl2c.ir.functions import FUNCTIONS
-from dl2c.ir.logic import minus, number, operands, plus, subterms, times, with_operands
+from dl2c.ir.logic import minus, number, operands, plus, raised, subterms, times, with_operands
 from dl2c.ir.margins import fraction
 from dl2c.ir.model import ONE, ZERO, Add, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
 from dl2c.ir.normal import (
@@ -175,8 +175,7 @@ class _Derivation:
                 slope = minus(self.derivative(left), times(term, self.derivative(right)))
                 return ZERO if slope == ZERO else Div(slope, right)
             case Pow(base, exponent):
-                rest = ONE if exponent == 1 else Pow(base, exponent - 1)
-                return times(times(number(exponent), rest), self.derivative(base))
+                return times(times(number(exponent), raised(base, exponent - 1)), self.derivative(base))
             case Call():
                 raise AssertionError("functions are symbols here")
 

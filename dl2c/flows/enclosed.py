@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Generic, TypeVar
 
-from dl2c.ir.evaluate import Environment, Undefined, evaluate
+from dl2c.ir.evaluate import Environment, value_of
 from dl2c.ir.logic import operands
 from dl2c.ir.model import Add, Call, Div, Mul, Neg, Pow, Sub, Symbol, Term
 
@@ -70,7 +70,5 @@ def last_operation(term: Term) -> tuple[str, tuple[Term, ...]]:
 
 def in_doubles(term: Term, env: Environment) -> float:
     """The value of a term; NaN where it has none."""
-    try:
-        return float(evaluate(term, env))
-    except Undefined:
-        return math.nan
+    value = value_of(term, env)
+    return math.nan if value is None else float(value)

@@ -29,15 +29,6 @@ def curve_of(coefficients: Sequence[Fraction], length: Fraction) -> list[Fractio
     return b
 
 
-def curve_at(curve: Curve, s: Fraction) -> Fraction:
-    """The value at s in [0,1]."""
-    b = list(curve)
-    for k in range(len(b) - 1, 0, -1):
-        for i in range(k):
-            b[i] = b[i] * (1 - s) + b[i + 1] * s
-    return b[0]
-
-
 def sign_after(curve: Curve) -> int:
     """The sign just after 0: that of the first coefficient that is not zero; 0 if all are."""
     return next((1 if b > 0 else -1 for b in curve if b != 0), 0)

@@ -14,7 +14,7 @@ from fractions import Fraction
 from dl2c.flows.conserved import is_darboux, is_invariant
 from dl2c.flows.solution import moving
 from dl2c.flows.watch import Watch
-from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal
+from dl2c.ir.evaluate import Environment, Value, in_range, literal, value_of
 from dl2c.ir.logic import (
     atoms,
     conjunction,
@@ -95,10 +95,7 @@ def begun(starts: Sequence[Start], env: Environment, exact: bool) -> Environment
     """The environment where a flow begins, with the values of its start."""
     values: dict[Symbol, Value | None] = dict(env)
     for start in starts:
-        try:
-            value = evaluate(start.value, env, exact)
-        except Undefined:
-            value = literal(Fraction(0), exact)
+        value = value_of(start.value, env, exact)
         values[start.symbol] = value if in_range(value) else literal(Fraction(0), exact)
     return values
 

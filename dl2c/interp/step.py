@@ -18,8 +18,8 @@ from dl2c.interp.judge import Happened, judge, shapes
 from dl2c.interp.lines import Line, Straight, choices, lines
 from dl2c.interp.straight import Plan, passable, planned
 from dl2c.interp.transition import Draws, Failure, Openings, Request, Settings, Start, Step, Trial
-from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal, truth
-from dl2c.ir.model import TRUE, Assign, AssignAny, Block, Evolve, Model, Symbol, Term, Test
+from dl2c.ir.evaluate import Environment, Undefined, Value, in_range, literal, truth, value_of
+from dl2c.ir.model import TRUE, Assign, AssignAny, Block, Evolve, Model, Symbol, Test
 
 FlowFunction: TypeAlias = Callable[[int, Environment, bool, Value, Sequence[int]], Motion]
 """Follow flow number k from an environment, in doubles or exactly, for a part (0 to 1) of its
@@ -205,7 +205,7 @@ class Interpreter:
         for statement in line.statements:
             match statement:
                 case Assign(variable, term):
-                    env[Symbol(variable, "variable")] = self._assigned(term, env)
+                    env[Symbol(variable, "variable")] = value_of(term, env, self.exact)
                 case AssignAny(variable, key):
                     if key not in values:
                         values[key] = self._value(statement, inputs, request)
@@ -258,12 +258,6 @@ class Interpreter:
             return inputs.nearest(key, request.inputs[key])
         (part,) = request.draws[key]
         return inputs.spread(key, literal(Fraction(part), self.exact))
-
-    def _assigned(self, term: Term, env: Environment) -> Value | None:
-        try:
-            return evaluate(term, env, self.exact)
-        except Undefined:
-            return None
 
     # Endings --------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dl2c.interp.lines import Straight
-from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, truth
+from dl2c.ir.evaluate import Environment, Value, truth, value_of
 from dl2c.ir.logic import conjunction, conjuncts, mapped, substituted, symbols
 from dl2c.ir.model import Assign, AssignAny, Evolve, Formula, Symbol, Term, Test
 from dl2c.paths.admission import Admission, Unknown, admissions
@@ -58,10 +58,7 @@ def passable(line: Sequence[Straight], env: Environment, exact: bool) -> bool:
             case Assign(name, term):
                 symbol = Symbol(name, "variable")
                 (decided.discard if decided.isdisjoint(symbols(term)) else decided.add)(symbol)
-                try:
-                    moved[symbol] = None if symbol in decided else evaluate(term, moved, exact)
-                except Undefined:
-                    moved[symbol] = None
+                moved[symbol] = None if symbol in decided else value_of(term, moved, exact)
             case AssignAny(name):
                 decided.add(Symbol(name, "variable"))
             case Test(formula):

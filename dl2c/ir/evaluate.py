@@ -63,6 +63,14 @@ def evaluate(term: Term, env: Environment, exact: bool = False) -> Value:
             assert_never(term)
 
 
+def value_of(term: Term, env: Environment, exact: bool = False) -> Value | None:
+    """The value of a term; None where it has none."""
+    try:
+        return evaluate(term, env, exact)
+    except Undefined:
+        return None
+
+
 def truth(formula: Formula, env: Environment, exact: bool = False) -> bool:
     """Whether a formula holds; an atom with an undefined subterm does not (semantics 5)."""
 

@@ -107,6 +107,11 @@ def times(a: Term, b: Term) -> Term:
     return b if a == ONE else a if b == ONE else folded(Mul(a, b))
 
 
+def raised(base: Term, exponent: int) -> Term:
+    """base^exponent, without structural exponents 0 and 1."""
+    return ONE if exponent == 0 else base if exponent == 1 else Pow(base, exponent)
+
+
 def conjunction(formulas: Iterable[Formula]) -> Formula:
     """Their n-ary conjunction, flattened, with truth values absorbed."""
     return _joined(And, formulas)

@@ -9,7 +9,7 @@ Numbers are exact rationals. Floating-point evaluation rounds each number once a
 each operation once, in the order of the tree.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
@@ -417,8 +417,3 @@ class Model:
             *(v.name for v in self.variables if v.initial == "sampled"),
             *(c.name for c in self.constants if c.value is None),
         )
-
-    def with_flows(self, flows: tuple[Flow, ...]) -> "Model":
-        """The same model with other flows, one for one."""
-        assert len(flows) == len(self.flows)
-        return replace(self, flows=flows)

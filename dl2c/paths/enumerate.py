@@ -112,7 +112,7 @@ def enumerate_paths(model: Model, default_bound: tuple[Fraction, Fraction] | Non
         for key in draft.inputs:
             tests.setdefault(key, []).append(draft.tests)
     inputs = input_limits(model, _by_role({a.key: a for a in assignments_of(programs)}), tests, default_bound)
-    flows = tuple(dict.fromkeys(_flows(model.body)))
+    flows = tuple(dict.fromkeys(s.flow for s in statements(model.body) if isinstance(s, Evolve)))
     if model.duration == "agent":
         durations = tuple(duration_input(k) for k in flows if not model.flows[k].drawn)
         agents = sum(i.role == "agent" for i in inputs)
@@ -168,10 +168,6 @@ def decisions_of(block: Block) -> Iterator[Decision]:
 def assignments_of(block: Block) -> Iterator[AssignAny]:
     """Every nondeterministic assignment in a block, likewise."""
     return (s for s in statements(block) if isinstance(s, AssignAny))
-
-
-def _flows(block: Block) -> Iterator[int]:
-    return (s.flow for s in statements(block) if isinstance(s, Evolve))
 
 
 def _shown(alternative: Alternative) -> str:

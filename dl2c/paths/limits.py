@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 
 from dl2c.diagnostics import CompileError, Diagnostic
-from dl2c.interval.arithmetic import WHOLE, Interval
+from dl2c.interval.arithmetic import WHOLE, Interval, hull_of
 from dl2c.interval.bounded import closed, initial_box, interval_of
 from dl2c.interval.contract import contract
 from dl2c.ir.logic import symbols
@@ -63,17 +63,18 @@ def _implied(
 ) -> tuple[Fraction | None, Fraction | None]:
     """The hull over all paths and over `state`, inside the declared bound; None where a side stays open."""
     symbol = Symbol(key, "input")
-    found: Interval | None = None
+    found: list[Interval] = []
     for test in tests:
         box = {s: state.get(s, WHOLE) for s in symbols(test) | {symbol}}
         box |= {Symbol(c.name, "constant"): interval_of(c.bound, c.value) for c in model.constants}
         box |= {Symbol(name, "input"): limits for name, limits in inputs.items()}
         inside = contract(test, box)
         if inside is not None:
-            found = _hull(found, inside[symbol])
-    if found is None:
+            found.append(inside[symbol])
+    if not found:
         return declared.low, declared.high
-    low, high = _finite(found.low), _finite(found.high)
+    around = hull_of(found)
+    low, high = _finite(around.low), _finite(around.high)
     return _last(declared.low, low, max), _last(declared.high, high, min)
 
 
@@ -81,10 +82,6 @@ def _reached(model: Model) -> dict[Symbol, Interval]:
     """Where variables are by their bounds and the precondition, as far as those say."""
     box = initial_box(model) or {}
     return {s: limits for s, limits in box.items() if s.kind == "variable"}
-
-
-def _hull(found: Interval | None, more: Interval) -> Interval:
-    return more if found is None else Interval(min(found.low, more.low), max(found.high, more.high))
 
 
 def _finite(end: float) -> Fraction | None:

@@ -11,7 +11,7 @@ from functools import reduce
 from math import gcd, lcm
 from typing import TypeAlias, assert_never
 
-from dl2c.ir.logic import conjunction, conjuncts, folded, leaves, negation
+from dl2c.ir.logic import conjunction, conjuncts, folded, leaves, negation, raised
 from dl2c.ir.model import (
     FALSE,
     TRUE,
@@ -24,8 +24,6 @@ from dl2c.ir.model import (
     Mul,
     Number,
     Or,
-    Pow,
-    Symbol,
     Term,
     Truth,
 )
@@ -119,15 +117,11 @@ def _sum(parts: list[tuple[Monomial, Fraction]]) -> Term:
 
 
 def _product(monomial: Monomial, factor: Fraction) -> Term:
-    powers = [_power(symbol_of(k, n), e) for k, n, e in monomial]
+    powers = [raised(symbol_of(k, n), e) for k, n, e in monomial]
     if not powers:
         return Number(factor)
     product = reduce(Mul, powers)
     return product if factor == 1 else folded(Mul(Number(factor), product))
-
-
-def _power(symbol: Symbol, exponent: int) -> Term:
-    return symbol if exponent == 1 else Pow(symbol, exponent)
 
 
 def size(formula: Formula) -> int:

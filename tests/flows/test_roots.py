@@ -11,7 +11,7 @@ from oracles import sturm
 
 from dl2c.flows.events import Crossing, Events, Exit
 from dl2c.flows.events import first_exit as exit_of_events
-from dl2c.flows.roots import Curve, crossings, curve_at, curve_of, sign_after
+from dl2c.flows.roots import Curve, crossings, curve_of, sign_after
 from dl2c.flows.roots_exact import simplest
 
 Atom = tuple[int, str]
@@ -73,7 +73,7 @@ def random_roots(random: Random, degree: int) -> list[Fraction]:
 def test_a_curve_is_the_polynomial_it_is_made_of(c: list[Fraction], length: Fraction) -> None:
     curve = curve_of(c, length)
     for s in (Fraction(0), Fraction(1, 3), Fraction(1)):
-        assert curve_at(curve, s) == sturm.value(c, s * length) == sturm.at(curve, s)
+        assert sturm.value(c, s * length) == sturm.at(curve, s)
 
 
 def assert_exact(curve: Sequence[Fraction]) -> None:

@@ -33,7 +33,7 @@ def wild_model(seed: int) -> Model:
     model = random_model(seed)
     flows = tuple(_flow(rng, f) for f in model.flows)
     return replace(
-        model.with_flows(flows),
+        replace(model, flows=flows),
         name=f"wild{seed}",
         predicates=tuple(_predicate(rng, k, model) for k in range(rng.randint(1, 3))),
         continuous=rng.random() < 0.8,
@@ -49,7 +49,7 @@ def wild_program(seed: int) -> Model:
         replace(_flow(rng, f), drawn=duration == "sample" or rng.random() < 0.2) for f in model.flows
     )
     return replace(
-        model.with_flows(flows),
+        replace(model, flows=flows),
         name=f"wildprogram{seed}",
         predicates=tuple(_predicate(rng, k, model) for k in range(rng.randint(1, 3))),
         continuous=rng.random() < 0.8,

@@ -9,7 +9,7 @@ from fractions import Fraction
 from functools import reduce
 from typing import assert_never
 
-from dl2c.ir.logic import folded, minus, plus, subterms, symbols, times
+from dl2c.ir.logic import folded, minus, number, plus, raised, subterms, symbols, times
 from dl2c.ir.model import ONE, ZERO, Add, Binary, Call, Div, Mul, Neg, Number, Pow, Sub, Symbol, Term
 from dl2c.ir.normal import Monomial, Normal, divided, normal_form, powers, symbol_of
 
@@ -63,18 +63,15 @@ def remainder(form: Normal, divisor: Normal, symbol: Symbol) -> Normal | None:
     rest: Normal | None = form
     while rest and (highest := max(powers(rest, symbol))) >= degree:
         top = term_of(powers(rest, symbol)[highest])
-        shift = times(top, ONE if highest == degree else Pow(symbol, highest - degree))
+        shift = times(top, raised(symbol, highest - degree))
         rest = normal_form(Sub(Mul(leading, term_of(rest)), Mul(shift, whole)))
     return rest
 
 
 def content(form: Normal) -> set[tuple[str, str]]:
     """The names that every monomial contains, by kind and name."""
-    common: set[tuple[str, str]] = set()
-    for number, monomial in enumerate(form):
-        names = {(k, n) for k, n, _ in monomial}
-        common = names if number == 0 else common & names
-    return common
+    names = [{(k, n) for k, n, _ in monomial} for monomial in form]
+    return set[tuple[str, str]].intersection(*names) if names else set()
 
 
 def without_content(form: Normal, nonzero: set[tuple[str, str]]) -> Normal:
@@ -112,7 +109,7 @@ def _balanced(parts: Sequence[Term]) -> Term:
 
 
 def _monomial(monomial: Monomial, value: Fraction) -> Term:
-    powers = [s if e == 1 else Pow(s, e) for k, n, e in monomial for s in [symbol_of(k, n)]]
+    powers = [raised(symbol_of(k, n), e) for k, n, e in monomial]
     factors: list[Term] = [Number(value)] if value != 1 or not powers else []
     return reduce(Mul, [*factors, *powers])
 
@@ -146,15 +143,11 @@ def derivative(term: Term, symbol: Symbol) -> Term:
             above = minus(derivative(left, symbol), times(term, derivative(right, symbol)))
             return ZERO if above == ZERO else Div(above, right)
         case Pow(base, exponent):
-            outer = ONE if exponent == 1 else times(Number(Fraction(exponent)), _lowered(base, exponent))
+            outer = times(number(exponent), raised(base, exponent - 1))
             return times(outer, derivative(base, symbol))
         case Call("sqrt", (arg,)):
-            return Div(derivative(arg, symbol), Mul(Number(Fraction(2)), term))
+            return Div(derivative(arg, symbol), Mul(number(2), term))
         case Call() | Number():
             raise AssertionError(f"no derivative of {term}")
         case _:
             assert_never(term)
-
-
-def _lowered(base: Term, exponent: int) -> Term:
-    return base if exponent == 2 else Pow(base, exponent - 1)
