@@ -10,57 +10,9 @@ from fractions import Fraction
 from typing import assert_never, cast
 
 from dl2c.ir.printer import decimal_places
+from dl2c.parse import tree
 from dl2c.parse.archive import read_archive
 from dl2c.parse.notes import with_notes
-from dl2c.parse.tree import (
-    And,
-    Annotation,
-    Archive,
-    Assign,
-    AssignAny,
-    AtomicODE,
-    BinaryTerm,
-    Box,
-    Choice,
-    Compare,
-    Compose,
-    Connective,
-    Declaration,
-    Diamond,
-    Differential,
-    DifferentialFormula,
-    DifferentialProgramConst,
-    DifferentialSymbol,
-    Divide,
-    Dual,
-    Entry,
-    Equiv,
-    Forall,
-    Formula,
-    FuncOf,
-    Imply,
-    Loop,
-    Minus,
-    Neg,
-    Not,
-    Number,
-    ODESystem,
-    Or,
-    Plus,
-    Power,
-    PredicationalOf,
-    PredOf,
-    Program,
-    ProgramConst,
-    Quantified,
-    Term,
-    Test,
-    Times,
-    Truth,
-    UnitFunctional,
-    UnitPredicational,
-    Variable,
-)
 from dl2c.source import Source
 
 SUM, PRODUCT, POWER, ATOM = range(4)
@@ -70,15 +22,15 @@ EQUIV, IMPLY, OR, AND, UNARY = range(5)
 """How strongly a formula binds."""
 
 INFIX: dict[type, tuple[str, int, int, int]] = {
-    Plus: (" + ", SUM, SUM, PRODUCT),
-    Minus: (" - ", SUM, SUM, PRODUCT),
-    Times: ("*", PRODUCT, PRODUCT, POWER),
-    Divide: ("/", PRODUCT, PRODUCT, POWER),
-    Power: ("^", POWER, ATOM, POWER),
-    And: (" & ", AND, UNARY, AND),
-    Or: (" | ", OR, AND, OR),
-    Imply: (" -> ", IMPLY, OR, IMPLY),
-    Equiv: (" <-> ", EQUIV, IMPLY, IMPLY),
+    tree.Plus: (" + ", SUM, SUM, PRODUCT),
+    tree.Minus: (" - ", SUM, SUM, PRODUCT),
+    tree.Times: ("*", PRODUCT, PRODUCT, POWER),
+    tree.Divide: ("/", PRODUCT, PRODUCT, POWER),
+    tree.Power: ("^", POWER, ATOM, POWER),
+    tree.And: (" & ", AND, UNARY, AND),
+    tree.Or: (" | ", OR, AND, OR),
+    tree.Imply: (" -> ", IMPLY, OR, IMPLY),
+    tree.Equiv: (" <-> ", EQUIV, IMPLY, IMPLY),
 }
 """How operators are written, how strongly they bind, and how strongly their operands have to."""
 
@@ -88,17 +40,17 @@ CHOICE, SEQUENCE, STATEMENT = range(3)
 INDENT = "  "
 
 
-def print_term(term: Term) -> str:
+def print_term(term: tree.Term) -> str:
     """The term as text."""
     return _term(term, SUM)
 
 
-def print_formula(formula: Formula) -> str:
+def print_formula(formula: tree.Formula) -> str:
     """The formula as text, on one line."""
     return _formula(formula, EQUIV)
 
 
-def print_program(program: Program) -> str:
+def print_program(program: tree.Program) -> str:
     """The program as text, on one line."""
     return _program(program, CHOICE)
 
@@ -106,45 +58,45 @@ def print_program(program: Program) -> str:
 # ---------------------------------------------------------------- terms
 
 
-def _term(term: Term, level: int) -> str:
+def _term(term: tree.Term, level: int) -> str:
     """The term, in parentheses where it binds more weakly than `level`."""
     text = _bare_term(term)
     if _term_level(term) >= level:
         return text
-    blank = " " if term == Neg(Number(Fraction(0))) else ""  # `(-0)` would be the literal 0
+    blank = " " if term == tree.Neg(tree.Number(Fraction(0))) else ""  # `(-0)` would be the literal 0
     return f"({text[:1]}{blank}{text[1:]})"
 
 
-def _term_level(term: Term) -> int:
+def _term_level(term: tree.Term) -> int:
     match term:
-        case BinaryTerm():
+        case tree.BinaryTerm():
             return INFIX[type(term)][1]
-        case Neg():
+        case tree.Neg():
             return SUM
-        case Number(value) if decimal_places(value) is None:
+        case tree.Number(value) if decimal_places(value) is None:
             return PRODUCT
         case _:
             return ATOM
 
 
-def _bare_term(term: Term) -> str:
+def _bare_term(term: tree.Term) -> str:
     match term:
-        case Number(value):
+        case tree.Number(value):
             return decimal(value)
-        case Variable(name):
+        case tree.Variable(name):
             return name
-        case DifferentialSymbol(name):
+        case tree.DifferentialSymbol(name):
             return f"{name}'"
-        case FuncOf(name, args):
+        case tree.FuncOf(name, args):
             return f"{name}({', '.join(map(print_term, args))})"
-        case UnitFunctional(name, taboo):
+        case tree.UnitFunctional(name, taboo):
             return f"{name}(|{','.join(taboo)}|)"
-        case Neg(child):
+        case tree.Neg(child):
             return f"-{_term(child, PRODUCT)}"
-        case BinaryTerm():
+        case tree.BinaryTerm():
             operator, _, left, right = INFIX[type(term)]
             return f"{_term(term.left, left)}{operator}{_term(term.right, right)}"
-        case Differential(child):
+        case tree.Differential(child):
             return f"({print_term(child)})'"
         case _:
             assert_never(term)
@@ -163,87 +115,87 @@ def decimal(value: Fraction) -> str:
 # ---------------------------------------------------------------- formulas
 
 
-def _formula(formula: Formula, level: int) -> str:
+def _formula(formula: tree.Formula, level: int) -> str:
     """The formula, in parentheses where it binds more weakly than `level`."""
-    own = INFIX[type(formula)][1] if isinstance(formula, Connective) else UNARY
+    own = INFIX[type(formula)][1] if isinstance(formula, tree.Connective) else UNARY
     text = _bare_formula(formula)
     return text if own >= level else f"({text})"
 
 
-def _bare_formula(formula: Formula) -> str:
+def _bare_formula(formula: tree.Formula) -> str:
     match formula:
-        case Truth(value):
+        case tree.Truth(value):
             return "true" if value else "false"
-        case Compare(op, left, right):
+        case tree.Compare(op, left, right):
             return f"{print_term(left)} {op} {print_term(right)}"
-        case PredOf(name, args):
+        case tree.PredOf(name, args):
             return f"{name}({', '.join(map(print_term, args))})"
-        case UnitPredicational(name, taboo):
+        case tree.UnitPredicational(name, taboo):
             return f"{name}(|{','.join(taboo)}|)"
-        case PredicationalOf(name, child):
+        case tree.PredicationalOf(name, child):
             return f"{name}{{{print_formula(child)}}}"
-        case Not(child):
+        case tree.Not(child):
             return f"!{_operand(child)}"
-        case Connective():
+        case tree.Connective():
             operator, _, left, right = INFIX[type(formula)]
             return f"{_formula(formula.left, left)}{operator}{_formula(formula.right, right)}"
-        case Quantified():
-            word = "forall" if isinstance(formula, Forall) else "exists"
+        case tree.Quantified():
+            word = "forall" if isinstance(formula, tree.Forall) else "exists"
             return f"\\{word} {formula.variable} {_operand(formula.child)}"
-        case Box(program, child):
+        case tree.Box(program, child):
             return f"[{print_program(program)}]{_operand(child)}"
-        case Diamond(program, child):
+        case tree.Diamond(program, child):
             return f"<{print_program(program)}>{_operand(child)}"
-        case DifferentialFormula(child):
+        case tree.DifferentialFormula(child):
             return f"({print_formula(child)})'"
         case _:
             assert_never(formula)
 
 
-def _operand(formula: Formula) -> str:
+def _operand(formula: tree.Formula) -> str:
     """The operand of a prefix; comparisons get parentheses for the reader's sake."""
-    return f"({_bare_formula(formula)})" if isinstance(formula, Compare) else _formula(formula, UNARY)
+    return f"({_bare_formula(formula)})" if isinstance(formula, tree.Compare) else _formula(formula, UNARY)
 
 
 # ---------------------------------------------------------------- programs
 
 
-def _program(program: Program, level: int) -> str:
+def _program(program: tree.Program, level: int) -> str:
     """The program, in braces where it binds more weakly than `level`."""
     text = _bare_program(program)
     match program:
-        case Choice():
+        case tree.Choice():
             own = CHOICE
-        case Compose():
+        case tree.Compose():
             own = SEQUENCE
         case _:
             own = STATEMENT
     return text if own >= level else f"{{{text}}}"
 
 
-def _bare_program(program: Program) -> str:
+def _bare_program(program: tree.Program) -> str:
     match program:
-        case Assign(name, term, differential):
+        case tree.Assign(name, term, differential):
             return f"{name}{_prime(differential)} := {print_term(term)};"
-        case AssignAny(dual=True) | ODESystem(dual=True):
-            return _bare_program(Dual(replace(program, dual=False)))
-        case AssignAny(name=name, differential=differential):
+        case tree.AssignAny(dual=True) | tree.ODESystem(dual=True):
+            return _bare_program(tree.Dual(replace(program, dual=False)))
+        case tree.AssignAny(name=name, differential=differential):
             return f"{name}{_prime(differential)} := *;"
-        case Test(formula):
+        case tree.Test(formula):
             return f"?{_bare_formula(formula)};"
-        case ProgramConst(name):
+        case tree.ProgramConst(name):
             return f"{name};"
-        case ODESystem(equations=equations, domain=domain, invariants=invariants):
-            constraint = "" if domain == Truth(True) else f" & {print_formula(domain)}"
+        case tree.ODESystem(equations=equations, domain=domain, invariants=invariants):
+            constraint = "" if domain == tree.Truth(True) else f" & {print_formula(domain)}"
             return f"{{{', '.join(map(_equation, equations))}{constraint}}}{_invariants(invariants)}"
-        case Compose(left=left, right=right):
+        case tree.Compose(left=left, right=right):
             return f"{_program(left, STATEMENT)} {_program(right, SEQUENCE)}"
-        case Choice(left=left, right=right, dual=dual):
-            level = CHOICE if isinstance(right, Choice) and right.dual == dual else SEQUENCE
+        case tree.Choice(left=left, right=right, dual=dual):
+            level = CHOICE if isinstance(right, tree.Choice) and right.dual == dual else SEQUENCE
             return f"{_program(left, SEQUENCE)} {'--' if dual else '++'} {_program(right, level)}"
-        case Loop(child=child, invariants=invariants, dual=dual):
+        case tree.Loop(child=child, invariants=invariants, dual=dual):
             return f"{{{print_program(child)}}}{'×' if dual else '*'}{_invariants(invariants)}"
-        case Dual(child):
+        case tree.Dual(child):
             return f"{{{print_program(child)}}}^@"
         case _:
             assert_never(program)
@@ -253,29 +205,29 @@ def _prime(differential: bool) -> str:
     return "'" if differential else ""
 
 
-def _equation(equation: AtomicODE | DifferentialProgramConst) -> str:
+def _equation(equation: tree.AtomicODE | tree.DifferentialProgramConst) -> str:
     match equation:
-        case AtomicODE(name, term):
+        case tree.AtomicODE(name, term):
             return f"{name}' = {print_term(term)}"
-        case DifferentialProgramConst(name, taboo):
+        case tree.DifferentialProgramConst(name, taboo):
             return name if taboo is None else f"{name}{{|{','.join(taboo)}|}}"
         case _:
             assert_never(equation)
 
 
-def _invariants(invariants: Sequence[Formula]) -> str:
+def _invariants(invariants: Sequence[tree.Formula]) -> str:
     return f"@invariant({', '.join(map(print_formula, invariants))})" if invariants else ""
 
 
 # ---------------------------------------------------------------- archives
 
 
-def print_archive(archive: Archive) -> str:
+def print_archive(archive: tree.Archive) -> str:
     """The whole archive as a file, its annotations included."""
     return "\n".join(map(print_entry, archive.entries))
 
 
-def print_entry(entry: Entry) -> str:
+def print_entry(entry: tree.Entry) -> str:
     """One entry as text that ends with a line end."""
     name = entry.name.replace("\\", "\\\\").replace('"', '\\"')
     lines = [f'{entry.kind} "{name}"', ""]
@@ -296,9 +248,9 @@ def print_entry(entry: Entry) -> str:
     return with_notes(text, entry, read_archive(Source("", text))[0].entries[0], _annotation)
 
 
-def _together(declarations: Sequence[Declaration]) -> list[list[Declaration]]:
+def _together(declarations: Sequence[tree.Declaration]) -> list[list[tree.Declaration]]:
     """The declarations, those that one implicit definition defines in one group."""
-    groups: list[list[Declaration]] = []
+    groups: list[list[tree.Declaration]] = []
     for declaration in declarations:
         if groups and declaration.implicit and groups[-1][0].body == declaration.body:
             groups[-1].append(declaration)
@@ -307,35 +259,35 @@ def _together(declarations: Sequence[Declaration]) -> list[list[Declaration]]:
     return groups
 
 
-def _declared(group: Sequence[Declaration]) -> list[str]:
+def _declared(group: Sequence[tree.Declaration]) -> list[str]:
     first = group[0]
     names = ", ".join(f"{declaration.name}{_parameters(declaration)}" for declaration in group)
     lines = [INDENT + _annotation(annotation) for annotation in first.annotations]
     return [*lines, f"{INDENT}{'implicit ' * first.implicit}{first.sort} {names}{_definition(first)};"]
 
 
-def _parameters(declaration: Declaration) -> str:
+def _parameters(declaration: tree.Declaration) -> str:
     if declaration.parameters is None:
         return ""
     return f"({', '.join(f'Real {parameter.name}' for parameter in declaration.parameters)})"
 
 
-def _definition(declaration: Declaration) -> str:
+def _definition(declaration: tree.Declaration) -> str:
     match declaration.sort, declaration.body:
         case _, None:
             return ""
-        case "Real", Compose(left=start, right=flow):
+        case "Real", tree.Compose(left=start, right=flow):
             return f" = {{{{{print_program(start)}}}; {print_program(flow)}}}"
         case "Real", body:
-            return f" = {print_term(cast('Term', body))}"
+            return f" = {print_term(cast('tree.Term', body))}"
         case "Bool", body:
-            return f" <-> {print_formula(cast('Formula', body))}"
+            return f" <-> {print_formula(cast('tree.Formula', body))}"
         case "HP", body:
-            return f" ::= {{ {print_program(cast('Program', body))} }}"
+            return f" ::= {{ {print_program(cast('tree.Program', body))} }}"
         case _:
             assert_never(declaration.sort)
 
 
-def _annotation(annotation: Annotation) -> str:
+def _annotation(annotation: tree.Annotation) -> str:
     attributes = [f"{name}={value}" if value else name for name, value, _ in annotation.attributes]
     return f"/* @{annotation.name}{': ' if attributes else ''}{', '.join(attributes)} */"
