@@ -73,7 +73,7 @@ def _solved(form: Normal) -> tuple[Symbol, Normal] | None:
 
 
 def _replaced(form: Normal, symbol: Symbol, value: Normal) -> Normal:
-    """The polynomial with a value for a name; itself where that is too long."""
+    """The polynomial with a name replaced by its value; unchanged where the result would be too long."""
     total: Normal | None = {}
     power: Normal | None = {(): Fraction(1)}
     by_exponent = powers(form, symbol)

@@ -54,7 +54,7 @@ class Enclosed(Generic[Enclosure]):
 
 
 def last_operation(term: Term) -> tuple[str, tuple[Term, ...]]:
-    """The operation by which enclosures make a term, by its name, and what it is applied to."""
+    """The name of the outermost operation of a term, as enclosures compute it, and its operands."""
     match term:
         case Pow(base, exponent) if exponent % 2 == 0:
             return "square", (Pow(base, exponent // 2) if exponent > 2 else base,)

@@ -50,7 +50,7 @@ class Projection:
 
 @dataclass(frozen=True, slots=True)
 class Steady:
-    """Watches over what a flow changes, and the values at its start that they are over otherwise."""
+    """Watches over what a flow changes, and over values from its start: `starts` says which."""
 
     watches: tuple[Watch, ...]
     starts: tuple[Start, ...]

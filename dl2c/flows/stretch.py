@@ -23,7 +23,7 @@ NARROWEST = 2.0**-50
 CLOSE = 2.0**-44
 """A change of sign is bracketed well enough within this part of a track."""
 TOGETHER = 2.0**-49
-"""Events that are at most so far apart, relative to their place, are one."""
+"""Events count as one if they are no further from each other than this, relative to their place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +221,7 @@ class Stretch:
         self._cross(j, self._last_of(j, turn, end, -sign), sign, events)
 
     def _cross(self, j: int, place: float, after: int, events: Events, vague: float = 0.0) -> None:
-        """A crossing at a place, or where another is that rounding does not tell apart from it; `vague` is
+        """A crossing at a place, or at that of another one which rounding does not distinguish; `vague` is
         how uncertain the place is."""
         at = (place - self.low) / self.width
         for other in events.crossings:

@@ -41,7 +41,7 @@ def follow(
 ) -> Motion:
     """Follow a flow for a part (0 to 1) of the longest time that its domain allows.
 
-    `waiting` are the watches still to be kept an eye on. Assumes that the domain holds in `env`.
+    `waiting` are the watches that are still open. Assumes that the domain holds in `env`.
     Raises `Undefined` where a coefficient, the horizon or the end state has no finite value, or where the
     search for events takes too long.
     """

@@ -23,7 +23,7 @@ from dl2c.ir.model import TRUE, Assign, AssignAny, Block, Evolve, Model, Symbol,
 
 FlowFunction: TypeAlias = Callable[[int, Environment, bool, Value, Sequence[int]], Motion]
 """Follow flow number k from an environment, in doubles or exactly, for a part (0 to 1) of its
-longest duration, with an eye on the watches given (`follow` with the flow's plan)."""
+longest duration, and watch the conditions given (`follow` with the flow's plan)."""
 
 
 @dataclass(slots=True)

@@ -65,7 +65,7 @@ def number(value: int | Fraction) -> Number:
 
 
 MAX_BITS = 100_000
-"""Of the numerator and the denominator of a power that is computed exactly."""
+"""A power is computed exactly as long as numerator and denominator have no more bits."""
 
 
 def folded(term: Term) -> Term:

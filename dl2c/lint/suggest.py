@@ -66,7 +66,9 @@ def suggestions(source: Source, options: Options) -> tuple[Edit, ...]:
 
 
 def _variables(problem: Problem, model: Model, drawn: Model, default: Range) -> Iterator[_Wish]:
-    """Without annotations all on which a step depends, and its inputs; else those without limits."""
+    """Variables to annotate: those that lack limits or, if nothing is annotated, all that a step depends on,
+    and its inputs.
+    """
     box, unlimited = initial_box(drawn) or {}, _unlimited(model, drawn)
     moving = changing(model)
     inputs: dict[str, list[Interval]] = {}

@@ -1,8 +1,8 @@
 """Where reading goes on after a syntax error.
 
 In: a `Failure`. Out: the text with a stand-in for the statement, the operand or the stray words that
-hold the mistake, and where they end. Only mistakes found behind that end are news: what fails before it
-fails because of the first one. The stand-in has the length of what it stands for, so offsets stay true.
+hold the mistake, and where they end. Only mistakes found behind that end are reported: what fails before
+it fails because of the first one. The stand-in has the length of what it stands for, so offsets stay true.
 """
 
 import re
@@ -62,12 +62,12 @@ class Recovery:
 
 @dataclass(frozen=True, slots=True)
 class Resumed:
-    """The text to read instead, where the news begin in it, and the range of the stand-in; `blank` where
-    nothing stands in.
+    """The text to read instead, from where on mistakes in it are reported (`after`), and the range of the
+    stand-in; `blank` where that is nothing but blanks.
     """
 
     text: str
-    news: int
+    after: int
     gap: tuple[int, int]
     blank: bool
 
@@ -82,8 +82,8 @@ def without_mistake(failure: Failure) -> Resumed | None:
         return None
     text = failure.code.text
     blanks = re.sub(r"[^\n]", " ", text[start + len(instead) : end])
-    news = max(end, failure.place + 1)
-    return Resumed(text[:start] + instead + blanks + text[end:], news, (start, end), not instead)
+    after = max(end, failure.place + 1)
+    return Resumed(text[:start] + instead + blanks + text[end:], after, (start, end), not instead)
 
 
 def _region(failure: Failure) -> tuple[int, int, str] | None:

@@ -88,7 +88,7 @@ def _recovered(failure: mistakes.Failure, recovery: Recovery | None) -> Node:
             return tree
         except UnexpectedInput as problem:
             failure = _failure(problem, code, start, end, failure.symbol)
-        if failure.length == 0 or failure.place < resumed.news or mistakes.closes_nothing(failure):
+        if failure.length == 0 or failure.place < resumed.after or mistakes.closes_nothing(failure):
             break
         found.append(mistakes.explain(failure))
     raise CompileError(found) from None

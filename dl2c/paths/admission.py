@@ -23,7 +23,7 @@ from dl2c.ir.polynomial import Coefficients, polynomial
 from dl2c.paths.zeros import MAX_DEGREE, zero_count
 
 MAX_CRITICALS = 64
-"""Of one input; more would cost more than a step may."""
+"""Critical polynomials of one input; with more a step would take too long."""
 
 
 MAX_TRIALS = 100_000
@@ -202,7 +202,9 @@ def _condition(part: Formula, places: dict[Symbol, int], solved: list[Solved]) -
 
 
 def _solved(atom: Compare, places: dict[Symbol, int], solved: list[Solved]) -> Compare:
-    """A comparison of one case of an equality, if it is one of inputs by a symbol for whether it holds."""
+    """One comparison of a case of an equality; an equality of inputs is replaced by the symbol that says
+    whether it holds.
+    """
     used = _used(atom.left, places)
     if atom.op != "=" or not used:
         return atom

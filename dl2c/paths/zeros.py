@@ -16,7 +16,7 @@ TOUCH = 2.0**-48
 """A value counts as zero if it is no further from it than this, relative to the terms that make it."""
 
 MAX_DEGREE = 12
-"""Of a polynomial in an input; bisection costs a step too much above."""
+"""Of a polynomial in an input; for higher degrees bisection takes too long."""
 
 HALVINGS = 64
 """Of an interval of rationals."""

@@ -57,7 +57,7 @@ def legend(axes: Any) -> None:
 
 
 def environment_steps(axes: Any) -> None:
-    """Label an axis of environment steps: few enough to stand apart, however many digits they have."""
+    """Label an axis of environment steps: few enough not to overlap, however many digits they have."""
     from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 
     axes.xaxis.set_major_locator(MaxNLocator(6))
@@ -107,8 +107,8 @@ def _happenings(axes: Any, model: Model, track: Track, values: Any, explained: b
 def _window(values: Any) -> tuple[float, float]:
     """The range in which thresholds are looked for: that of the values and half as much on both sides."""
     low, high = float(values.min()), float(values.max())
-    room = 0.5 * (high - low) or 0.5 * abs(high) or 1.0
-    return low - room, high + room
+    margin = 0.5 * (high - low) or 0.5 * abs(high) or 1.0
+    return low - margin, high + margin
 
 
 def _mark_thresholds(

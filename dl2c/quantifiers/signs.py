@@ -191,7 +191,7 @@ def _merged(parts: Iterable[Compare], known: Known) -> list[Compare] | None:
 
 
 def _absorbed(parts: Iterable[Formula]) -> list[Formula]:
-    """Without disjunctions that another one implies by having fewer alternatives."""
+    """Without disjunctions that are implied because another one has some of their alternatives alone."""
     flat = list(dict.fromkeys(c for part in parts for c in (conjuncts(part) or (part,))))
     alternatives = [frozenset(p.children) if isinstance(p, Or) else frozenset({p}) for p in flat]
     if len(flat) > MAX_ABSORBED:

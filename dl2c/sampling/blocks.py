@@ -1,4 +1,4 @@
-"""Names that have nothing to do with each other are drawn apart.
+"""Names that no condition connects are drawn independently.
 
 A formula and the names to sample come in; groups of names go out with their conjuncts, such that no
 conjunct is about names of two groups. A product of uniform laws is uniform, and each group is drawn

@@ -28,7 +28,7 @@ from dl2c.sampling.refusal import beyond_doubles, entangled, unsolved, without_s
 Items: TypeAlias = Mapping[Symbol, Variable | Constant]
 """The names to sample, in the order of `Model.sampled`, with their declarations."""
 
-APART = Fraction(1, 10**9)
+CLOSE = Fraction(1, 10**9)
 """Alternatives count as one where their equalities are as close as this, relative to their sides."""
 
 
@@ -213,7 +213,7 @@ def _apart(kept: Sequence[Sequence[Chart]], cases: Sequence[Conjuncts], box: Box
                 formula=conjunction([chart.formula, outside]),
             )
         if charts:
-            earlier.append(conjunction(relaxed(c, APART, sides_of) if _is_equality(c) else c for c in case))
+            earlier.append(conjunction(relaxed(c, CLOSE, sides_of) if _is_equality(c) else c for c in case))
 
 
 def _is_equality(formula: Formula) -> bool:

@@ -99,7 +99,7 @@ def _by_rows(sizes: Sequence[Mapping[Symbol, float]], shares: Sequence[Sequence[
 
 
 def _by_columns(measure: Measure, sizes: Sequence[Mapping[Symbol, float]]) -> float:
-    """By how much all names together change with each drawn one."""
+    """The bound by the lengths of the columns: the changes of all names with each drawn one."""
     whole: dict[Symbol, dict[Symbol, float]] = {}
     for row in sizes:
         own = next(iter(row))

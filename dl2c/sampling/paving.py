@@ -19,13 +19,13 @@ from dl2c.ir.model import Formula, Symbol
 from dl2c.work import spend
 
 ENOUGH = 0.95
-"""An acceptance that more boxes need not improve."""
+"""At this acceptance no more boxes are made."""
 
 CANDIDATES = 12
 """Directions in which a box is tried to be halved: those of its relatively longest edges."""
 
 MORE = 4
-"""So many times more boxes there may be as long as the density has no bound on one."""
+"""There may be this many times more boxes as long as the density is unbounded on one of them."""
 
 ROUNDS = 2
 """Contraction rounds of a half: its parent was contracted before."""
@@ -34,7 +34,7 @@ NODES_PER_SECOND = 120_000
 """Assumed speed of contraction, so that a time limit means the same work on every machine."""
 
 Widths: TypeAlias = Mapping[Symbol, float]
-"""What one unit of each name is, so that volumes of different charts compare."""
+"""The unit of each name, by which volumes of different charts become comparable."""
 
 
 @dataclass(frozen=True, slots=True)

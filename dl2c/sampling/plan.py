@@ -50,15 +50,16 @@ TRIALS = 2**18
 """Points in all boxes together from which the acceptance is estimated."""
 
 RARE = 0.1
-"""An acceptance below which names are drawn between limits, and a part of states that is too small."""
+"""Below this acceptance names are drawn between limits; below this part of states with a run, what runs
+need becomes part of the precondition."""
 
 DRAWS = 256
-"""States of which is seen how many may have a run."""
+"""States drawn to estimate how many of them may have a run."""
 
 PAVING_S = 2.0
 
 COORDINATES = 2**24
-"""Numbers that all these points may have together: states of many names get fewer points."""
+"""Limit of points times names: with many names there are fewer points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +199,7 @@ def _effort(chart: Chart) -> int:
 
 
 def _accepted(chart: Chart, sample: SampleChart, box: Box, density: float, points: int) -> float:
-    """How much of a box is accepted, estimated from so many points."""
+    """The part of a box that is accepted, estimated from `points` points."""
     rng = np.random.default_rng(SEED)
     columns = {s.name: uniform(box[s].low, box[s].high, points, rng) for s in chart.free}
     columns = completed(columns, (*sample.between, *sample.definitions), points)

@@ -56,7 +56,7 @@ class SampleBox:
 
 @dataclass(frozen=True, slots=True)
 class SampleBlock:
-    """Names that are drawn apart from all others, and the part of their draws that is kept."""
+    """Names that are drawn independently of all others, and the part of their draws that is kept."""
 
     charts: tuple[SampleChart, ...]
     boxes: tuple[SampleBox, ...]

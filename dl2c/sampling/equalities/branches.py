@@ -200,7 +200,7 @@ def _discriminant(c0: Term, c1: Term, c2: Term) -> Term:
 
 
 def _root(radicand: Term) -> Term:
-    """The square root, exact where it is a number."""
+    """The square root, as a number where it is rational."""
     if isinstance(radicand, Number) and (value := radicand.value) >= 0:
         above, below = isqrt(value.numerator), isqrt(value.denominator)
         if above**2 == value.numerator and below**2 == value.denominator:
