@@ -12,8 +12,8 @@ from fractions import Fraction
 from typing import TypeAlias
 
 from dl2c.ir.model import Formula, Model, Truth
-from dl2c.smt.precondition import Unknown, parts, value_of
-from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, z3
+from dl2c.smt.precondition import Unknown, parts
+from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, solution_of, solver_of, z3
 from dl2c.source import NOWHERE
 
 Region: TypeAlias = Mapping[str, tuple[float, float]]
@@ -47,22 +47,19 @@ def coverage(
     bounds can be."""
     begun = time.monotonic()
     context = z3.Context()
-    solver = z3.Solver(ctx=context)
-    solver.set("timeout", max(1, int(timeout_s * 1000)))
-    solver.set("random_seed", 0)
     try:
-        solver.add(*(condition(f, context) for f in (*(p.formula for p in parts(model)), chart)))
+        initial = [condition(f, context) for f in (*(p.formula for p in parts(model)), chart)]
     except (Untranslatable, TooLarge):
         return Unknown("the precondition is beyond Z3's arithmetic", NOWHERE)
-    solver.add(_inside(around, context))
-    solver.add(*(z3.Not(_inside(box, context)) for box in boxes))
+    inside = _inside(around, context)
+    outside = [z3.Not(_inside(box, context)) for box in boxes]
+    solver = solver_of(context, [*initial, inside, *outside], timeout_s)
     answer = solver.check()
     if answer == z3.unsat:
         return Covered(time.monotonic() - begun)
     if answer == z3.unknown:
         return Unknown(f"Z3 gave up: {solver.reason_unknown()}", NOWHERE)
-    values = solver.model()
-    return Outside({n: value_of(values.eval(z3.Real(n, context), True)) for n in model.sampled})
+    return Outside(solution_of(solver, model.sampled, context))
 
 
 def _inside(region: Region, context: Expression) -> Expression:

@@ -6,7 +6,7 @@ Answers are a function of the model, except that `Unknown` may depend on the tim
 """
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias, assert_never
@@ -15,7 +15,7 @@ from dl2c.diagnostics import Diagnostic, error
 from dl2c.ir.logic import atoms, conjuncts, subterms
 from dl2c.ir.model import And, Compare, Constant, Formula, Model, Number, Symbol, Variable
 from dl2c.ir.printer import print_bound, print_formula, print_number
-from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, z3
+from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, solution_of, solver_of, z3
 from dl2c.source import NOWHERE, Span
 
 
@@ -66,7 +66,7 @@ def decide(model: Model, timeout_s: float = 10.0) -> Decision:
             beyond.append(_beyond_reals(part, exc))
         except TooLarge:
             beyond.append(Unknown("its powers and products are too large for Z3", span_of(part.formula)))
-    solver = _solver(context, [e for _, e in asserted], timeout_s)
+    solver = solver_of(context, [e for _, e in asserted], timeout_s)
     answer = solver.check()
     if answer == z3.unsat:
         return Unsatisfiable(_minimal(context, asserted, deadline))
@@ -74,8 +74,7 @@ def decide(model: Model, timeout_s: float = 10.0) -> Decision:
         return beyond[0]
     if answer == z3.unknown:
         return Unknown(f"Z3 gave up: {solver.reason_unknown()}", span_of(model.precondition))
-    values = solver.model()
-    return Satisfiable({n: value_of(values.eval(z3.Real(n, context), True)) for n in model.sampled})
+    return Satisfiable(solution_of(solver, model.sampled, context))
 
 
 def parts(model: Model) -> tuple[Part, ...]:
@@ -129,14 +128,6 @@ def diagnose(decision: Unsatisfiable | Unknown) -> Diagnostic:
             assert_never(decision)
 
 
-def _solver(context: Expression, assertions: Sequence[Expression], timeout_s: float) -> Expression:
-    solver = z3.Solver(ctx=context)
-    solver.set("timeout", max(1, int(timeout_s * 1000)))
-    solver.set("random_seed", 0)
-    solver.add(*assertions)
-    return solver
-
-
 def _minimal(
     context: Expression, asserted: list[tuple[Part, Expression]], deadline: float
 ) -> tuple[Part, ...]:
@@ -147,16 +138,9 @@ def _minimal(
         if left <= 0:
             break
         rest = [other for other in core if other is not item]
-        if _solver(context, [e for _, e in rest], min(left, 1.0)).check() == z3.unsat:
+        if solver_of(context, [e for _, e in rest], min(left, 1.0)).check() == z3.unsat:
             core = rest
     return tuple(part for part, _ in core)
-
-
-def value_of(value: Expression) -> Fraction | str:
-    """A number of a Z3 model, exact; of an irrational one a decimal approximation."""
-    if z3.is_rational_value(value):
-        return Fraction(value.numerator_as_long(), value.denominator_as_long())
-    return str(value.as_decimal(20)).rstrip("?")
 
 
 def _beyond_reals(part: Part, exc: Untranslatable) -> Unknown:

@@ -13,8 +13,7 @@ from typing import Literal, TypeAlias
 
 from dl2c.ir.logic import negation, subterms
 from dl2c.ir.model import Call, Formula, Symbol
-from dl2c.smt.precondition import value_of
-from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, z3
+from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, solution_of, solver_of, z3
 
 Verdict: TypeAlias = Literal["yes", "no", "unknown"]
 
@@ -64,23 +63,21 @@ def _decided(
     formulas: Sequence[Formula], never: Sequence[Impossible], shown: Sequence[str], seconds: float
 ) -> Answer:
     context = z3.Context()
-    solver = z3.Solver(ctx=context)
-    solver.set("timeout", max(1, int(seconds * 1000)))
-    solver.set("random_seed", 0)
+    asserted: list[Expression] = []
     complete = True
     for part in (*formulas, *never):
         try:
             absent = isinstance(part, Impossible)
-            solver.add(_impossible(part, context) if absent else condition(part, context))
+            asserted.append(_impossible(part, context) if absent else condition(part, context))
         except (Untranslatable, TooLarge):
             complete = False
+    solver = solver_of(context, asserted, seconds)
     answer = solver.check()
     if answer == z3.unsat:
         return Answer("no", {})
     if answer == z3.unknown or not complete:
         return UNKNOWN
-    values = solver.model()
-    return Answer("yes", {n: value_of(values.eval(z3.Real(n, context), True)) for n in shown})
+    return Answer("yes", solution_of(solver, shown, context))
 
 
 def _impossible(part: Impossible, context: Expression) -> Expression:

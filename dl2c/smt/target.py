@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from dl2c.ir.model import Model
-from dl2c.smt.precondition import parts, value_of
-from dl2c.smt.terms import TooLarge, Untranslatable, condition, z3
+from dl2c.smt.precondition import parts
+from dl2c.smt.terms import TooLarge, Untranslatable, condition, solution_of, z3
 
 Status: TypeAlias = Literal["sat", "unsat", "unknown"]
 
@@ -45,6 +45,5 @@ def nearest(
     answer = optimizer.check()
     if answer != z3.sat:
         return Nearest("unsat" if answer == z3.unsat else "unknown", {})
-    values = optimizer.model()
-    found = {n: float(value_of(values.eval(z3.Real(n, context), True))) for n in model.sampled}
-    return Nearest("sat", found)
+    found = solution_of(optimizer, model.sampled, context)
+    return Nearest("sat", {name: float(value) for name, value in found.items()})

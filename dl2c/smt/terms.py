@@ -6,6 +6,8 @@ formulas are in negation normal form, so an undefined atom is false. Transcenden
 functions have no translation: `Untranslatable` names the subterm.
 """
 
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
 from math import comb
 from typing import Any, TypeAlias, assert_never
 
@@ -35,6 +37,27 @@ class Untranslatable(Exception):
     def __init__(self, call: Call) -> None:
         super().__init__(call.function)
         self.call = call
+
+
+def solver_of(context: Expression, assertions: Sequence[Expression], seconds: float) -> Expression:
+    """A solver for these assertions, with a limit of time."""
+    solver = z3.Solver(ctx=context)
+    solver.set("timeout", max(1, int(seconds * 1000)))
+    solver.set("random_seed", 0)
+    solver.add(*assertions)
+    return solver
+
+
+def solution_of(solver: Expression, names: Iterable[str], context: Expression) -> dict[str, Fraction | str]:
+    """The values of names in the solution that was found: exact, or decimal text of irrational ones."""
+    values = solver.model()
+    return {name: _value_of(values.eval(z3.Real(name, context), True)) for name in names}
+
+
+def _value_of(value: Expression) -> Fraction | str:
+    if z3.is_rational_value(value):
+        return Fraction(value.numerator_as_long(), value.denominator_as_long())
+    return str(value.as_decimal(20)).rstrip("?")
 
 
 def condition(formula: Formula, context: Expression) -> Expression:
