@@ -121,12 +121,18 @@ class ProgramLowering:
     def _while(self, loop: tree.Loop, after: tree.Program) -> ir.While | None:
         """`{?P; body}*; ?!P`, if that is what it is."""
         first, *body = statements(loop.child)
-        if not isinstance(first, tree.Test) or not isinstance(after, tree.Test):
+        if (conditions := self._complementary(first, after)) is None:
             return None
-        condition, otherwise = (lower_formula(t.formula, self.scope) for t in (first, after))
-        if oriented(negation(condition)) != oriented(otherwise):
+        return ir.While(*conditions, self.sequence(body), span=loop.span)
+
+    def _complementary(
+        self, first: tree.Program, second: tree.Program
+    ) -> tuple[ir.Formula, ir.Formula] | None:
+        """The conditions of two tests, if one is the negation of the other."""
+        if not isinstance(first, tree.Test) or not isinstance(second, tree.Test):
             return None
-        return ir.While(condition, otherwise, self.sequence(body), span=loop.span)
+        condition, otherwise = (lower_formula(t.formula, self.scope) for t in (first, second))
+        return (condition, otherwise) if oriented(negation(condition)) == oriented(otherwise) else None
 
     def _key(self, key: str) -> str:
         return f"prefix_{key}" if self.resets else key
@@ -143,14 +149,11 @@ class ProgramLowering:
 
     def _branch(self, sides: tuple[tree.Program, ...], span: Span) -> ir.If | None:
         """A deterministic branch, if the first tests exclude each other and one always holds."""
-        tests = [_first_test(side) for side in sides]
-        if tests[0] is None or tests[1] is None:
-            return None
-        condition, otherwise = (lower_formula(t.formula, self.scope) for t in tests if t is not None)
-        if oriented(negation(condition)) != oriented(otherwise):
+        conditions = self._complementary(*map(_first, sides))
+        if conditions is None:
             return None
         then, orelse = (self.block(side)[1:] for side in sides)
-        return ir.If(condition, otherwise, then, orelse, span=span)
+        return ir.If(*conditions, then, orelse, span=span)
 
     def _annotation_at(self, span: Span) -> ChoiceAnnotation | None:
         """The `@choice` in front of a choice. It belongs to the outermost that begins there."""
@@ -173,7 +176,6 @@ class ProgramLowering:
         return self.placed.setdefault(annotation, node) == node
 
 
-def _first_test(program: tree.Program) -> tree.Test | None:
-    while isinstance(program, tree.Compose):
-        program = program.left
-    return program if isinstance(program, tree.Test) else None
+def _first(program: tree.Program) -> tree.Program:
+    """The first statement."""
+    return _first(program.left) if isinstance(program, tree.Compose) else program

@@ -5,6 +5,7 @@ its span. Mistakes are raised as `CompileError`. Names need not be declared: res
 the next stage.
 """
 
+from collections.abc import Callable
 from typing import TypeAlias, TypeVar
 
 from dl2c.diagnostics import CompileError, Diagnostic
@@ -27,26 +28,22 @@ def parse_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
 
 def parse_term(text: Text, *, strict: bool = False) -> Term:
     """Read a term. `strict` refuses what KeYmaera X refuses."""
-    node, read = _read(text, "start_term", strict)
-    return _finish(build.term(node, read), read, strict)
+    return _parsed(text, "start_term", build.term, strict)
 
 
 def parse_formula(text: Text, *, strict: bool = False) -> Formula:
     """Read a formula. `strict` refuses what KeYmaera X refuses."""
-    node, read = _read(text, "start_formula", strict)
-    return _finish(build.formula(node, read), read, strict)
+    return _parsed(text, "start_formula", build.formula, strict)
 
 
 def parse_program(text: Text, *, strict: bool = False) -> Program:
     """Read a program. `strict` refuses what KeYmaera X refuses."""
-    node, read = _read(text, "start_program", strict)
-    return _finish(build.program(node, read), read, strict)
+    return _parsed(text, "start_program", build.program, strict)
 
 
 def parse_value(text: Text, *, strict: bool = False) -> Term | Formula:
     """Read a term or a formula, whichever it is; a bare name is a Variable, a call a FuncOf."""
-    node, read = _read(text, "start_value", strict)
-    return _finish(build.value(node, read), read, strict)
+    return _parsed(text, "start_value", build.value, strict)
 
 
 def parse_annotated(span: Span) -> Term | Formula:
@@ -59,13 +56,16 @@ def parse_annotated(span: Span) -> Term | Formula:
     return build.value(node, read)
 
 
-def _read(text: Text, symbol: str, strict: bool) -> tuple[Node, build.Reading]:
+def _parsed(text: Text, symbol: str, read_node: Callable[[Node, build.Reading], _T], strict: bool) -> _T:
     code, start, end = _code(text)
     read = build.Reading(code.source, [])
     if strict:
         read.warnings.extend(errors.line_comment(c.span) for c in code.comments if c.line)
     root = parse_tree(code, start, end, symbol)
-    return build.nodes(build.parts(root))[0], read
+    value = read_node(build.nodes(build.parts(root))[0], read)
+    if strict and read.warnings:
+        raise CompileError(errors.strictly(warning) for warning in read.warnings)
+    return value
 
 
 def _code(text: Text) -> tuple[Code, int, int]:
@@ -76,9 +76,3 @@ def _code(text: Text) -> tuple[Code, int, int]:
             return scan(text), 0, len(text.text)
         case str():
             return scan(Source("<text>", text)), 0, len(text)
-
-
-def _finish(value: _T, read: build.Reading, strict: bool) -> _T:
-    if strict and read.warnings:
-        raise CompileError(errors.strictly(warning) for warning in read.warnings)
-    return value
