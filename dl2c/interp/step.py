@@ -86,7 +86,7 @@ class Interpreter:
         )
 
     def _state(self, env: Environment) -> dict[str, Value]:
-        values = {v.name: env[Symbol(v.name, "variable")] for v in self.model.variables}
+        values = {v.name: env[v.symbol] for v in self.model.variables}
         return {x: v for x, v in values.items() if v is not None}
 
     # Runs -----------------------------------------------------------------------

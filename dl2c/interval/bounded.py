@@ -21,9 +21,7 @@ _Item = TypeVar("_Item", Variable, Constant)
 
 def bounded(model: Model, default: Range) -> Model:
     """The model with finite bounds for all names that are drawn and that nothing else limits."""
-    bounds = {Symbol(v.name, "variable"): v.bound for v in model.variables if v.initial == "sampled"} | {
-        Symbol(c.name, "constant"): c.bound for c in model.constants if c.value is None
-    }
+    bounds = {item.symbol: item.bound for item in model.drawn}
     box = initial_box(model)
     for symbol, bound in bounds.items():
         limits = (box or {}).get(symbol, WHOLE)
@@ -36,8 +34,8 @@ def bounded(model: Model, default: Range) -> Model:
             box = contract(model.precondition, {**box, symbol: interval_of(Bound(*ends))})
     return replace(
         model,
-        variables=tuple(_with(v, bounds.get(Symbol(v.name, "variable"))) for v in model.variables),
-        constants=tuple(_with(c, bounds.get(Symbol(c.name, "constant"))) for c in model.constants),
+        variables=tuple(_with(v, bounds.get(v.symbol)) for v in model.variables),
+        constants=tuple(_with(c, bounds.get(c.symbol)) for c in model.constants),
     )
 
 
@@ -45,9 +43,9 @@ def initial_box(model: Model) -> dict[Symbol, Interval] | None:
     """A box around all initial states, from bounds, fixed constants and the precondition; None if empty."""
     box: dict[Symbol, Interval] = dict.fromkeys(symbols(model.precondition), WHOLE)
     for variable in model.variables:
-        box[Symbol(variable.name, "variable")] = interval_of(variable.bound)
+        box[variable.symbol] = interval_of(variable.bound)
     for constant in model.constants:
-        box[Symbol(constant.name, "constant")] = interval_of(constant.bound, constant.value)
+        box[constant.symbol] = interval_of(constant.bound, constant.value)
     return None if any(i.empty for i in box.values()) else contract(model.precondition, box)
 
 

@@ -17,6 +17,7 @@ from dl2c.ir.model import (
     Add,
     And,
     Binary,
+    Bound,
     Call,
     Compare,
     Comparison,
@@ -35,6 +36,7 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
+from dl2c.source import NOWHERE, Span
 from dl2c.work import spend
 
 T = TypeVar("T")
@@ -140,6 +142,14 @@ def domain_at_end(flow: Flow) -> Formula:
     """What must hold where a flow ends."""
     clocks = [Compare("<=", Symbol(h.clock, "variable"), h.bound) for h in flow.horizons]
     return conjunction([*clocks, flow.watched])
+
+
+def limits_of(symbol: Symbol, bound: Bound, span: Span = NOWHERE) -> Iterator[Compare]:
+    """That a name is inside its bound."""
+    if bound.low is not None:
+        yield Compare(">=", symbol, Number(bound.low), span=span)
+    if bound.high is not None:
+        yield Compare("<=", symbol, Number(bound.high), span=span)
 
 
 def conjuncts(formula: Formula) -> tuple[Formula, ...]:
@@ -262,7 +272,7 @@ def substituted(term: Term, values: Mapping[Symbol, Term]) -> Term:
 
 def fixed_values(model: Model) -> dict[Symbol, Term]:
     """The constants of a model that have one value."""
-    return {Symbol(c.name, "constant"): Number(c.value) for c in model.constants if c.value is not None}
+    return {c.symbol: Number(c.value) for c in model.constants if c.value is not None}
 
 
 def with_term(term: Term, old: Term, new: Term) -> Term:

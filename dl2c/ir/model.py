@@ -361,6 +361,10 @@ class Variable:
     plot: str = "none"
     span: Span = _span()
 
+    @property
+    def symbol(self) -> Symbol:
+        return Symbol(self.name, "variable")
+
 
 @dataclass(frozen=True, slots=True)
 class Constant:
@@ -377,6 +381,10 @@ class Constant:
     unit: str = ""
     plot: str = "none"
     span: Span = _span()
+
+    @property
+    def symbol(self) -> Symbol:
+        return Symbol(self.name, "constant")
 
 
 @dataclass(frozen=True, slots=True)
@@ -411,9 +419,12 @@ class Model:
     max_loop: int = 10_000
 
     @property
+    def drawn(self) -> tuple[Variable | Constant, ...]:
+        """What is drawn at reset: variables, then constants."""
+        variables = (v for v in self.variables if v.initial == "sampled")
+        return (*variables, *(c for c in self.constants if c.value is None))
+
+    @property
     def sampled(self) -> tuple[str, ...]:
-        """Names drawn at reset, in the order variables, then constants."""
-        return (
-            *(v.name for v in self.variables if v.initial == "sampled"),
-            *(c.name for c in self.constants if c.value is None),
-        )
+        """The names of what is drawn at reset."""
+        return tuple(item.name for item in self.drawn)

@@ -73,9 +73,8 @@ def _may_be_positive(shape: Term, model: Model, known: tuple[Formula, ...], orac
     """Whether some state inside all bounds that is safe is known to have a positive shape."""
     box = dict.fromkeys(symbols(shape), WHOLE)
     for item in (*model.variables, *model.constants):
-        symbol = Symbol(item.name, "variable" if item in model.variables else "constant")
-        if symbol in box:
-            box[symbol] = interval_of(item.bound)
+        if item.symbol in box:
+            box[item.symbol] = interval_of(item.bound)
     if evaluate(shape, box).high <= 0:
         return False
     question = (*known, Compare(">", shape, ZERO))
@@ -136,7 +135,7 @@ def unobserved(model: Model, problem: Problem) -> Iterator[Diagnostic]:
     silent = {d.name for d, annotation in problem.variables if annotation is None}
     moving, box = changing(model), initial_box(model) or {}
     for variable in model.variables:
-        symbol = Symbol(variable.name, "variable")
+        symbol = variable.symbol
         start = box.get(symbol, WHOLE)
         fixed = variable.name not in moving and _is_point(start)
         if variable.name in silent and not fixed and _matters(symbol, model):

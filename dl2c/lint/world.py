@@ -4,11 +4,11 @@ Comes in: a model. Go out: formulas over what never changes in an episode, from 
 its bounds, and the variables that do change.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 from dl2c.ir.liveness import written
-from dl2c.ir.logic import conjuncts, symbols
-from dl2c.ir.model import Bound, Compare, Formula, Model, Number, Symbol
+from dl2c.ir.logic import conjuncts, limits_of, symbols
+from dl2c.ir.model import Compare, Formula, Model, Number
 
 
 def changing(model: Model) -> frozenset[str]:
@@ -32,18 +32,11 @@ def bounds_of(model: Model, exclude: Iterable[str] = ()) -> tuple[Formula, ...]:
     found: list[Formula] = []
     for variable in model.variables:
         if variable.name not in exclude:
-            found += _within(Symbol(variable.name, "variable"), variable.bound)
+            found += limits_of(variable.symbol, variable.bound)
     for constant in model.constants:
-        symbol = Symbol(constant.name, "constant")
+        symbol = constant.symbol
         if constant.value is not None:
             found.append(Compare("=", symbol, Number(constant.value)))
         else:
-            found += _within(symbol, constant.bound)
+            found += limits_of(symbol, constant.bound)
     return tuple(found)
-
-
-def _within(symbol: Symbol, bound: Bound) -> Iterator[Formula]:
-    if bound.low is not None:
-        yield Compare(">=", symbol, Number(bound.low))
-    if bound.high is not None:
-        yield Compare("<=", symbol, Number(bound.high))

@@ -66,7 +66,7 @@ def _implied(
     found: list[Interval] = []
     for test in tests:
         box = {s: state.get(s, WHOLE) for s in symbols(test) | {symbol}}
-        box |= {Symbol(c.name, "constant"): interval_of(c.bound, c.value) for c in model.constants}
+        box |= {c.symbol: interval_of(c.bound, c.value) for c in model.constants}
         box |= {Symbol(name, "input"): limits for name, limits in inputs.items()}
         inside = contract(test, box)
         if inside is not None:

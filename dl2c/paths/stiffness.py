@@ -27,8 +27,8 @@ def may_be_stiff(k: int, plan: FlowPlan, model: Model, paths: Paths) -> bool:
     """Whether flow k is followed by power series and may need too many of them."""
     if plan.kernel != "linear":
         return False
-    box = {Symbol(v.name, "variable"): interval_of(v.bound) for v in model.variables}
-    box |= {Symbol(c.name, "constant"): interval_of(c.bound, c.value) for c in model.constants}
+    box = {v.symbol: interval_of(v.bound) for v in model.variables}
+    box |= {c.symbol: interval_of(c.bound, c.value) for c in model.constants}
     starts = [p.updates for p in paths.paths if p.flow == k]
     longest = max((_longest(plan.flow, dict(updates), box) for updates in starts), default=INF)
     size = _norm(plan.flow, box) * longest

@@ -43,8 +43,8 @@ class Track:
 
 def symbols_at(model: Model, state: Mapping[str, float]) -> dict[Symbol, float]:
     """A state by symbol."""
-    constants = {Symbol(c.name, "constant"): state[c.name] for c in model.constants}
-    return {Symbol(v.name, "variable"): state[v.name] for v in model.variables} | constants
+    constants = {c.symbol: state[c.name] for c in model.constants}
+    return {v.symbol: state[v.name] for v in model.variables} | constants
 
 
 def moving(model: Model) -> set[str]:

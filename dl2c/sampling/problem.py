@@ -14,7 +14,7 @@ from dl2c.interval.bounded import interval_of
 from dl2c.interval.contract import contract
 from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import atoms, conjunction, disjunction, fixed_values, mapped, subterms
-from dl2c.ir.model import And, Bound, Call, Compare, Constant, Formula, Model, Number, Or, Symbol, Variable
+from dl2c.ir.model import And, Bound, Call, Compare, Formula, Model, Number, Or, Symbol
 from dl2c.sampling.blocks import groups_of
 from dl2c.sampling.cases import resolved
 from dl2c.sampling.charts import Chart, Items, charts_of, without_numbers
@@ -37,7 +37,7 @@ class Problem:
 
 def problem_of(model: Model, decision: Decision) -> Problem:
     """The sampling problem of a model. Raises `CompileError` with the reason where there is none."""
-    items = _items(model)
+    items: Items = {item.symbol: item for item in model.drawn}
     formula = _precondition(model, items)
     box = _feasible_box(model, formula, items, decision)
     for call, atom in transcendental_calls(formula):
@@ -51,11 +51,6 @@ def problem_of(model: Model, decision: Decision) -> Problem:
     if endless:
         raise CompileError(unbounded([item for s, item in items.items() if s in endless]))
     return Problem(items, formula, box, tuple(blocks))
-
-
-def _items(model: Model) -> dict[Symbol, Variable | Constant]:
-    variables = {Symbol(v.name, "variable"): v for v in model.variables if v.initial == "sampled"}
-    return {**variables, **{Symbol(c.name, "constant"): c for c in model.constants if c.value is None}}
 
 
 def _precondition(model: Model, items: Items) -> Formula:

@@ -12,8 +12,8 @@ from fractions import Fraction
 from typing import TypeAlias, assert_never
 
 from dl2c.diagnostics import Diagnostic, error
-from dl2c.ir.logic import atoms, conjuncts, subterms
-from dl2c.ir.model import And, Compare, Constant, Formula, Model, Number, Symbol, Variable
+from dl2c.ir.logic import atoms, conjuncts, limits_of, subterms
+from dl2c.ir.model import And, Compare, Constant, Formula, Model, Number, Variable
 from dl2c.ir.printer import print_bound, print_formula, print_number
 from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, solution_of, solver_of, z3
 from dl2c.source import NOWHERE, Span
@@ -85,22 +85,12 @@ def parts(model: Model) -> tuple[Part, ...]:
 
 
 def _declared(item: Variable | Constant) -> Iterator[Part]:
-    low, high = item.bound.low, item.bound.high
-    if isinstance(item, Constant):
-        symbol = Symbol(item.name, "constant")
-        if item.value is not None:
-            fixed = Compare("=", symbol, Number(item.value), span=item.span)
-            yield Part(f"value of {item.name}: {print_number(item.value)}", item.span, fixed)
-            return
-    else:
-        symbol = Symbol(item.name, "variable")
-    sides: list[Formula] = []
-    if low is not None:
-        sides.append(Compare(">=", symbol, Number(low), span=item.span))
-    if high is not None:
-        sides.append(Compare("<=", symbol, Number(high), span=item.span))
-    if sides:
-        yield Part(f"bound of {item.name}: {print_bound(item.bound)}", item.span, And(tuple(sides)))
+    if isinstance(item, Constant) and item.value is not None:
+        fixed = Compare("=", item.symbol, Number(item.value), span=item.span)
+        yield Part(f"value of {item.name}: {print_number(item.value)}", item.span, fixed)
+        return
+    if sides := tuple(limits_of(item.symbol, item.bound, item.span)):
+        yield Part(f"bound of {item.name}: {print_bound(item.bound)}", item.span, And(sides))
 
 
 def diagnose(decision: Unsatisfiable | Unknown) -> Diagnostic:
