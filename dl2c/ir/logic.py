@@ -144,12 +144,12 @@ def domain_at_end(flow: Flow) -> Formula:
     return conjunction([*clocks, flow.watched])
 
 
-def limits_of(symbol: Symbol, bound: Bound, span: Span = NOWHERE) -> Iterator[Compare]:
-    """That a name is inside its bound."""
+def limits_of(term: Term, bound: Bound, span: Span = NOWHERE) -> Iterator[Compare]:
+    """That a term is inside a bound."""
     if bound.low is not None:
-        yield Compare(">=", symbol, Number(bound.low), span=span)
+        yield Compare(">=", term, Number(bound.low), span=span)
     if bound.high is not None:
-        yield Compare("<=", symbol, Number(bound.high), span=span)
+        yield Compare("<=", term, Number(bound.high), span=span)
 
 
 def conjuncts(formula: Formula) -> tuple[Formula, ...]:

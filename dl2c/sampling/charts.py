@@ -12,7 +12,7 @@ from typing import TypeAlias
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.interval.arithmetic import INF, Box, Interval, enclosure, meet
 from dl2c.interval.contract import contract
-from dl2c.ir.logic import conjunction, conjuncts, mapped, negation, oriented, symbols
+from dl2c.ir.logic import conjunction, conjuncts, limits_of, mapped, negation, oriented, symbols
 from dl2c.ir.model import ZERO, Bound, Compare, Constant, Formula, Number, Sub, Symbol, Term, Variable
 from dl2c.ir.normal import normal_form
 from dl2c.ir.slack import relaxed, sides_of
@@ -158,7 +158,10 @@ def _chart(elimination: Elimination, case: Conjuncts, items: Items, box: Box) ->
         free=free,
         definitions=elimination.definitions,
         rest=conjunction(elimination.rest),
-        bounds={s: within(items[s].bound, t if isinstance(t, Number) else s) for s, t in defined.items()},
+        bounds={
+            s: conjunction(limits_of(t if isinstance(t, Number) else s, items[s].bound))
+            for s, t in defined.items()
+        },
         formula=formula,
         box={**around, **inside},
         measure=measure_of(elimination),
@@ -218,16 +221,6 @@ def _apart(kept: Sequence[Sequence[Chart]], cases: Sequence[Conjuncts], box: Box
 
 def _is_equality(formula: Formula) -> bool:
     return isinstance(formula, Compare) and formula.op == "="
-
-
-def within(bound: Bound, term: Symbol | Number) -> Formula:
-    """That a value lies inside a bound."""
-    sides: list[Formula] = []
-    if bound.low is not None:
-        sides.append(Compare(">=", term, Number(bound.low)))
-    if bound.high is not None:
-        sides.append(Compare("<=", term, Number(bound.high)))
-    return conjunction(sides)
 
 
 def inward(bound: Bound) -> Interval:

@@ -14,11 +14,11 @@ from typing import Literal
 import numpy as np
 
 from dl2c.interval.arithmetic import Box, Interval
-from dl2c.ir.logic import conjunction, conjuncts, subterms
+from dl2c.ir.logic import conjunction, conjuncts, limits_of, subterms
 from dl2c.ir.model import ONE, Add, Bound, Compare, Formula, Number, Sub, Symbol, Term
 from dl2c.sampling.acceptance import acceptance
 from dl2c.sampling.arrays import Bools, Columns, Floats, values
-from dl2c.sampling.charts import Chart, within
+from dl2c.sampling.charts import Chart
 from dl2c.sampling.equalities.root_of import Definition
 from dl2c.sampling.grid import Grid, grid_of, rounding
 
@@ -116,7 +116,7 @@ def tested(chart: Chart, around: Box, bounds: Mapping[Symbol, Bound]) -> tuple[S
     equalities = [c for c in conjuncts(chart.formula) if isinstance(c, Compare) and c.op == "="]
     rounded = any(test.errors[s] for s, _ in chart.definitions)
     if rounded and (grid := grid_of(chart.definitions, equalities, around)):
-        rest = conjunction([chart.rest, *(within(bounds[s], s) for s in grid)])
+        rest = conjunction([chart.rest, *(limit for s in grid for limit in limits_of(s, bounds[s]))])
         wider = {s: _widened(i, grid[s]) if s in grid else i for s, i in around.items()}
         test = acceptance(rest, chart.definitions, chart.bounds, wider, exact, grid)
         return named(chart, test.formula, grid), 0.0
