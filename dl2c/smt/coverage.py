@@ -13,7 +13,16 @@ from typing import TypeAlias
 
 from dl2c.ir.model import Formula, Model, Truth
 from dl2c.smt.precondition import Unknown, parts
-from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, solution_of, solver_of, z3
+from dl2c.smt.terms import (
+    Expression,
+    TooLarge,
+    Untranslatable,
+    answer_of,
+    condition,
+    solution_of,
+    solver_of,
+    z3,
+)
 from dl2c.source import NOWHERE
 
 Region: TypeAlias = Mapping[str, tuple[float, float]]
@@ -54,7 +63,7 @@ def coverage(
     inside = _inside(around, context)
     outside = [z3.Not(_inside(box, context)) for box in boxes]
     solver = solver_of(context, [*initial, inside, *outside], timeout_s)
-    answer = solver.check()
+    answer = answer_of(solver)
     if answer == z3.unsat:
         return Covered(time.monotonic() - begun)
     if answer == z3.unknown:

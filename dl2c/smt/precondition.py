@@ -15,7 +15,16 @@ from dl2c.diagnostics import Diagnostic, error
 from dl2c.ir.logic import atoms, conjuncts, limits_of, subterms
 from dl2c.ir.model import And, Compare, Constant, Formula, Model, Number, Variable
 from dl2c.ir.printer import print_bound, print_formula, print_number
-from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, solution_of, solver_of, z3
+from dl2c.smt.terms import (
+    Expression,
+    TooLarge,
+    Untranslatable,
+    answer_of,
+    condition,
+    solution_of,
+    solver_of,
+    z3,
+)
 from dl2c.source import NOWHERE, Span
 
 
@@ -67,7 +76,7 @@ def decide(model: Model, timeout_s: float = 10.0) -> Decision:
         except TooLarge:
             beyond.append(Unknown("its powers and products are too large for Z3", span_of(part.formula)))
     solver = solver_of(context, [e for _, e in asserted], timeout_s)
-    answer = solver.check()
+    answer = answer_of(solver)
     if answer == z3.unsat:
         return Unsatisfiable(_minimal(context, asserted, deadline))
     if beyond:
@@ -128,7 +137,7 @@ def _minimal(
         if left <= 0:
             break
         rest = [other for other in core if other is not item]
-        if solver_of(context, [e for _, e in rest], min(left, 1.0)).check() == z3.unsat:
+        if answer_of(solver_of(context, [e for _, e in rest], min(left, 1.0))) == z3.unsat:
             core = rest
     return tuple(part for part, _ in core)
 

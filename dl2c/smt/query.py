@@ -13,7 +13,16 @@ from typing import Literal, TypeAlias
 
 from dl2c.ir.logic import negation, subterms
 from dl2c.ir.model import Call, Formula, Symbol
-from dl2c.smt.terms import Expression, TooLarge, Untranslatable, condition, solution_of, solver_of, z3
+from dl2c.smt.terms import (
+    Expression,
+    TooLarge,
+    Untranslatable,
+    answer_of,
+    condition,
+    solution_of,
+    solver_of,
+    z3,
+)
 
 Verdict: TypeAlias = Literal["yes", "no", "unknown"]
 
@@ -72,7 +81,7 @@ def _decided(
         except (Untranslatable, TooLarge):
             complete = False
     solver = solver_of(context, asserted, seconds)
-    answer = solver.check()
+    answer = answer_of(solver)
     if answer == z3.unsat:
         return Answer("no", {})
     if answer == z3.unknown or not complete:

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 
 from dl2c.ir.model import Model
 from dl2c.smt.precondition import parts
-from dl2c.smt.terms import TooLarge, Untranslatable, condition, solution_of, z3
+from dl2c.smt.terms import TooLarge, Untranslatable, answer_of, condition, solution_of, z3
 
 Status: TypeAlias = Literal["sat", "unsat", "unknown"]
 
@@ -42,7 +42,7 @@ def nearest(
         relative = step * z3.RealVal(f"{unit}/{scale}", context)
         distance = distance + relative * relative
     optimizer.minimize(distance)
-    answer = optimizer.check()
+    answer = answer_of(optimizer)
     if answer != z3.sat:
         return Nearest("unsat" if answer == z3.unsat else "unknown", {})
     found = solution_of(optimizer, model.sampled, context)

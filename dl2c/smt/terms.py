@@ -48,6 +48,16 @@ def solver_of(context: Expression, assertions: Sequence[Expression], seconds: fl
     return solver
 
 
+def answer_of(solver: Expression) -> Expression:
+    """What a solver or optimizer finds: sat, unsat or unknown. Raises `KeyboardInterrupt`: while Z3 works, it
+    takes Ctrl-C itself, as a reason to give up.
+    """
+    answer = solver.check()
+    if answer == z3.unknown and solver.reason_unknown() == "interrupted from keyboard":
+        raise KeyboardInterrupt
+    return answer
+
+
 def solution_of(solver: Expression, names: Iterable[str], context: Expression) -> dict[str, Fraction | str]:
     """The values of names in the solution that was found: exact, or decimal text of irrational ones."""
     values = solver.model()

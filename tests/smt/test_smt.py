@@ -1,5 +1,7 @@
 """What Z3 says about preconditions: witnesses hold, contradictions come in the user's words."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from fractions import Fraction
 
@@ -102,3 +104,27 @@ def test_irrational_witness_is_a_decimal():
 
 def test_same_model_same_decision():
     assert decide(PAPER) == decide(PAPER)
+
+
+INTERRUPTED = """
+import os, signal, threading
+from dl2c.pipeline import compilation, resolve_options
+from dl2c.smt.query import Oracle
+from dl2c.source import Source
+
+text = "x^5*y^3 + y^5*z^3 + z^5*w^3 + w^5*x^3 = 7 & x*y*z*w = 2 & x^3 + y^3*z - w^5 = 1 & x*x*z + y*y*w < 1"
+model = f'Theorem "hard" ProgramVariables Real x, y, z, w; End. Problem {text} -> [x := x;] x > 0 End. End.'
+hard = compilation(Source("hard.kyx", model), resolve_options({})).unbounded.precondition
+signal.signal(signal.SIGINT, signal.default_int_handler)
+threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+try:
+    print(Oracle(each=20.0).exists([hard]))
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_ctrl_c_while_z3_works_is_no_answer() -> None:
+    """Z3 takes the signal itself, and says that it does not know."""
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False)
+    assert done.stdout == "interrupted\n", done.stderr
