@@ -33,7 +33,7 @@ from dl2c.work import at_place, budgeted
 
 if TYPE_CHECKING:
     from dl2c.emit.monitor.monitor_h import Unit
-    from dl2c.emit.plan import Environment
+    from dl2c.emit.plan import BuildPlan
     from dl2c.flows.kernel import FlowPlan, Refused
     from dl2c.ir.model import Model
     from dl2c.native.binding import Library
@@ -91,7 +91,7 @@ class Lowered:
 class Planned:
     """Everything that code is generated from."""
 
-    environment: "Environment"
+    build: "BuildPlan"
     warnings: tuple[Diagnostic, ...]
 
 
@@ -194,7 +194,7 @@ class Compilation:
     @_stage(after="sampling")
     def planned(self) -> Planned:
         """Everything together, with the monitor of every step where there is one."""
-        from dl2c.emit.plan import Environment
+        from dl2c.emit.plan import BuildPlan
         from dl2c.sampling.plan import NoSampler
 
         drawn = None if isinstance(self.sampling, NoSampler) else self.sampling
@@ -202,10 +202,10 @@ class Compilation:
         if isinstance(self.sampling, NoSampler):
             warnings += (_not_sampled(self.sampling.diagnostic),)
         monitor, missing = self._monitor()
-        environment = Environment(
+        build = BuildPlan(
             self.lowered.model, self.paths, self.flows, drawn, self.resolved.options, __version__, monitor
         )
-        return Planned(environment, warnings + missing)
+        return Planned(build, warnings + missing)
 
     def _monitor(self) -> tuple["Unit | None", tuple[Diagnostic, ...]]:
         """The monitor that is exported, where every step is monitored; why it lacks some checks."""
@@ -227,7 +227,7 @@ class Compilation:
         """The generated files by name."""
         from dl2c.emit.simulator.model_c import model_sources
 
-        return model_sources(self.planned.environment)
+        return model_sources(self.planned.build)
 
     @property
     def warnings(self) -> tuple[Diagnostic, ...]:
@@ -265,16 +265,16 @@ class Compilation:
         from dl2c.native.sundials import find_sundials
         from dl2c.native.toolchain import find_compiler
 
-        sources, environment, options = self.emitted, self.planned.environment, self.resolved.options
+        sources, build, options = self.emitted, self.planned.build, self.resolved.options
         with stage("compiling C", self.progress):
-            numeric = any(f.kernel == "cvodes" or f.stiff for f in environment.flows)
+            numeric = any(f.kernel == "cvodes" or f.stiff for f in build.flows)
             sundials = find_sundials(options.sundials, find_compiler()) if numeric else None
-            stem = file_stem(environment.model.name)
+            stem = file_stem(build.model.name)
             compile_library(sources, stem, folder, native=options.native, sundials=sundials)
         solver = {} if sundials is None else {"solver": sundials.version}
-        manifest = manifest_of(environment, key, host() | solver)
+        manifest = manifest_of(build, key, host() | solver)
         (folder / "manifest.json").write_text(manifest.to_json(), encoding="utf-8")
-        (folder / "model.ir").write_text(print_model(environment.model), encoding="utf-8")
+        (folder / "model.ir").write_text(print_model(build.model), encoding="utf-8")
         stored = [as_stored(w) for w in self.planned.warnings]
         (folder / "warnings.json").write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
 
@@ -339,9 +339,9 @@ def emit(source: Source, stage: str, options: Options, pure_python: bool = False
         case "paths":
             from dl2c.paths.printer import print_paths
 
-            return print_paths(found.planned.environment.paths)
+            return print_paths(found.planned.build.paths)
         case "gym":
-            return _gymnasium_module(source, found.planned.environment, pure_python)
+            return _gymnasium_module(source, found.planned.build, pure_python)
         case _:
             return "\n".join(found.emitted.values())
 
@@ -353,17 +353,17 @@ def step_model(source: Source, options: Options) -> tuple["Model", "Paths"]:
     return found.lowered.model, found.paths
 
 
-def _gymnasium_module(source: Source, environment: "Environment", pure_python: bool) -> str:
+def _gymnasium_module(source: Source, build: "BuildPlan", pure_python: bool) -> str:
     """The module of an environment, over its library or in plain Python."""
     from dl2c.emit.python.module import gym_module
     from dl2c.emit.python.pure import pure_module
     from dl2c.emit.python.refusal import refusals
 
     if not pure_python:
-        return gym_module(environment, source)
-    if refused := refusals(environment):
+        return gym_module(build, source)
+    if refused := refusals(build):
         raise CompileError(refused)
-    return pure_module(environment, source)
+    return pure_module(build, source)
 
 
 def _flow_plans(model: "Model", paths: "Paths", options: Options) -> tuple["FlowPlan", ...]:

@@ -128,7 +128,7 @@ def row_of(file: str, number: int, entry: tree.Entry) -> Row:
 def _row(file: str, number: int, entry: tree.Entry) -> Row:
     try:
         found = Compilation(entry, ACTIONS)
-        environment = found.planned.environment
+        environment = found.planned.build
     except CompileError as problem:
         return Row(file, number, entry.name, codes(problem))
     with tempfile.TemporaryDirectory() as folder:

@@ -73,7 +73,7 @@ def rows_of(path: Path) -> list[Row]:
 def _row(file: str, number: int, entry: Entry) -> Row:
     begun = time.perf_counter()
     try:
-        model_sources(Compilation(entry, OPTIONS).planned.environment)
+        model_sources(Compilation(entry, OPTIONS).planned.build)
         outcome = BUILT
     except CompileError as problem:
         outcome = codes(problem)

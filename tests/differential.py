@@ -23,7 +23,7 @@ from oracles.streams import Stream
 from dl2c.code import cgen_dir
 from dl2c.diagnostics import CompileError
 from dl2c.emit.names import file_stem
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.model_c import model_sources
 from dl2c.flows.exact import Motion
 from dl2c.flows.kernel import FlowPlan, plan_flow
@@ -48,7 +48,7 @@ MAX_PATHS = 24
 REASONS = ("", "blocked", "deadlock", "numerical", "solver", "stalled", "diverged", "time_limit", "end")
 
 
-def environment_of(model: ir.Model) -> Environment | None:
+def environment_of(model: ir.Model) -> BuildPlan | None:
     """What code is generated from; None for a model outside the class of inputs or flows."""
     try:
         paths = enumerate_paths(model)
@@ -57,18 +57,18 @@ def environment_of(model: ir.Model) -> Environment | None:
     plans = [plan_flow(f, watches_along(model, k), "exact") for k, f in enumerate(model.flows)]
     if not 0 < len(paths.paths) <= MAX_PATHS or not all(isinstance(p, FlowPlan) for p in plans):
         return None
-    return Environment(
+    return BuildPlan(
         model, paths, tuple(p for p in plans if isinstance(p, FlowPlan)), None, Options(), "test"
     )
 
 
-def compiled(environments: list[Environment], folder: Path, level: str = "-O1") -> list[Library]:
+def compiled(environments: list[BuildPlan], folder: Path, level: str = "-O1") -> list[Library]:
     """Libraries of all environments, compiled two at a time."""
     with ThreadPoolExecutor(2) as pool:
         return list(pool.map(lambda e: _compiled(e, folder, level), environments))
 
 
-def _compiled(environment: Environment, folder: Path, level: str) -> Library:
+def _compiled(environment: BuildPlan, folder: Path, level: str) -> Library:
     name = file_stem(environment.model.name)
     source, target = folder / f"{name}.c", folder / f"lib{name}.so"
     for file, text in model_sources(environment).items():
@@ -98,7 +98,7 @@ def _compiled(environment: Environment, folder: Path, level: str) -> Library:
 class Pair:
     """One model in both forms."""
 
-    def __init__(self, environment: Environment, library: Library, settings: str, penalty: float) -> None:
+    def __init__(self, environment: BuildPlan, library: Library, settings: str, penalty: float) -> None:
         self.environment, self.library = environment, library
         self.model = environment.model
         limits = {i.key: (i.low, i.high) for i in environment.paths.inputs}

@@ -49,7 +49,7 @@ class Promise:
 
 def promise_of(found: Compilation) -> Promise | None:
     """None where nothing is proved of a box and all constants, or nothing that has exact arithmetic."""
-    model = found.planned.environment.model
+    model = found.planned.build.model
     shape, some = found.resolved.problem.shape, found.resolved.problem.existential
     if some or model.postcondition is None or shape.postcondition is None:
         return None

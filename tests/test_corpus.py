@@ -20,7 +20,7 @@ from oracles.flows import judge, moved
 from oracles.taylor_series import Singular
 
 from dl2c.diagnostics import CompileError
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.flows.exact import Motion
 from dl2c.flows.kernel import FlowPlan, plan_flow
 from dl2c.interp.follow import follow
@@ -87,7 +87,7 @@ class Ill(Exception):
 class Pair:
     """A model without predicates in both forms."""
 
-    def __init__(self, environment: Environment, name: str, folder: Path) -> None:
+    def __init__(self, environment: BuildPlan, name: str, folder: Path) -> None:
         model = replace(environment.model, name=name, predicates=(), postcondition=None)
         plans = [plan_flow(f, (), environment.options.integrator) for f in model.flows]
         flows = tuple(p for p in plans if isinstance(p, FlowPlan))
@@ -168,7 +168,7 @@ def _near(got: list[Any], told: list[Any], tolerance: float) -> bool:
     )
 
 
-def built(rng: Random, count: int) -> Iterator[tuple[str, Environment]]:
+def built(rng: Random, count: int) -> Iterator[tuple[str, BuildPlan]]:
     """Random entries that build and leave nothing to chance, from as many files as there are, with names."""
     paths = files(shared("corpus"))
     found = 0
@@ -176,7 +176,7 @@ def built(rng: Random, count: int) -> Iterator[tuple[str, Environment]]:
         path = rng.choice(paths)
         try:
             archive, _ = parse_archive(Source.read(path))
-            environment = Compilation(rng.choice(archive.entries), OPTIONS).planned.environment
+            environment = Compilation(rng.choice(archive.entries), OPTIONS).planned.build
         except CompileError:
             continue
         if not (environment.paths.draws or environment.paths.reset_draws):

@@ -219,7 +219,7 @@ DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
   for (int64_t i = 0; i < count; i++) {
     if (attempt[i] != DL2C_RAN) continue;
     real x[NX];
-    real p[NP + 1];
+    real p[NP + 1] = {0.0}; /* there may be no constants */
     dl2c_load(b, first + i, x, p);
     dl2c_lead(b->solver, b->rng + first + i, x, p, b->start + first + i);
     dl2c_store(b, first + i, b->start[first + i].trial.x);

@@ -50,4 +50,4 @@ def _warn(file: Path, statistics: Path | None) -> None:
 
 def _manifest(model: str, options: Mapping[str, Any]) -> Manifest:
     """What the environment of a model is, without building it."""
-    return manifest_of(compilation_of(model, options).planned.environment, "", {})
+    return manifest_of(compilation_of(model, options).planned.build, "", {})

@@ -1,4 +1,4 @@
-"""Everything the code generator needs about one environment, gathered by the pipeline."""
+"""What the code generator is given, gathered by the pipeline."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,9 @@ from dl2c.sampling.tables import SamplingPlan
 
 
 @dataclass(frozen=True, slots=True)
-class Environment:
-    """One environment to generate code for. `sampling` is None where resets need a given state, `monitor`
-    where steps are not monitored.
+class BuildPlan:
+    """All that the code of one environment is generated from. `sampling` is None where resets need a given
+    state, `monitor` where steps are not monitored.
     """
 
     model: Model

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Generic, TypeVar
 
-from dl2c.ir.evaluate import Environment, value_of
+from dl2c.ir.evaluate import Valuation, value_of
 from dl2c.ir.logic import operands
 from dl2c.ir.model import Add, Call, Div, Mul, Neg, Pow, Sub, Symbol, Term
 
@@ -29,7 +29,7 @@ class Enclosed(Generic[Enclosure]):
         functions: Mapping[str, Callable[..., Enclosure]],
         number: Callable[[float], Enclosure],
         moving: Mapping[Symbol, Enclosure],
-        env: Environment,
+        env: Valuation,
         moves: Callable[[Term], bool],
     ) -> None:
         self.functions, self.number, self.moving, self.env, self.moves = functions, number, moving, env, moves
@@ -68,7 +68,7 @@ def last_operation(term: Term) -> tuple[str, tuple[Term, ...]]:
             return OPERATIONS[type(term)], tuple(operands(term))
 
 
-def in_doubles(term: Term, env: Environment) -> float:
+def in_doubles(term: Term, env: Valuation) -> float:
     """The value of a term; NaN where it has none."""
     value = value_of(term, env)
     return math.nan if value is None else float(value)

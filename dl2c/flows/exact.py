@@ -12,8 +12,8 @@ from fractions import Fraction
 
 from dl2c.flows.solution import NotPolynomial, Solution, solve
 from dl2c.ir.evaluate import (
-    Environment,
     Undefined,
+    Valuation,
     Value,
     evaluate,
     finite,
@@ -126,7 +126,7 @@ class Course:
     """A flow from one state: its polynomials there and the time that clocks leave it."""
 
     flow: Flow
-    env: Environment
+    env: Valuation
     curves: dict[str, list[Value]]
     remaining: list[Value]
     exact: bool
@@ -142,14 +142,14 @@ class Course:
         return None if self.flow.reach is None else literal(self.flow.reach, self.exact)
 
 
-def course(flow: Flow, solution: Solution, env: Environment, exact: bool) -> Course:
+def course(flow: Flow, solution: Solution, env: Valuation, exact: bool) -> Course:
     """Raises `Undefined` where a coefficient or the horizon has no finite value."""
     curves = {x: [evaluate(c, env, exact) for c in cs] for x, cs in solution.variables.items()}
     remaining = [finite(evaluate(h.bound, env, exact) - _variable(h.clock, env)) for h in flow.horizons]
     return Course(flow, env, curves, remaining, exact)
 
 
-def advance(plan: ExactPlan, env: Environment, exact: bool = False) -> Motion | None:
+def advance(plan: ExactPlan, env: Valuation, exact: bool = False) -> Motion | None:
     """Follow the flow as long as its domain allows; None where rounding may decide where it ends.
 
     Assumes the domain holds in `env`. Raises `Undefined` where a coefficient, the horizon or the end state
@@ -268,7 +268,7 @@ def before(end: Value) -> Value:
     return math.nextafter(end, 0.0) if isinstance(end, float) else end - end / 2**60
 
 
-def _variable(name: str, env: Environment) -> Value:
+def _variable(name: str, env: Valuation) -> Value:
     value = env[Symbol(name, "variable")]
     if value is None:
         raise Undefined(name)

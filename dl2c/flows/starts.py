@@ -14,7 +14,7 @@ from fractions import Fraction
 from dl2c.flows.conserved import is_darboux, is_invariant
 from dl2c.flows.solution import moving
 from dl2c.flows.watch import Watch
-from dl2c.ir.evaluate import Environment, Value, in_range, literal, value_of
+from dl2c.ir.evaluate import Valuation, Value, in_range, literal, value_of
 from dl2c.ir.logic import (
     atoms,
     conjunction,
@@ -91,7 +91,7 @@ def used(starts: Sequence[Start], parts: Sequence[Term | Formula]) -> tuple[Star
     return tuple(s for s in starts if s.symbol in names)
 
 
-def begun(starts: Sequence[Start], env: Environment, exact: bool) -> Environment:
+def begun(starts: Sequence[Start], env: Valuation, exact: bool) -> Valuation:
     """The environment where a flow begins, with the values of its start."""
     values: dict[Symbol, Value | None] = dict(env)
     for start in starts:

@@ -15,7 +15,7 @@ from dl2c.flows.kernel import FlowPlan, constant_along
 from dl2c.flows.pieces import Track
 from dl2c.flows.taylor import Taylor
 from dl2c.ir.doubles import from_ordinal, ordinal
-from dl2c.ir.evaluate import Environment
+from dl2c.ir.evaluate import Valuation
 from dl2c.ir.model import Symbol, Term
 
 NARROWEST = 2.0**-50
@@ -42,7 +42,7 @@ class Stretch:
     margins from zero."""
 
     plan: FlowPlan
-    env: Environment
+    env: Valuation
     track: Track
     low: float = 0.0
     width: float = 1.0

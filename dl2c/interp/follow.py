@@ -21,7 +21,7 @@ from dl2c.flows.roots import crossings, curve_of, sign_after
 from dl2c.flows.search import Halt, Search
 from dl2c.flows.starts import begun
 from dl2c.flows.stretch import Stretch
-from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, in_range, literal, truth
+from dl2c.ir.evaluate import Undefined, Valuation, Value, evaluate, in_range, literal, truth
 from dl2c.ir.logic import true_where
 from dl2c.ir.model import Compare, Formula, Symbol
 from dl2c.ir.polynomial import Coefficients
@@ -37,7 +37,7 @@ RETREAT_FINE = 2.0**-40
 
 
 def follow(
-    plan: FlowPlan, env: Environment, exact: bool = False, part: Value = 1, waiting: Sequence[int] = ()
+    plan: FlowPlan, env: Valuation, exact: bool = False, part: Value = 1, waiting: Sequence[int] = ()
 ) -> Motion:
     """Follow a flow for a part (0 to 1) of the longest time that its domain allows.
 

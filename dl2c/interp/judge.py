@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dl2c.flows.watch import watches_of
-from dl2c.ir.evaluate import Environment, Undefined, Value, evaluate, literal, truth
+from dl2c.ir.evaluate import Undefined, Valuation, Value, evaluate, literal, truth
 from dl2c.ir.model import Model, Predicate, Rank, Trigger, rank
 
 
@@ -38,7 +38,7 @@ class Outcome:
 NOTHING = Happened()
 
 
-def judge(model: Model, env: Environment, exact: bool = False, happened: Happened = NOTHING) -> Outcome:
+def judge(model: Model, env: Valuation, exact: bool = False, happened: Happened = NOTHING) -> Outcome:
     """Evaluate every predicate on a post-state; of those that end the episode one wins."""
     reward: Value = literal(Fraction(0), exact)
     cost = 0
@@ -70,7 +70,7 @@ def judge(model: Model, env: Environment, exact: bool = False, happened: Happene
     return Outcome(reward, cost, winner.action, winner.status, name, undefined)
 
 
-def shapes(model: Model, env: Environment, exact: bool = False) -> Value:
+def shapes(model: Model, env: Valuation, exact: bool = False) -> Value:
     """The shapes of all predicates together, which is what a step without a run earns."""
     reward: Value = literal(Fraction(0), exact)
     for predicate in model.predicates:
@@ -87,7 +87,7 @@ def _watch_of(model: Model, predicate: int) -> int | None:
 
 
 def _fails(
-    predicate: Predicate, good: bool, env: Environment, exact: bool, watch: int | None, happened: Happened
+    predicate: Predicate, good: bool, env: Valuation, exact: bool, watch: int | None, happened: Happened
 ) -> bool:
     """Whether a predicate counts as failed: a progress predicate only when its obligation falls due."""
     if predicate.category != "progress":

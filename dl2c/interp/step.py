@@ -18,10 +18,10 @@ from dl2c.interp.judge import Happened, judge, shapes
 from dl2c.interp.lines import Line, Straight, choices, lines
 from dl2c.interp.straight import Plan, passable, planned
 from dl2c.interp.transition import Draws, Failure, Openings, Request, Settings, Start, Step, Trial
-from dl2c.ir.evaluate import Environment, Undefined, Value, in_range, literal, truth, value_of
+from dl2c.ir.evaluate import Undefined, Valuation, Value, in_range, literal, truth, value_of
 from dl2c.ir.model import TRUE, Assign, AssignAny, Block, Evolve, Model, Symbol, Test
 
-FlowFunction: TypeAlias = Callable[[int, Environment, bool, Value, Sequence[int]], Motion]
+FlowFunction: TypeAlias = Callable[[int, Valuation, bool, Value, Sequence[int]], Motion]
 """Follow flow number k from an environment, in doubles or exactly, for a part (0 to 1) of its
 longest duration, and watch the conditions given (`follow` with the flow's plan)."""
 
@@ -85,7 +85,7 @@ class Interpreter:
             self.environment(start.state), start.taken, start.values, literal(Fraction(0), self.exact)
         )
 
-    def _state(self, env: Environment) -> dict[str, Value]:
+    def _state(self, env: Valuation) -> dict[str, Value]:
         values = {v.name: env[v.symbol] for v in self.model.variables}
         return {x: v for x, v in values.items() if v is not None}
 
@@ -228,7 +228,7 @@ class Interpreter:
         whole = all(v is not None and in_range(v) for s, v in env.items() if s.kind == "variable")
         return so_far("" if whole else "numerical")
 
-    def _moved(self, flow: int, env: Environment, part: Value, waiting: Sequence[int]) -> Motion | None:
+    def _moved(self, flow: int, env: Valuation, part: Value, waiting: Sequence[int]) -> Motion | None:
         """Where a flow leads; None where a value is undefined."""
         try:
             return self.flow(flow, env, self.exact, part, waiting)

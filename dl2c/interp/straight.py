@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dl2c.interp.lines import Straight
-from dl2c.ir.evaluate import Environment, Value, truth, value_of
+from dl2c.ir.evaluate import Valuation, Value, truth, value_of
 from dl2c.ir.logic import conjunction, conjuncts, mapped, substituted, symbols
 from dl2c.ir.model import Assign, AssignAny, Evolve, Formula, Symbol, Term, Test
 from dl2c.paths.admission import Admission, Unknown, admissions
@@ -49,7 +49,7 @@ def planned(line: Sequence[Straight], limits: Box) -> Plan:
     return Plan(unknowns, found)
 
 
-def passable(line: Sequence[Straight], env: Environment, exact: bool) -> bool:
+def passable(line: Sequence[Straight], env: Valuation, exact: bool) -> bool:
     """Whether the tests hold that no input decides."""
     moved: dict[Symbol, Value | None] = dict(env)
     decided: set[Symbol] = set()

@@ -15,7 +15,7 @@ from dl2c.ir.logic import ARITHMETIC, COMPARISONS, true_where
 from dl2c.ir.model import LARGEST_STATE, Binary, Call, Compare, Div, Formula, Neg, Number, Pow, Symbol, Term
 
 Value: TypeAlias = float | Fraction
-Environment: TypeAlias = Mapping[Symbol, Value | None]
+Valuation: TypeAlias = Mapping[Symbol, Value | None]
 """Values of symbols; None where an earlier assignment was undefined."""
 
 PRECISION = 200
@@ -31,7 +31,7 @@ def literal(value: Fraction, exact: bool) -> Value:
     return value if exact else float(value)
 
 
-def evaluate(term: Term, env: Environment, exact: bool = False) -> Value:
+def evaluate(term: Term, env: Valuation, exact: bool = False) -> Value:
     """The value of a term. Raises `Undefined`."""
     match term:
         case Number(value):
@@ -63,7 +63,7 @@ def evaluate(term: Term, env: Environment, exact: bool = False) -> Value:
             assert_never(term)
 
 
-def value_of(term: Term, env: Environment, exact: bool = False) -> Value | None:
+def value_of(term: Term, env: Valuation, exact: bool = False) -> Value | None:
     """The value of a term; None where it has none."""
     try:
         return evaluate(term, env, exact)
@@ -71,7 +71,7 @@ def value_of(term: Term, env: Environment, exact: bool = False) -> Value | None:
         return None
 
 
-def truth(formula: Formula, env: Environment, exact: bool = False) -> bool:
+def truth(formula: Formula, env: Valuation, exact: bool = False) -> bool:
     """Whether a formula holds; an atom with an undefined subterm does not (semantics 5)."""
 
     def holds(atom: Compare) -> bool:

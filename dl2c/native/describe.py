@@ -7,7 +7,7 @@ from typing import Any
 
 from dl2c.emit.cfile import place
 from dl2c.emit.monitor.monitor_h import Unit
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.flows.certainty import certainties
 from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import Bound, Constant, Role, Variable
@@ -32,25 +32,25 @@ STREAM_VERSION = 4
 """Of cgen/include/dl2c.h; a test holds them together."""
 
 
-def manifest_of(environment: Environment, key: str, platform: dict[str, str]) -> Manifest:
+def manifest_of(build: BuildPlan, key: str, platform: dict[str, str]) -> Manifest:
     """The manifest of an environment; `key` names the build, `platform` where it was made."""
-    model, paths, plan = environment.model, environment.paths, environment.sampling
+    model, paths, plan = build.model, build.paths, build.sampling
     return Manifest(
         name=model.name,
         source=model.source.replace("\\", "/").rsplit("/", 1)[-1],
-        dl2c_version=environment.version,
+        dl2c_version=build.version,
         abi_version=ABI_VERSION,
         stream_version=STREAM_VERSION,
         key=key,
         variables=tuple(_quantity(v, _declared(v.bound)) for v in model.variables),
         constants=tuple(_quantity(c, _declared(c.bound)) for c in model.constants),
-        observations=_observations(environment),
-        choices=_choices(environment, "agent"),
-        inputs=_inputs(environment, "agent"),
-        drawn_choices=_choices(environment, "env"),
-        drawn_inputs=_inputs(environment, "env"),
+        observations=_observations(build),
+        choices=_choices(build, "agent"),
+        inputs=_inputs(build, "agent"),
+        drawn_choices=_choices(build, "env"),
+        drawn_inputs=_inputs(build, "env"),
         runs=paths.runs,
-        run_texts=tuple(_run_text(environment, run) for run in paths.runs),
+        run_texts=tuple(_run_text(build, run) for run in paths.runs),
         predicates=tuple(PredicateSpec(p.name, p.category) for p in model.predicates),
         flows=tuple(
             FlowSpec(
@@ -59,14 +59,14 @@ def manifest_of(environment: Environment, key: str, platform: dict[str, str]) ->
                 f.reason,
                 tuple(certainties(f, model)),
             )
-            for f in environment.flows
+            for f in build.flows
         ),
         certificate="none" if plan is None else plan.certificate,
         sampler={} if plan is None else _sampler(plan),
-        options=options_as_data(environment.options),
-        notes=_notes(environment),
+        options=options_as_data(build.options),
+        notes=_notes(build),
         platform=platform,
-        conditions=() if environment.monitor is None else _conditions(environment.monitor),
+        conditions=() if build.monitor is None else _conditions(build.monitor),
     )
 
 
@@ -80,18 +80,18 @@ def _conditions(unit: Unit) -> tuple[ConditionSpec, ...]:
     )
 
 
-def _choices(environment: Environment, role: Role) -> tuple[ChoiceSpec, ...]:
-    made = [d for d in environment.paths.decisions if d.role == role]
+def _choices(build: BuildPlan, role: Role) -> tuple[ChoiceSpec, ...]:
+    made = [d for d in build.paths.decisions if d.role == role]
     return tuple(ChoiceSpec(d.key, d.alternatives, d.name) for d in made)
 
 
-def _inputs(environment: Environment, role: Role) -> tuple[InputSpec, ...]:
-    given = [i for i in environment.paths.inputs if i.role == role]
+def _inputs(build: BuildPlan, role: Role) -> tuple[InputSpec, ...]:
+    given = [i for i in build.paths.inputs if i.role == role]
     return tuple(InputSpec(i.key, i.variable, rounded_up(i.low), rounded_down(i.high)) for i in given)
 
 
-def _observations(environment: Environment) -> tuple[Quantity, ...]:
-    model, options = environment.model, environment.options
+def _observations(build: BuildPlan) -> tuple[Quantity, ...]:
+    model, options = build.model, build.options
     items: dict[str, Variable | Constant] = {v.name: v for v in (*model.variables, *model.constants)}
     return tuple(
         _quantity(items[name], observation_limits(bound, options))
@@ -127,8 +127,8 @@ def _quantity(item: Variable | Constant, limits: tuple[float, float]) -> Quantit
     )
 
 
-def _run_text(environment: Environment, run: tuple[int, ...]) -> str:
-    decisions = environment.paths.decisions
+def _run_text(build: BuildPlan, run: tuple[int, ...]) -> str:
+    decisions = build.paths.decisions
     taken = [d.alternatives[k] for d, k in zip(decisions, run, strict=False) if k >= 0]
     return " ".join(taken) or "the only run"
 
@@ -152,10 +152,10 @@ def options_as_data(options: Options) -> dict[str, Any]:
     return values
 
 
-def _notes(environment: Environment) -> tuple[str, ...]:
+def _notes(build: BuildPlan) -> tuple[str, ...]:
     """What a user should know about this environment."""
     notes: list[str] = []
-    paths = environment.paths
+    paths = build.paths
     step = [
         p for p in paths.paths if p.target != END and p.point < (paths.lead or paths.prefix or paths.points)
     ]
@@ -176,8 +176,8 @@ def _notes(environment: Environment) -> tuple[str, ...]:
         notes.append(
             "an equality that decides an input is solved: it counts as true at its root, which is rounded"
         )
-    if environment.sampling is not None and environment.options.initial_distribution == "target":
+    if build.sampling is not None and build.options.initial_distribution == "target":
         notes.append("initial states lie near random targets, often on the boundary of the precondition")
-    if environment.sampling is None:
+    if build.sampling is None:
         notes.append('initial states cannot be drawn: give one, reset(options={"state": {...}})')
     return tuple(notes)

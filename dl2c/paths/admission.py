@@ -83,7 +83,7 @@ class Admission:
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class Obstacle:
     """Why `part` cannot be resolved: its degree in the last of `inputs` (by place), that of the condition
     that it leaves for an earlier one, how many values would be tried, or that the last of them may have
     its value before the others.
@@ -97,9 +97,9 @@ class Problem:
 class Unresolved(Exception):
     """Tests of inputs outside the class."""
 
-    def __init__(self, problems: Iterable[Problem]) -> None:
+    def __init__(self, obstacles: Iterable[Obstacle]) -> None:
         super().__init__()
-        self.problems = tuple(dict.fromkeys(problems))
+        self.obstacles = tuple(dict.fromkeys(obstacles))
 
 
 Margins: TypeAlias = list[tuple[Term, Formula]]
@@ -118,11 +118,11 @@ def admissions(tests: Formula, inputs: Sequence[Unknown]) -> tuple[Formula, tupl
     limits = [_limits(parts, u.symbol) for parts, u in zip(own, inputs, strict=True)]
     joined = {j for j in following if j is not None}
     simple = {k for k in places.values() if limits[k] is not None and following[k] is None}
-    criticals, problems = _criticals(
+    criticals, obstacles = _criticals(
         [[] if k in simple - joined else p for k, p in enumerate(own)], inputs, places
     )
-    if problems:
-        raise Unresolved(problems)
+    if obstacles:
+        raise Unresolved(obstacles)
     made: list[Admission] = []
     solved: list[Solved] = []
     for k, parts in enumerate(own):
@@ -137,7 +137,7 @@ def admissions(tests: Formula, inputs: Sequence[Unknown]) -> tuple[Formula, tupl
             Admission(k, conjunction(parts), condition, own_solved, (), criticals[k], following[k], pin)
         )
     if (costly := _costly(made, own)) is not None:
-        raise Unresolved([Problem("many", costly, tuple(_used(costly, places)))])
+        raise Unresolved([Obstacle("many", costly, tuple(_used(costly, places)))])
     return conjunction(guard), tuple(made)
 
 
@@ -231,15 +231,15 @@ def _pin(condition: Formula, solved: tuple[Solved, ...], symbol: Symbol) -> Coef
 
 def _criticals(
     own: list[list[Formula]], inputs: Sequence[Unknown], places: dict[Symbol, int]
-) -> tuple[list[tuple[Coefficients, ...]], list[Problem]]:
+) -> tuple[list[tuple[Coefficients, ...]], list[Obstacle]]:
     """For every input the polynomials at whose roots it may begin or cease to pass."""
     margins: list[Margins] = [[] for _ in inputs]
-    problems: list[Problem] = []
+    obstacles: list[Obstacle] = []
     for part in (p for parts in own for p in parts):
         try:
             found = [t for a in atoms(_smooth(part, places)) for t in _factors(a.left, a.op == "=")]
         except TooManyCases:
-            problems.append(Problem("degree", part, tuple(_used(part, places))))
+            obstacles.append(Obstacle("degree", part, tuple(_used(part, places))))
             continue
         for term in found:
             _file(term, part, margins, places)
@@ -247,18 +247,18 @@ def _criticals(
     for k in reversed(range(len(inputs))):
         polynomials, failed = _of_input(k, inputs[k], margins, places)
         if failed:
-            return made, problems + failed
+            return made, obstacles + failed
         made[k] = tuple(polynomials)
-        if problems:
+        if obstacles:
             break
         if not any(_used(c, places) for p in polynomials for c in p):
             continue
         if high := [part for p, part in polynomials.items() if len(p) > 3]:
-            return made, [Problem("joint", part, tuple(_used(part, places))) for part in high]
+            return made, [Obstacle("joint", part, tuple(_used(part, places))) for part in high]
         for product, part in _projection(polynomials, inputs[k]):
             for term in _factors(product):
                 _file(term, part, margins, places)
-    return made, problems
+    return made, obstacles
 
 
 def _factors(term: Term, whole: bool = False) -> Iterator[Term]:
@@ -282,25 +282,25 @@ def _file(term: Term, part: Formula, margins: list[Margins], places: dict[Symbol
 
 def _of_input(
     k: int, given: Unknown, margins: list[Margins], places: dict[Symbol, int]
-) -> tuple[dict[Coefficients, Formula], list[Problem]]:
+) -> tuple[dict[Coefficients, Formula], list[Obstacle]]:
     """The margins of an input as polynomials, each with the test it comes from: of degree 1 or 2, or
     higher where no other input occurs.
     """
     found: dict[Coefficients, Formula] = {}
-    problems: list[Problem] = []
+    obstacles: list[Obstacle] = []
     for term, part in margins[k]:
         used = tuple(_used(part, places))
         coefficients = _polynomial(term, given.symbol)
         if coefficients is None or not _is_resolved(coefficients, places):
-            problems.append(Problem("degree" if used[-1] == k else "joint", part, used))
+            obstacles.append(Obstacle("degree" if used[-1] == k else "joint", part, used))
         elif len(coefficients) == 1:
             _file(coefficients[0], part, margins, places)
         else:
             found.setdefault(coefficients, part)
     if len(found) > MAX_CRITICALS:
         last = max(found.values(), key=lambda part: len(_used(part, places)))
-        problems.append(Problem("many", last, tuple(_used(last, places))))
-    return found, problems
+        obstacles.append(Obstacle("many", last, tuple(_used(last, places))))
+    return found, obstacles
 
 
 def _is_resolved(polynomial: Coefficients, places: dict[Symbol, int]) -> bool:

@@ -13,7 +13,7 @@ from dl2c.diagnostics import Diagnostic
 from dl2c.ir.logic import atoms, conjuncts, symbols
 from dl2c.ir.model import FALSE, Formula
 from dl2c.paths import errors
-from dl2c.paths.admission import Admission, Problem, Unknown, Unresolved, admissions
+from dl2c.paths.admission import Admission, Obstacle, Unknown, Unresolved, admissions
 from dl2c.paths.path import Input
 
 
@@ -80,19 +80,19 @@ def admitted(
         if late:
             raise Unresolved(_joining(tests, own, k) for k in late)
     except Unresolved as refused:
-        found += [_diagnostic(p, [i.variable for i in own]) for p in refused.problems]
+        found += [_diagnostic(p, [i.variable for i in own]) for p in refused.obstacles]
         return FALSE, ()
     return guard, tuple(replace(a, input=numbers[own[a.input].key]) for a in made)
 
 
-def _joining(tests: Formula, own: list[Input], last: int) -> Problem:
+def _joining(tests: Formula, own: list[Input], last: int) -> Obstacle:
     """The first test that joins an input with an earlier one."""
     places = {i.symbol: k for k, i in enumerate(own)}
     used = [(p, sorted(places[s] for s in symbols(p) if s in places)) for p in conjuncts(tests)]
-    return next(Problem("reused", p, tuple(k)) for p, k in used if last in k and len(k) > 1)
+    return next(Obstacle("reused", p, tuple(k)) for p, k in used if last in k and len(k) > 1)
 
 
-def _diagnostic(problem: Problem, variables: list[str]) -> Diagnostic:
+def _diagnostic(problem: Obstacle, variables: list[str]) -> Diagnostic:
     first, *_, last = (a.span for a in (*atoms(problem.part), *atoms(problem.part)))
     span = first.to(last) if first.source is last.source else first
     names = tuple(variables[k] for k in problem.inputs)

@@ -27,9 +27,9 @@ from dl2c.sampling.density import density_bound
 from dl2c.sampling.draw import draw_many
 from dl2c.sampling.equalities.root_of import RootOf
 from dl2c.sampling.paving import Leaf, Root, pave
-from dl2c.sampling.problem import Problem, problem_of, transcendental_calls
 from dl2c.sampling.refusal import imprecise, too_long, unbounded_density, without_sample
 from dl2c.sampling.running import NoErrorBound
+from dl2c.sampling.support import Support, support_of, transcendental_calls
 from dl2c.sampling.tables import (
     SampleBlock,
     SampleBox,
@@ -107,16 +107,16 @@ def _is_rare(condition: Formula, model: Model, plan: SamplingPlan) -> bool:
 
 def _planned(model: Model, boxes: int, time_limit_s: float, decision: Decision) -> SamplingPlan | NoSampler:
     try:
-        problem = problem_of(model, decision)
-        sizes = [_length(charts) for charts in problem.blocks]
+        support = support_of(model, decision)
+        sizes = [_length(charts) for charts in support.blocks]
         planned = [
-            _better_block(problem, charts, boxes, time_limit_s * size / sum(sizes))
-            for charts, size in zip(problem.blocks, sizes, strict=True)
+            _better_block(support, charts, boxes, time_limit_s * size / sum(sizes))
+            for charts, size in zip(support.blocks, sizes, strict=True)
         ]
     except CompileError as refusal:
         return NoSampler(refusal.diagnostics[0])
     if not all(block.estimated_acceptance > 0 for block, _ in planned):
-        thin = without_sample(problem.formula)
+        thin = without_sample(support.formula)
         return NoSampler(diagnose(decision) if isinstance(decision, Unknown) else thin)
     error_bound = max((error for _, error in planned), default=0.0)
     return SamplingPlan(
@@ -125,7 +125,7 @@ def _planned(model: Model, boxes: int, time_limit_s: float, decision: Decision) 
         blocks=tuple(block for block, _ in planned),
         certificate="witness" if error_bound > 0 else "exact",
         error_bound=error_bound,
-        around=_around(problem),
+        around=_around(support),
     )
 
 
@@ -135,32 +135,32 @@ def _length(charts: Sequence[Chart]) -> int:
 
 
 def _better_block(
-    problem: Problem, charts: Sequence[Chart], boxes: int, time_limit_s: float
+    support: Support, charts: Sequence[Chart], boxes: int, time_limit_s: float
 ) -> tuple[SampleBlock, float]:
     """With names drawn between limits where boxes alone are too few and that helps."""
-    plain = _block(problem, charts, boxes, time_limit_s)
+    plain = _block(support, charts, boxes, time_limit_s)
     if plain[0].estimated_acceptance >= RARE:
         return plain
     narrowed = [conditional(c) or c for c in charts]
     if narrowed == list(charts):
         return plain
-    other = _block(problem, narrowed, boxes, time_limit_s)
+    other = _block(support, narrowed, boxes, time_limit_s)
     return max(plain, other, key=lambda found: found[0].estimated_acceptance)
 
 
 def _block(
-    problem: Problem, charts: Sequence[Chart], boxes: int, time_limit_s: float
+    support: Support, charts: Sequence[Chart], boxes: int, time_limit_s: float
 ) -> tuple[SampleBlock, float]:
     """The tables of a block, and a bound of the error of its defined names."""
     for k, chart in enumerate(charts):
         if _effort(chart) > 1:
-            _tested(problem, chart, (), k)  # raises before boxes are made, which takes longer
+            _tested(support, chart, (), k)  # raises before boxes are made, which takes longer
     leaves = pave([_root(chart) for chart in charts], boxes=boxes, time_limit_s=time_limit_s)
     if not leaves:
-        raise CompileError(without_sample(problem.formula))
+        raise CompileError(without_sample(support.formula))
     if not all(math.isfinite(leaf.density) for leaf in leaves):
-        raise CompileError(unbounded_density(problem.formula))
-    tested = [_tested(problem, chart, leaves, k) for k, chart in enumerate(charts)]
+        raise CompileError(unbounded_density(support.formula))
+    tested = [_tested(support, chart, leaves, k) for k, chart in enumerate(charts)]
     most = min(TRIALS // max(map(_effort, charts)), COORDINATES // max(1, len(charts[0].box)))
     points = max(1, most // len(leaves))
     accepted = [
@@ -208,22 +208,22 @@ def _accepted(chart: Chart, sample: SampleChart, box: Box, density: float, point
     return float(np.mean(kept & holds(sample.acceptance, columns, points)))
 
 
-def _around(problem: Problem) -> dict[str, tuple[float, float]]:
-    free = {s for charts in problem.blocks for chart in charts for s in chart.free}
-    limits = {s.name: inward(item.bound) for s, item in problem.items.items() if s in free}
+def _around(support: Support) -> dict[str, tuple[float, float]]:
+    free = {s for charts in support.blocks for chart in charts for s in chart.free}
+    limits = {s.name: inward(item.bound) for s, item in support.items.items() if s in free}
     return {n: (i.low, i.high) for n, i in limits.items() if math.isfinite(i.low) and math.isfinite(i.high)}
 
 
-def _tested(problem: Problem, chart: Chart, leaves: Sequence[Leaf], k: int) -> tuple[SampleChart, float]:
+def _tested(support: Support, chart: Chart, leaves: Sequence[Leaf], k: int) -> tuple[SampleChart, float]:
     """A chart with its test, and a bound of the error of its defined names."""
     own = [leaf.box for leaf in leaves if leaf.chart == k] or [chart.box]
     around = {s: hull_of(box[s] for box in own) for s in chart.box}
     try:
-        sample, error = tested(chart, around, {s: item.bound for s, item in problem.items.items()})
+        sample, error = tested(chart, around, {s: item.bound for s, item in support.items.items()})
     except NoErrorBound:
-        raise CompileError(imprecise(problem.formula)) from None
+        raise CompileError(imprecise(support.formula)) from None
     if not is_short(sample.acceptance):
-        raise CompileError(too_long(problem.formula))
+        raise CompileError(too_long(support.formula))
     return sample, error
 
 

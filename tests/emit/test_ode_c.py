@@ -10,7 +10,7 @@ from generators.random_models import variable
 from symbolic.test_symbolic import FLOW, INCLUDES, SYMBOLS, expressions, leaves_of, place, run, unit
 
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.ode_c import ORDERS, jacobian_function, lie_function
 from dl2c.ir.evaluate import Undefined, evaluate
 from dl2c.ir.model import Add, Call, Mul, Number, Pow, Sub, Symbol, Term
@@ -111,21 +111,21 @@ End.
 
 
 @pytest.fixture(scope="module")
-def environment() -> Environment:
+def environment() -> BuildPlan:
     archive, _ = parse_archive(Source("m.kyx", MODEL))
     found = environment_of(lower(resolve(archive.entries[0]), Options()))
     assert found is not None
     return found
 
 
-def test_only_entries_that_are_not_zero_are_printed(environment: Environment) -> None:
+def test_only_entries_that_are_not_zero_are_printed(environment: BuildPlan) -> None:
     text = jacobian_function(environment, leaves_of_model(environment), {0})
     assert [line.strip() for line in text.splitlines() if "= 1.0" in line] == ["jac[X_x * NX + X_v] = 1.0;"]
     assert text.count("jac[X_") == 1
     assert "if (flow" not in jacobian_function(environment, leaves_of_model(environment), ())
 
 
-def test_generated_functions_compile_without_warnings(environment: Environment, tmp_path: Path) -> None:
+def test_generated_functions_compile_without_warnings(environment: BuildPlan, tmp_path: Path) -> None:
     leaves = leaves_of_model(environment)
     functions = [
         jacobian_function(environment, leaves, {0}),
@@ -136,12 +136,12 @@ def test_generated_functions_compile_without_warnings(environment: Environment, 
     run(["cc", *CODE_FLAGS, *EXACT_FLAGS, *STRICT_FLAGS, *INCLUDES, "-fsyntax-only", str(tmp_path / "ode.c")])
 
 
-def leaves_of_model(environment: Environment) -> Leaves:
+def leaves_of_model(environment: BuildPlan) -> Leaves:
     names = [v.name for v in environment.model.variables]
     return Leaves(symbolic.Builder(), lambda symbol: names.index(symbol.name))
 
 
-def test_lie_derivatives_fill_one_row_for_each_order(environment: Environment) -> None:
+def test_lie_derivatives_fill_one_row_for_each_order(environment: BuildPlan) -> None:
     leaves = leaves_of_model(environment)
     text = lie_function(environment, leaves, {0: (variable("x"),)})
     assert "lie[0] = x[X_v];" in text

@@ -12,7 +12,7 @@ from generators.random_odes import Start
 
 from dl2c.code import cgen_dir
 from dl2c.emit.names import file_stem
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.model_c import model_sources
 from dl2c.flows.kernel import FlowPlan, plan_flow
 from dl2c.flows.watch import watches_along
@@ -40,7 +40,7 @@ class Arrival:
 class Compiled:
     """A model of `flows_model`, or any whose one choice picks the flow."""
 
-    def __init__(self, environment: Environment, library: Library) -> None:
+    def __init__(self, environment: BuildPlan, library: Library) -> None:
         self.environment = environment
         self.batch: Batch = library.batch(1, on_blocked="truncate", max_steps=0)
 
@@ -75,7 +75,7 @@ def compiled(
     """The model as a plain library, loaded."""
     chosen = plans(model, integrator)
     assert all(chosen), "a flow cannot be followed as asked"
-    environment = Environment(
+    environment = BuildPlan(
         model,
         enumerate_paths(model),
         tuple(p for p in chosen if p is not None),
@@ -86,7 +86,7 @@ def compiled(
     return Compiled(environment, library_of(environment, folder, flags))
 
 
-def library_of(environment: Environment, folder: Path, flags: tuple[str, ...] = ()) -> Library:
+def library_of(environment: BuildPlan, folder: Path, flags: tuple[str, ...] = ()) -> Library:
     """The environment's code as a plain library, loaded."""
     name = file_stem(environment.model.name)
     folder.mkdir(parents=True, exist_ok=True)

@@ -72,7 +72,7 @@ def test_models_are_annotated_anew(path: Path) -> None:
     copy = annotated(plain)
     assert copy != plain and without(copy) == plain
     built = Compilation(Source("copy.kyx", copy.decode()), Options())
-    assert built.resolved.problem.annotated and built.planned.environment.model.predicates
+    assert built.resolved.problem.annotated and built.planned.build.model.predicates
     assert {d.code for d in examine(Source("copy.kyx", copy.decode()), Options(), portable=True)} <= {
         "default-dt", "zero-duration", "deadlock", "agent-moves-world", "decision-in-loop",
         "unsampled-precondition", "safety-after-steps", "unobserved-variable", "keymaera-rejects",

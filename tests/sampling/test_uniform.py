@@ -14,7 +14,7 @@ from sampling.test_sampling import planned, rejected
 
 from dl2c.sampling.arrays import completed, values
 from dl2c.sampling.draw import draw_many
-from dl2c.sampling.problem import problem_of
+from dl2c.sampling.support import support_of
 from dl2c.smt.precondition import decide
 
 SEEDS = 20
@@ -228,7 +228,7 @@ def test_the_density_is_that_of_the_jacobian():
     text = " and ".join(f"{d}1 == -(om*({x}2 - c2)) and {d}2 == om*({x}1 - c1)" for d, x in points.items())
     names = [f"{n}{k}" for pair in points.items() for n in pair for k in (1, 2)]
     m = model(text, dict.fromkeys(names, "-10:10"), dict.fromkeys(["om", "c1", "c2"], "-10:10"))
-    (chart,) = problem_of(m, decide(m)).blocks[0]
+    (chart,) = support_of(m, decide(m)).blocks[0]
     free = [s.name for s in chart.free]
     definitions = [(s.name, t) for s, t in chart.definitions]
     rng = np.random.default_rng(0)

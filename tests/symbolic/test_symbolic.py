@@ -27,7 +27,7 @@ from generators.random_models import (
 
 from dl2c.code import cgen_dir
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.model_c import model_c, model_sources
 from dl2c.ir.evaluate import Undefined, evaluate, truth
 from dl2c.ir.logic import atoms
@@ -35,7 +35,7 @@ from dl2c.ir.margins import margin_of
 from dl2c.ir.model import TRUE, Call, Div, Flow, Formula, Mul, Number, Symbol, Term
 from dl2c.native.toolchain import CODE_FLAGS, EXACT_FLAGS, STRICT_FLAGS
 from dl2c.options import Options
-from dl2c.pipeline import checked
+from dl2c.pipeline import Compilation
 from dl2c.source import Source
 from dl2c.symbolic import terms as symbolic
 from dl2c.symbolic.tape import function
@@ -190,7 +190,7 @@ ENVIRONMENTS = [e for seed in range(200, 240) if (e := environment_of(random_mod
 def test_generated_c_has_no_warnings(compiler: str, tmp_path: Path) -> None:
     if shutil.which(compiler) is None:
         pytest.skip(f"{compiler} is not installed")
-    waypoint = checked(Source.read(WAYPOINT), Options()).environment
+    waypoint = Compilation(Source.read(WAYPOINT), Options()).planned.build
     texts: list[str] = []
     for environment in [waypoint, *ENVIRONMENTS[:20]]:
         for name, text in model_sources(environment).items():
@@ -216,12 +216,12 @@ def test_each_rate_and_margin_is_below_its_dl_text() -> None:
 
 
 @pytest.fixture(scope="module")
-def libraries(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Environment, Any]]:
+def libraries(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[BuildPlan, Any]]:
     chosen = [e for e in ENVIRONMENTS if any(f.watches for f in e.flows)][:10]
     return list(zip(chosen, compiled(chosen, tmp_path_factory.mktemp("rates")), strict=True))
 
 
-def test_rates_and_roots_belong_to_the_solution(libraries: list[tuple[Environment, Any]]) -> None:
+def test_rates_and_roots_belong_to_the_solution(libraries: list[tuple[BuildPlan, Any]]) -> None:
     """At the start of a flow: rates are c1 of its solution, margins c0 of theirs, Lie derivatives c1."""
     rng = Random(5)
     margins = moving = 0
@@ -266,7 +266,7 @@ def close(got: float, want: float | None, relative: float = 1e-12) -> bool:
     return want is None or same(got, want) or math.isclose(got, want, rel_tol=relative)
 
 
-def test_margins_are_positive_inside(libraries: list[tuple[Environment, Any]]) -> None:
+def test_margins_are_positive_inside(libraries: list[tuple[BuildPlan, Any]]) -> None:
     rng = Random(6)
     seen = {True: 0, False: 0}
     for environment, library in libraries:
@@ -284,7 +284,7 @@ def test_margins_are_positive_inside(libraries: list[tuple[Environment, Any]]) -
     assert min(seen.values()) > 15
 
 
-def test_a_flow_that_does_not_exist_is_refused(libraries: list[tuple[Environment, Any]]) -> None:
+def test_a_flow_that_does_not_exist_is_refused(libraries: list[tuple[BuildPlan, Any]]) -> None:
     environment, library = libraries[0]
     x, p = np.zeros(library.sizes.nx), np.zeros(library.sizes.np)
     assert library.sizes.nflow == len(environment.flows) > 0

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from dl2c.emit.cfile import place
 from dl2c.emit.names import python_attribute, python_predicate
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.python.expr import AND, OR, Bracketed, Expression, Writer, joined, statement
 from dl2c.emit.python.parts import condition, function
 from dl2c.flows.watch import watches_of
@@ -39,9 +39,9 @@ class Judgement(NamedTuple):
 '''
 
 
-def judge_functions(environment: Environment, writer: Writer) -> Iterator[str]:
+def judge_functions(build: BuildPlan, writer: Writer) -> Iterator[str]:
     """One function for each predicate, then what they say together."""
-    model = environment.model
+    model = build.model
     for predicate in model.predicates:
         yield _holds(predicate, model, writer)
         if predicate.due is not None:

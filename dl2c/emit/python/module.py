@@ -8,7 +8,7 @@ import json
 from dataclasses import fields
 from fractions import Fraction
 
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.python.text import class_name, file_name, headline, sections
 from dl2c.ir.printer import print_number
 from dl2c.options import Options
@@ -21,13 +21,13 @@ ARGUMENTS = (
 )
 
 
-def gym_module(environment: Environment, source: Source) -> str:
+def gym_module(build: BuildPlan, source: Source) -> str:
     """The module of a model with this text."""
-    model = environment.model
+    model = build.model
     name = class_name(model)
     return f'''"""{headline(model)}
 
-Written by dl2c {environment.version} from {file_name(source)}. Importing this module compiles nothing;
+Written by dl2c {build.version} from {file_name(source)}. Importing this module compiles nothing;
 the first environment does, or takes what an earlier one compiled.
 """
 
@@ -42,7 +42,7 @@ ID = "{name.removesuffix("Env")}-v0"
 class {name}(Dl2cEnv):
     """{headline(model)}
 
-{_sections(environment)}
+{_sections(build)}
     """
 
     def __init__(
@@ -57,14 +57,14 @@ def register(identifier: str = ID, **arguments: Any) -> None:
     gym.register(identifier, entry_point={name}, kwargs=arguments)
 
 
-OPTIONS: dict[str, Any] = {_options(environment.options)}
+OPTIONS: dict[str, Any] = {_options(build.options)}
 
 MODEL = {_literal(source.text)}
 '''
 
 
-def _sections(environment: Environment) -> str:
-    return "\n".join(f"    {line}" if line else "" for line in sections(environment, ARGUMENTS))
+def _sections(build: BuildPlan) -> str:
+    return "\n".join(f"    {line}" if line else "" for line in sections(build, ARGUMENTS))
 
 
 def _options(options: Options) -> str:

@@ -10,7 +10,7 @@ from fractions import Fraction
 
 from dl2c.emit.cfile import place
 from dl2c.emit.names import python_attribute
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.python.expr import SUM, WIDTH, Bracketed, Expression, Named, Writer, flat, statement
 from dl2c.emit.python.text import clean
 from dl2c.flows.kernel import FlowPlan, constant_along
@@ -70,9 +70,9 @@ def condition(name: str, about: str, formula: Formula, writer: Writer) -> str:
 # The start --------------------------------------------------------------------
 
 
-def start_function(environment: Environment, writer: Writer) -> str:
+def start_function(build: BuildPlan, writer: Writer) -> str:
     """Draws names in their boxes; the caller looks whether the precondition holds."""
-    plan = environment.sampling
+    plan = build.sampling
     assert plan is not None
     drawn: list[Expression] = []
     defined: list[tuple[str, Expression]] = []
@@ -96,12 +96,12 @@ def _plain(limit: float) -> float:
     return near if abs(near - limit) <= 1e-15 * abs(limit) else limit
 
 
-def precondition_function(environment: Environment, writer: Writer) -> str:
+def precondition_function(build: BuildPlan, writer: Writer) -> str:
     """P; equalities within the tolerance where drawn states are rounded."""
-    formula = environment.model.precondition
-    plan = environment.sampling
+    formula = build.model.precondition
+    plan = build.sampling
     if plan is None or plan.certificate == "witness" or any(c.grid for c in plan.charts):
-        formula = equalities_relaxed(formula, environment.options.tolerance)
+        formula = equalities_relaxed(formula, build.options.tolerance)
     return condition("precondition", "What the proof assumes of initial states.", formula, writer)
 
 
@@ -121,10 +121,10 @@ def plain_margins(model: Model, plan: FlowPlan) -> tuple[Term, ...]:
     return tuple(m for m in margins_of([smooth(c, moves) for c in conditions]) if moves(m))
 
 
-def flow_functions(environment: Environment, k: int, writer: Writer) -> Iterator[str]:
+def flow_functions(build: BuildPlan, k: int, writer: Writer) -> Iterator[str]:
     """Domain, margins and motion of flow k, and its entry for the paths."""
-    plan = environment.flows[k]
-    margins = plain_margins(environment.model, plan)
+    plan = build.flows[k]
+    margins = plain_margins(build.model, plan)
     about = "Where the motion may go on, but for its clocks."
     yield condition(f"domain_{k}", about, plan.flow.watched, writer)
     terms = Bracketed("", tuple(writer.term(m) for m in margins), "[]")
@@ -218,18 +218,18 @@ def _bounds(plan: FlowPlan) -> Iterator[tuple[Compare, str, Term]]:
 # Control paths ----------------------------------------------------------------
 
 
-def path_function(environment: Environment, k: int, writer: Writer) -> str:
+def path_function(build: BuildPlan, k: int, writer: Writer) -> str:
     """Tests, inputs and assignments of a path."""
-    path = environment.paths.paths[k]
+    path = build.paths.paths[k]
     guard = writer.formula(path.guard)
     lines: list[str] = []
     if path.guard != TRUE:
         lines += statement("if not ", _parenthesised(guard), ":", 4) + ["        return None"]
     for admission in path.admissions:
-        lines += _input(environment.paths.inputs[admission.input], admission, writer)
+        lines += _input(build.paths.inputs[admission.input], admission, writer)
     lines += returned(replaced((name, value(writer, term)) for name, term in path.updates))
     head = f"def path_{k}(s: State, inputs: dict[str, float]) -> State | None:"
-    return function(head, _about(environment, path), lines)
+    return function(head, _about(build, path), lines)
 
 
 def _parenthesised(guard: Expression) -> Expression:
@@ -239,8 +239,8 @@ def _parenthesised(guard: Expression) -> Expression:
     return guard if simple else Bracketed("", (guard,))
 
 
-def _about(environment: Environment, path: Path) -> str:
-    decisions = environment.paths.decisions
+def _about(build: BuildPlan, path: Path) -> str:
+    decisions = build.paths.decisions
     taken = [
         f"{d.key} = {k}: {d.alternatives[k]}"
         for d, k in zip(decisions, path.decisions, strict=True)
@@ -268,11 +268,11 @@ def _input(given: Input, admission: Admission, writer: Writer) -> list[str]:
     ]
 
 
-def path_table(environment: Environment) -> str:
+def path_table(build: BuildPlan) -> str:
     """All paths, as the environment tries them."""
-    keys = [d.key for d in environment.paths.decisions]
+    keys = [d.key for d in build.paths.decisions]
     rows: list[Expression] = []
-    for k, path in enumerate(environment.paths.paths):
+    for k, path in enumerate(build.paths.paths):
         taken = tuple(f'"{keys[d]}": {path.decisions[d]}' for d in path.met)
         marked = tuple(f'"{keys[d]}"' for d, m in zip(path.met, path.marks, strict=True) if m)
         flow = "None" if path.flow is None else f"FLOW_{path.flow}"

@@ -12,7 +12,7 @@ from pathlib import Path as File
 import numpy as np
 
 from dl2c.emit.names import python_attribute, python_value
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.python.expr import Bracketed, Expression, Writer, statement
 from dl2c.emit.python.judge import JUDGEMENT, judge_functions
 from dl2c.emit.python.parts import (
@@ -62,21 +62,21 @@ IMPORTS = {
 """Imports by a name that needs them, in the order in which they stand."""
 
 
-def pure_module(environment: Environment, source: Source) -> str:
+def pure_module(build: BuildPlan, source: Source) -> str:
     """The module of a model with this text."""
-    writer = Writer(python_value, _nonzero(environment.model))
+    writer = Writer(python_value, _nonzero(build.model))
     support = _support()
     model = [
-        start_function(environment, writer),
-        precondition_function(environment, writer),
-        *(part for k in range(len(environment.flows)) for part in flow_functions(environment, k, writer)),
-        *(path_function(environment, k, writer) for k in range(len(environment.paths.paths))),
-        path_table(environment),
+        start_function(build, writer),
+        precondition_function(build, writer),
+        *(part for k in range(len(build.flows)) for part in flow_functions(build, k, writer)),
+        *(path_function(build, k, writer) for k in range(len(build.paths.paths))),
+        path_table(build),
         JUDGEMENT,
-        *judge_functions(environment, writer),
+        *judge_functions(build, writer),
     ]
-    own = [_state(environment), _tables(environment), *_rule("The model"), *(support[n] for n in FIRST[1:])]
-    own += [*model, *_rule("The environment"), _class(environment, support["SupportEnv"])]
+    own = [_state(build), _tables(build), *_rule("The model"), *(support[n] for n in FIRST[1:])]
+    own += [*model, *_rule("The environment"), _class(build, support["SupportEnv"])]
     used = _used(own, support)
     kept = [text for name, text in support.items() if name in used and name not in (*FIRST[1:], "SupportEnv")]
     body = _spaced([*own, *_rule("What every such environment needs"), *kept])
@@ -84,13 +84,13 @@ def pure_module(environment: Environment, source: Source) -> str:
     for name in ("Sequence", "zip_longest"):
         if not re.search(rf"\b{name}\b", body):
             head = [line.replace(f", {name}", "") for line in head]
-    return f"{_docstring(environment, source)}\n\n" + "\n".join(head) + f"\n\n\n{body}"
+    return f"{_docstring(build, source)}\n\n" + "\n".join(head) + f"\n\n\n{body}"
 
 
-def _docstring(environment: Environment, source: Source) -> str:
-    return f'''"""{headline(environment.model)}
+def _docstring(build: BuildPlan, source: Source) -> str:
+    return f'''"""{headline(build.model)}
 
-Written by dl2c {environment.version} from {file_name(source)}. It does not need dl2c: change what you like.
+Written by dl2c {build.version} from {file_name(source)}. It does not need dl2c: change what you like.
 """'''
 
 
@@ -145,8 +145,8 @@ def _used(texts: Iterable[str], support: dict[str, str]) -> set[str]:
 # Data -------------------------------------------------------------------------
 
 
-def _state(environment: Environment) -> str:
-    model = environment.model
+def _state(build: BuildPlan) -> str:
+    model = build.model
     items: list[Variable | Constant] = [*model.variables, *model.constants]
     lines = ["@dataclass(frozen=True)", "class State:", '    """Variables, then constants."""', ""]
     for item in items:
@@ -157,9 +157,9 @@ def _state(environment: Environment) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _tables(environment: Environment) -> str:
-    choices, inputs = agent_decisions(environment)
-    names = [name for name, _, _ in observed(environment.model, environment.options)]
+def _tables(build: BuildPlan) -> str:
+    choices, inputs = agent_decisions(build)
+    names = [name for name, _, _ in observed(build.model, build.options)]
     tables: list[tuple[str, Expression]] = [
         ("OBSERVED", Bracketed("", tuple(f'"{python_attribute(n)}"' for n in names), "[]")),
         (
@@ -167,11 +167,11 @@ def _tables(environment: Environment) -> str:
             Bracketed("", tuple(f'"{c.key}": {len(c.alternatives)}' for c in choices), "{}"),
         ),
         ("NO_INPUTS", Bracketed("", tuple(f'"{i.key}": 0.0' for i in inputs), "{}")),
-        ("TOLERANCE", number(environment.options.tolerance)),
+        ("TOLERANCE", number(build.options.tolerance)),
         ("LARGEST", "1e100"),
-        ("LOOPS", str(environment.model.loops)),
+        ("LOOPS", str(build.model.loops)),
     ]
-    if any(f.solution is None for f in environment.flows):
+    if any(f.solution is None for f in build.flows):
         tables += [("METHOD", '"DOP853"'), ("RTOL", "1e-10"), ("ATOL", "1e-12")]
     return "\n".join(line for name, entry in tables for line in statement(f"{name} = ", entry)) + "\n"
 
@@ -179,11 +179,11 @@ def _tables(environment: Environment) -> str:
 # The class --------------------------------------------------------------------
 
 
-def _class(environment: Environment, support: str) -> str:
+def _class(build: BuildPlan, support: str) -> str:
     """The environment: its own methods, then those of the support."""
-    model, options = environment.model, environment.options
+    model, options = build.model, build.options
     lines = [f"class {class_name(model)}(gym.Env):", f'    """{headline(model)}', ""]
-    lines += [f"    {line}" if line else "" for line in sections(environment, ARGUMENTS)]
+    lines += [f"    {line}" if line else "" for line in sections(build, ARGUMENTS)]
     modes = '{"render_modes": ["ansi"], "render_fps": 10}'
     lines += ['    """', "", f"    metadata: ClassVar[dict[str, Any]] = {modes}", ""]
     lines += [
@@ -203,20 +203,20 @@ def _class(environment: Environment, support: str) -> str:
         "        self.blocked_penalty = blocked_penalty",
         "        self.stall_limit = stall_limit",
         "        self.constants = constants or {}",
-        *_observation_space(environment),
-        *(f"        {line}" for line in _action_space(environment)),
+        *_observation_space(build),
+        *(f"        {line}" for line in _action_space(build)),
         "        self.state = State()",
         "        self._running = False",
         "        self._steps, self._stalled, self._time = 0, 0, 0.0",
         "",
     ]
     methods = support.split("\n", 1)[1]
-    return "\n".join([*lines, methods.rstrip("\n"), "", *_actions(environment)]) + "\n"
+    return "\n".join([*lines, methods.rstrip("\n"), "", *_actions(build)]) + "\n"
 
 
-def _observation_space(environment: Environment) -> Iterator[str]:
-    options = environment.options
-    limits = [observation_limits(b, options) for _, _, b in observed(environment.model, options)]
+def _observation_space(build: BuildPlan) -> Iterator[str]:
+    options = build.options
+    limits = [observation_limits(b, options) for _, _, b in observed(build.model, options)]
     kind = f"np.{options.obs_dtype}"
     for k, name in enumerate(("low", "high")):
         row = [pair[k] for pair in limits]
@@ -233,9 +233,9 @@ def _limit(value: float, kind: str) -> str:
     return str(np.float32(value)) if kind == "float32" else repr(value)
 
 
-def _action_space(environment: Environment) -> list[str]:
-    choices, inputs = agent_decisions(environment)
-    kind = f"np.{environment.options.obs_dtype}"
+def _action_space(build: BuildPlan) -> list[str]:
+    choices, inputs = agent_decisions(build)
+    kind = f"np.{build.options.obs_dtype}"
     counts = [len(c.alternatives) for c in choices]
     if not inputs:
         one = counts[0] if counts else 1
@@ -253,10 +253,10 @@ def _action_space(environment: Environment) -> list[str]:
     ]
 
 
-def _actions(environment: Environment) -> list[str]:
+def _actions(build: BuildPlan) -> list[str]:
     """Between actions and decisions, both ways."""
-    choices, inputs = agent_decisions(environment)
-    kind = f"np.{environment.options.obs_dtype}"
+    choices, inputs = agent_decisions(build)
+    kind = f"np.{build.options.obs_dtype}"
     if choices and inputs:
         wanted = [
             "{key: int(action[key]) for key in CHOICES}",

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from dl2c.diagnostics import Diagnostic, error
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.python.text import agent_decisions
 from dl2c.ir.logic import atoms
 from dl2c.ir.model import Formula
@@ -13,10 +13,10 @@ from dl2c.sampling.tables import SamplingPlan
 from dl2c.source import NOWHERE, Span
 
 
-def refusals(environment: Environment) -> tuple[Diagnostic, ...]:
+def refusals(build: BuildPlan) -> tuple[Diagnostic, ...]:
     """Why a model has no environment in plain Python; nothing where it has one."""
-    found = (*_runs(environment), *_inputs(environment), *_flows(environment), *_start(environment))
-    return tuple(dict.fromkeys((*found, *_options(environment))))
+    found = (*_runs(build), *_inputs(build), *_flows(build), *_start(build))
+    return tuple(dict.fromkeys((*found, *_options(build))))
 
 
 def _refused(span: Span, label: str) -> Diagnostic:
@@ -29,9 +29,9 @@ def _refused(span: Span, label: str) -> Diagnostic:
     )
 
 
-def _runs(environment: Environment) -> Iterator[Diagnostic]:
+def _runs(build: BuildPlan) -> Iterator[Diagnostic]:
     """A step is one choice of a path, and one flow at its end."""
-    paths = environment.paths
+    paths = build.paths
     start = paths.paths[0].span
     if paths.prefix is not None:
         yield _refused(_span_at(paths.of(paths.prefix), start), "a program before the loop")
@@ -40,7 +40,7 @@ def _runs(environment: Environment) -> Iterator[Diagnostic]:
     elif several := [p for p in paths.of(0) if p.target != END]:
         yield _refused(several[0].span, "a step with loops inside, or with more after a flow")
     if any(d.role == "env" for d in (*paths.decisions, *paths.inputs)) or (
-        paths.sampled and environment.model.duration == "max"
+        paths.sampled and build.model.duration == "max"
     ):
         yield _refused(start, "chance decides some of this step")
 
@@ -49,8 +49,8 @@ def _span_at(paths: tuple[Path, ...], otherwise: Span) -> Span:
     return next((p.span for p in paths if p.span != NOWHERE), otherwise)
 
 
-def _inputs(environment: Environment) -> Iterator[Diagnostic]:
-    for path in environment.paths.paths:
+def _inputs(build: BuildPlan) -> Iterator[Diagnostic]:
+    for path in build.paths.paths:
         for admission in path.admissions:
             span = _place(admission.tests, path.span)
             if admission.following is not None:
@@ -64,8 +64,8 @@ def _place(formula: Formula, otherwise: Span) -> Span:
     return next((a.span for a in atoms(formula) if a.span != NOWHERE), otherwise)
 
 
-def _flows(environment: Environment) -> Iterator[Diagnostic]:
-    for plan in environment.flows:
+def _flows(build: BuildPlan) -> Iterator[Diagnostic]:
+    for plan in build.flows:
         flow = plan.flow
         if flow.reach is not None:
             yield _refused(flow.span, "a flow without a clock that lasts to the end of its domain")
@@ -74,9 +74,9 @@ def _flows(environment: Environment) -> Iterator[Diagnostic]:
                 yield _refused(atom.span, f"a domain with `{atom.op}`")
 
 
-def _start(environment: Environment) -> Iterator[Diagnostic]:
-    plan = environment.sampling
-    span = _place(environment.model.precondition, environment.paths.paths[0].span)
+def _start(build: BuildPlan) -> Iterator[Diagnostic]:
+    plan = build.sampling
+    span = _place(build.model.precondition, build.paths.paths[0].span)
     if plan is None:
         yield _refused(span, "initial states that cannot be drawn")
     elif plan.weighted or any(len(b.charts) != 1 for b in plan.blocks) or _has_root(plan):
@@ -89,12 +89,12 @@ def _has_root(plan: SamplingPlan) -> bool:
     return any(isinstance(d, RootOf) for chart in plan.charts for _, d in chart.definitions)
 
 
-def _options(environment: Environment) -> Iterator[Diagnostic]:
-    options, model = environment.options, environment.model
-    choices, inputs = agent_decisions(environment)
+def _options(build: BuildPlan) -> Iterator[Diagnostic]:
+    options, model = build.options, build.model
+    choices, inputs = agent_decisions(build)
     plain = "dict" if choices and inputs else "box" if inputs else "multidiscrete"
     formats = ("auto",) if len(choices) == 1 and not inputs else ("auto", plain)
-    span = environment.paths.paths[0].span
+    span = build.paths.paths[0].span
     if model.duration != "max":
         yield _refused(span, f"the option duration={model.duration}")
     if options.action_format not in formats:

@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterator, Sequence
 
 from dl2c.emit.cfile import place
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.ir.logic import conjuncts
 from dl2c.ir.model import Constant, Formula, Model, Predicate, Trigger, Variable
 from dl2c.ir.printer import print_flow, print_formula, print_number, print_term
@@ -20,16 +20,16 @@ WIDTH = 84
 """Of text in a docstring, without its margin."""
 
 
-def sections(environment: Environment, arguments: Sequence[tuple[str, str]]) -> list[str]:
+def sections(build: BuildPlan, arguments: Sequence[tuple[str, str]]) -> list[str]:
     """Lines of a class's docstring; `arguments` are names and what they do."""
-    model = environment.model
+    model = build.model
     parts = {
-        "Description": _description(environment),
-        "Action Space": _actions(environment),
-        "Observation Space": _observations(environment),
+        "Description": _description(build),
+        "Action Space": _actions(build),
+        "Observation Space": _observations(build),
         "Rewards": _rewards(model),
         "Starting State": [*_prose("Drawn uniformly from where"), "", *_formula(model.precondition)],
-        "Episode End": _endings(environment),
+        "Episode End": _endings(build),
         "Arguments": [line for name, about in arguments for line in _item(f"`{name}`: {about}")],
     }
     return [
@@ -60,9 +60,9 @@ def file_name(source: Source) -> str:
     return clean(source.name.replace("\\", "/").rsplit("/", 1)[-1])
 
 
-def source_text(environment: Environment) -> str:
+def source_text(build: BuildPlan) -> str:
     """The file that the model comes from, as far as it is known."""
-    spans = (f.span for f in environment.model.flows)
+    spans = (f.span for f in build.model.flows)
     return next((span.source.text for span in spans if span != NOWHERE), "")
 
 
@@ -81,15 +81,15 @@ def _formula(formula: Formula) -> list[str]:
     return [line for part in conjuncts(formula) for line in _item(f"`{print_formula(part)}`")]
 
 
-def _description(environment: Environment) -> list[str]:
+def _description(build: BuildPlan) -> list[str]:
     """What the file says of itself, and the motion of a step."""
-    found = re.match(r"\s*/\*+(?!\s*@)(.*?)\*+/", source_text(environment), flags=re.DOTALL)
+    found = re.match(r"\s*/\*+(?!\s*@)(.*?)\*+/", source_text(build), flags=re.DOTALL)
     about = [re.sub(r"^\s*\*( |$)", "", line).strip() for line in (found[1] if found else "").split("\n")]
     paragraphs = [_prose(part) for part in "\n".join(about).strip().split("\n\n") if part.strip()]
     lines = [line for paragraph in paragraphs for line in (*paragraph, "")]
-    if environment.model.flows:
+    if build.model.flows:
         lines += ["A step is one run of the model's loop. Its motion:", ""]
-    for flow in environment.model.flows:
+    for flow in build.model.flows:
         lines += _item(f"`{print_flow(flow)}` ({place(flow.span)})")
     return lines
 
@@ -97,17 +97,17 @@ def _description(environment: Environment) -> list[str]:
 # Spaces -----------------------------------------------------------------------
 
 
-def agent_decisions(environment: Environment) -> tuple[tuple[Decision, ...], tuple[Input, ...]]:
+def agent_decisions(build: BuildPlan) -> tuple[tuple[Decision, ...], tuple[Input, ...]]:
     """What the agent decides: discrete, continuous."""
-    paths = environment.paths
+    paths = build.paths
     return (
         tuple(d for d in paths.decisions if d.role == "agent"),
         tuple(i for i in paths.inputs if i.role == "agent"),
     )
 
 
-def _actions(environment: Environment) -> list[str]:
-    choices, inputs = agent_decisions(environment)
+def _actions(build: BuildPlan) -> list[str]:
+    choices, inputs = agent_decisions(build)
     if not choices and not inputs:
         return ["`Discrete(1)`: there is nothing to decide."]
     lines: list[str] = []
@@ -117,7 +117,7 @@ def _actions(environment: Environment) -> list[str]:
         table = [(str(k), f"`{text}`") for k, text in enumerate(choice.alternatives)]
         lines += ["", *_table(("Num", "Alternative"), table), ""]
     if inputs:
-        rows = [(f"`{i.key}`", _limits(i), _about(environment.model, i.variable)) for i in inputs]
+        rows = [(f"`{i.key}`", _limits(i), _about(build.model, i.variable)) for i in inputs]
         lines += [*_table(("Input", "Limits", "Value of"), rows), ""]
     lines += _prose(
         "Actions whose tests fail have no run: `info['action_mask']` shows which alternatives have one, "
@@ -141,8 +141,8 @@ def _noted(item: Variable | Constant) -> str:
     return f": {words}" if words else ""
 
 
-def _observations(environment: Environment) -> list[str]:
-    model, options = environment.model, environment.options
+def _observations(build: BuildPlan) -> list[str]:
+    model, options = build.model, build.options
     items: dict[str, Variable | Constant] = {v.name: v for v in (*model.variables, *model.constants)}
     entries = observed(model, options)
     rows: list[tuple[str, ...]] = []
@@ -183,14 +183,14 @@ def _reward(predicate: Predicate) -> Iterator[str]:
         yield from _item(f"`{predicate.name}` (@{predicate.category}): {'; '.join(pays)}.")
 
 
-def _endings(environment: Environment) -> list[str]:
+def _endings(build: BuildPlan) -> list[str]:
     lines: list[str] = []
-    for p in environment.model.predicates:
+    for p in build.model.predicates:
         for trigger, when in ((p.on_success, "holds"), (p.on_failure, "fails")):
             if trigger is not None and trigger.action != "continue":
                 lines += _item(f"{_ends(trigger)}, status {trigger.status}, when `{p.name}` {when}:")
                 lines += [f"  {line}" for line in _prose(f"`{print_formula(p.formula)}`")]
-    steps = environment.options.max_episode_steps
+    steps = build.options.max_episode_steps
     if steps:
         lines += _item(f"Truncated after {steps} steps, reason time_limit.")
     return lines + _item("Truncated where no alternative has a run (deadlock) or numbers overflow.")

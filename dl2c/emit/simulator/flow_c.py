@@ -12,7 +12,7 @@ from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import comment, function, place, wrapped
 from dl2c.emit.leaf import Leaves, Locals
 from dl2c.emit.names import after, index, slot
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.flows.exact import Edge, ExactPlan
 from dl2c.flows.kernel import FlowPlan
 from dl2c.flows.solution import Solution
@@ -23,22 +23,22 @@ from dl2c.ir.printer import print_flow, print_formula, print_term
 EXITS = {"closed": "dl2c_exit_nonnegative", "open": "dl2c_exit_positive", "apart": "dl2c_exit_nonzero"}
 
 
-def flow_functions(environment: Environment, leaves: Leaves) -> list[str]:
+def flow_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """All functions of all flows."""
     texts: list[str] = []
-    for k, plan in enumerate(environment.flows):
+    for k, plan in enumerate(build.flows):
         texts.append(_stays(k, plan, leaves))
         if plan.solution is not None:
             texts.append(_at(k, plan.flow, plan.solution, leaves))
         if plan.quick is not None:
             texts.append(_motion(k, plan.quick, leaves))
-    texts += [_model_motion(environment), _model_at(environment), _model_inside(environment)]
-    texts += [_model_begin(environment, leaves), _model_settle(environment, leaves)]
+    texts += [_model_motion(build), _model_at(build), _model_inside(build)]
+    texts += [_model_begin(build, leaves), _model_settle(build, leaves)]
     return [t for t in texts if t]
 
 
-def _model_motion(environment: Environment) -> str:
-    quick = [k for k, plan in enumerate(environment.flows) if plan.quick is not None]
+def _model_motion(build: BuildPlan) -> str:
+    quick = [k for k, plan in enumerate(build.flows) if plan.quick is not None]
     body = [f"if (flow == {k}) return flow{k}_motion(x, p, y, duration);" for k in quick]
     return function(
         "static inline int64_t model_motion(int flow, const real *x, const real *p, real *y, real *duration)",
@@ -47,8 +47,8 @@ def _model_motion(environment: Environment) -> str:
     )
 
 
-def _model_at(environment: Environment) -> str:
-    solved = [k for k, plan in enumerate(environment.flows) if plan.solution is not None]
+def _model_at(build: BuildPlan) -> str:
+    solved = [k for k, plan in enumerate(build.flows) if plan.solution is not None]
     body = [f"if (flow == {k}) flow{k}_at(x, p, tau, y);" for k in solved]
     return function(
         "static inline void model_at(int flow, const real *x, const real *p, real tau, real *y)",
@@ -57,8 +57,8 @@ def _model_at(environment: Environment) -> str:
     )
 
 
-def _model_inside(environment: Environment) -> str:
-    bounded = [k for k, plan in enumerate(environment.flows) if domain_at_end(plan.flow) != TRUE]
+def _model_inside(build: BuildPlan) -> str:
+    bounded = [k for k, plan in enumerate(build.flows) if domain_at_end(plan.flow) != TRUE]
     body = [f"if (flow == {k}) return flow{k}_stays(y, p);" for k in bounded]
     return function(
         "static inline bool model_inside(int flow, const real *y, const real *p)",
@@ -67,9 +67,9 @@ def _model_inside(environment: Environment) -> str:
     )
 
 
-def _model_begin(environment: Environment, leaves: Leaves) -> str:
+def _model_begin(build: BuildPlan, leaves: Leaves) -> str:
     body: list[str] = []
-    for k, plan in enumerate(environment.flows):
+    for k, plan in enumerate(build.flows):
         terms = [] if plan.solution is None else [c for cs in plan.solution.variables.values() for c in cs]
         terms += [h.bound for h in plan.flow.horizons]
         defined = leaves.defined(f"flow{k}_begins", terms, "all coefficients have a value")
@@ -87,9 +87,9 @@ def _model_begin(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def _model_settle(environment: Environment, leaves: Leaves) -> str:
+def _model_settle(build: BuildPlan, leaves: Leaves) -> str:
     body: list[str] = []
-    for k, plan in enumerate(environment.flows):
+    for k, plan in enumerate(build.flows):
         lines = _limits(k, plan.flow, leaves)[1]
         lines += _clocks(plan.flow, "end")
         for margin, snap in plan.snaps:

@@ -7,7 +7,7 @@ inside.
 
 from dl2c.emit.cfile import function, wrapped
 from dl2c.emit.leaf import Leaves, Locals
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.enclosed_c import Enclosed
 from dl2c.emit.simulator.labels import Label, atom_name, margin_labels, owners, quoted
 from dl2c.flows.kernel import FlowPlan, constant_along
@@ -19,11 +19,11 @@ HOLDS = dict.fromkeys((">=", "<=", ">", "<"), "positive") | {"!=": "nonzero", "=
 """A margin that may be zero proves nothing: where it goes, its derivatives tell."""
 
 
-def event_free_function(environment: Environment, leaves: Leaves) -> str:
+def event_free_function(build: BuildPlan, leaves: Leaves) -> str:
     """`model_event_free` for all flows."""
     body: list[str] = []
-    for k, plan in enumerate(environment.flows):
-        lines = _proof(margin_labels(environment, k), k, owners(environment, plan), plan, leaves)
+    for k, plan in enumerate(build.flows):
+        lines = _proof(margin_labels(build, k), k, owners(build, plan), plan, leaves)
         body += [f"if (flow == {k}) {{", *(f"  {line}" for line in lines), "}"]
     return function(
         "static inline bool model_event_free(int flow, const dl2c_hull *z, const real *x, const real *p, "

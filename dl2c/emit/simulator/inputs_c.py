@@ -10,7 +10,7 @@ from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import slot
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import TRUE, ZERO, Symbol
 from dl2c.ir.polynomial import Coefficients
@@ -22,28 +22,28 @@ from dl2c.paths.zeros import zero_count
 STATE = "int path, int input, const real *x, const real *p, const real *u"
 
 
-def input_functions(environment: Environment, leaves: Leaves) -> list[str]:
+def input_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """The functions that the runtime asks about the values of inputs: those of no_inputs.h where there are
     none."""
-    if not any(path.admissions for path in environment.paths.paths):
+    if not any(path.admissions for path in build.paths.paths):
         return ['#include "no_inputs.h"\n']
     return [
-        _limits(environment, leaves),
-        _criticals(environment, leaves),
-        _pins(environment, leaves),
-        _admits(environment, leaves),
+        _limits(build, leaves),
+        _criticals(build, leaves),
+        _pins(build, leaves),
+        _admits(build, leaves),
     ]
 
 
-def critical_count(environment: Environment) -> int:
+def critical_count(build: BuildPlan) -> int:
     """How many roots `model_criticals` gives at most."""
-    found = (a for path in environment.paths.paths for a in path.admissions)
+    found = (a for path in build.paths.paths for a in path.admissions)
     return max((sum(zero_count(len(c) - 1) for c in a.criticals) for a in found), default=0)
 
 
-def _limits(environment: Environment, leaves: Leaves) -> str:
+def _limits(build: BuildPlan, leaves: Leaves) -> str:
     def lines(k: int, path: Path, admission: Admission) -> Iterator[str]:
-        name = environment.paths.inputs[admission.input].variable
+        name = build.paths.inputs[admission.input].variable
         for j, limit in enumerate(admission.limits):
             stem = f"path{k}_limit{admission.input}_{j}"
             offset = f"{print_term(limit.offset)} + ... * {name}"
@@ -56,34 +56,34 @@ def _limits(environment: Environment, leaves: Leaves) -> str:
 
     return function(
         f"DL2C_INLINE void model_limits({STATE}, real *low, real *high)",
-        _each(environment, lines),
+        _each(build, lines),
         "Narrows the values of an input to those its tests leave, up to rounding.",
     )
 
 
-def _criticals(environment: Environment, leaves: Leaves) -> str:
+def _criticals(build: BuildPlan, leaves: Leaves) -> str:
     def lines(k: int, path: Path, admission: Admission) -> Iterator[str]:
         if not admission.criticals:
             return
-        name = environment.paths.inputs[admission.input].variable
+        name = build.paths.inputs[admission.input].variable
         yield "int n = 0;"
         for j, polynomial in enumerate(admission.criticals):
             stem = f"path{k}_critical{admission.input}_{j}"
             if len(polynomial) <= 3:
                 yield f"n = dl2c_roots({_coefficients(leaves, stem, polynomial, name)}, root, n);"
             else:
-                between = _between(leaves, stem, polynomial, environment.paths.inputs[admission.input])
+                between = _between(leaves, stem, polynomial, build.paths.inputs[admission.input])
                 yield f"n = dl2c_zeros({between}, true, root, n);"
         yield "return n;"
 
     return function(
         f"static inline int model_criticals({STATE}, real *root)",
-        [*_each(environment, lines), "return 0;"],
+        [*_each(build, lines), "return 0;"],
         "Where the tests of an input may begin or cease to hold, in no order; how many.",
     )
 
 
-def _pins(environment: Environment, leaves: Leaves) -> str:
+def _pins(build: BuildPlan, leaves: Leaves) -> str:
     def lines(k: int, path: Path, admission: Admission) -> Iterator[str]:
         for solved in admission.solved:
             if solved.polynomial == admission.pin:
@@ -92,20 +92,20 @@ def _pins(environment: Environment, leaves: Leaves) -> str:
                     coefficients = _coefficients(leaves, stem, solved.polynomial, solved.input.name)
                     yield f"return dl2c_pins({coefficients}, root);"
                 else:
-                    given = environment.paths.inputs[admission.input]
+                    given = build.paths.inputs[admission.input]
                     between = _between(leaves, stem, solved.polynomial, given)
                     yield f"return dl2c_pin_zeros({between}, root);"
                 return
 
     return function(
         f"static inline int model_pins({STATE}, real *root)",
-        [*_each(environment, lines), "return -1;"],
+        [*_each(build, lines), "return -1;"],
         "The only values that an equality leaves to an input, up to its Box; -1 where none does.",
     )
 
 
-def _admits(environment: Environment, leaves: Leaves) -> str:
-    inputs = {given.key: given for given in environment.paths.inputs}
+def _admits(build: BuildPlan, leaves: Leaves) -> str:
+    inputs = {given.key: given for given in build.paths.inputs}
 
     def lines(k: int, path: Path, admission: Admission) -> Iterator[str]:
         if admission.condition == TRUE:
@@ -121,7 +121,7 @@ def _admits(environment: Environment, leaves: Leaves) -> str:
 
     return function(
         f"DL2C_INLINE bool model_admits({STATE})",
-        [*_each(environment, lines), "return true;"],
+        [*_each(build, lines), "return true;"],
         "Whether the value of an input passes the tests of it and of no later input.",
     )
 
@@ -154,10 +154,10 @@ def _between(leaves: Leaves, stem: str, polynomial: Coefficients, given: Input) 
     return f"(const real[]){{{values}}}, {len(polynomial) - 1}, {low}, {high}"
 
 
-def _each(environment: Environment, lines: Callable[[int, Path, Admission], Iterator[str]]) -> list[str]:
+def _each(build: BuildPlan, lines: Callable[[int, Path, Admission], Iterator[str]]) -> list[str]:
     """A case for every input of every path that has something to say."""
     body: list[str] = []
-    for k, path in enumerate(environment.paths.paths):
+    for k, path in enumerate(build.paths.paths):
         for admission in path.admissions:
             own = [part for line in lines(k, path, admission) for part in wrapped(line)]
             if own:

@@ -10,7 +10,7 @@ from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import LANES, each_flag, each_lane, function, place, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import lane
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.flows.watch import watches_of
 from dl2c.ir.model import TRUE, Formula, Model, Predicate, Rank, Term, rank
 from dl2c.ir.printer import print_formula, print_term
@@ -22,16 +22,16 @@ STATUS = {"none": "DL2C_NONE", "success": "DL2C_SUCCESS", "failure": "DL2C_FAILU
 ENDS = {"terminate": "DL2C_TERMINATE", "truncate": "DL2C_TRUNCATE"}
 
 
-def judge_functions(environment: Environment, leaves: Leaves) -> list[str]:
+def judge_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """All functions of this file."""
-    model = environment.model
+    model = build.model
     return [
         _facts(model, leaves),
         _revise(model),
         _judge(model, leaves),
         _shapes(model, leaves),
-        _precondition(environment, leaves),
-        _observe(environment, leaves),
+        _precondition(build, leaves),
+        _observe(build, leaves),
     ]
 
 
@@ -43,13 +43,13 @@ def fact_names(model: Model) -> list[str]:
     return [*names, "F_postcondition"]
 
 
-def _precondition(environment: Environment, leaves: Leaves) -> str:
+def _precondition(build: BuildPlan, leaves: Leaves) -> str:
     """What a given state must satisfy: P, equalities within the tolerance where doubles may miss them."""
-    plan, formula = environment.sampling, environment.model.precondition
+    plan, formula = build.sampling, build.model.precondition
     rounded = plan is None or plan.certificate == "witness"
     about = "The problem's P, strict."
     if rounded:
-        formula = equalities_relaxed(formula, environment.options.tolerance)
+        formula = equalities_relaxed(formula, build.options.tolerance)
         about = "The problem's P, equalities within the tolerance, all else strict."
     holds = leaves.condition("problem_precondition", formula, print_formula(formula))
     return function(f"static inline bool model_precondition({STATE})", [f"return {holds};"], about)
@@ -211,12 +211,12 @@ def _failed(predicate: Predicate, good: str) -> str:
     return f"facts[F_{predicate.name}_failed * row + i]" if predicate.category == "progress" else f"!{good}"
 
 
-def _observe(environment: Environment, leaves: Leaves) -> str:
-    kind = "float" if environment.options.obs_dtype == "float32" else "double"
+def _observe(build: BuildPlan, leaves: Leaves) -> str:
+    kind = "float" if build.options.obs_dtype == "float32" else "double"
     suffix = "f" if kind == "float" else ""
     body = ["for (int64_t i = 0; i < count; i++) {", "  int32_t clipped = 0;"]
-    for k, (_, symbol, bound) in enumerate(observed(environment.model, environment.options)):
-        low, high = observation_limits(bound, environment.options)
+    for k, (_, symbol, bound) in enumerate(observed(build.model, build.options)):
+        low, high = observation_limits(bound, build.options)
         limits = f"{_limit(low, suffix)}, {_limit(high, suffix)}"
         value = f"dl2c_observe_{kind}({lane(symbol)}, {limits}, &clipped)"
         body += [f"  {line}" for line in wrapped(f"obs[{k} * row + i] = {value};")]

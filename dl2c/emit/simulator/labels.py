@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from dl2c.emit.cfile import comment, place
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.flows.kernel import FlowPlan
 from dl2c.ir.logic import atoms
 from dl2c.ir.model import Compare, Formula
@@ -30,11 +30,11 @@ class Label:
         return comment(self.text).split("\n")
 
 
-def margin_labels(environment: Environment, k: int) -> tuple[Label, ...]:
+def margin_labels(build: BuildPlan, k: int) -> tuple[Label, ...]:
     """A label for each margin of a flow, of the first atom that it belongs to."""
-    plan = environment.flows[k]
+    plan = build.flows[k]
     found: dict[int, Label] = {}
-    for owner, formula in _owned(environment, k, plan):
+    for owner, formula in _owned(build, k, plan):
         for atom in atoms(formula):
             number = plan.margins.index(atom.left)
             found.setdefault(number, Label(owner, number, _text(atom)))
@@ -54,9 +54,9 @@ def atom_name(labels: tuple[Label, ...], owner: str, atom: Compare, taken: list[
     return name
 
 
-def owners(environment: Environment, plan: FlowPlan) -> tuple[str, ...]:
+def owners(build: BuildPlan, plan: FlowPlan) -> tuple[str, ...]:
     """The names of the predicates that are watched, watch by watch."""
-    return tuple(environment.model.predicates[w.predicate].name for w in plan.watches)
+    return tuple(build.model.predicates[w.predicate].name for w in plan.watches)
 
 
 def quoted(atom: Compare) -> list[str]:
@@ -64,10 +64,10 @@ def quoted(atom: Compare) -> list[str]:
     return comment(_text(atom)).split("\n")
 
 
-def _owned(environment: Environment, k: int, plan: FlowPlan) -> Iterator[tuple[str, Formula]]:
-    several = len(environment.flows) > 1
+def _owned(build: BuildPlan, k: int, plan: FlowPlan) -> Iterator[tuple[str, Formula]]:
+    several = len(build.flows) > 1
     yield f"flow{k}", plan.domain
-    for watch, name in zip(plan.watches, owners(environment, plan), strict=True):
+    for watch, name in zip(plan.watches, owners(build, plan), strict=True):
         owner = f"flow{k}_{name}" if several else name
         yield from ((owner, f) for f in (watch.stays, watch.due, watch.goal))
 

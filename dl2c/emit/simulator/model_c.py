@@ -8,7 +8,7 @@ of initial states; tables, included; the runtime, compiled with the model as one
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.monitor.files import monitor_sources
 from dl2c.emit.names import file_stem
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.flow_c import flow_functions
 from dl2c.emit.simulator.inputs_c import input_functions
 from dl2c.emit.simulator.judge_c import judge_functions
@@ -29,77 +29,77 @@ CLONED = 64
 compiled in reasonable time."""
 
 
-def model_sources(environment: Environment) -> dict[str, str]:
+def model_sources(build: BuildPlan) -> dict[str, str]:
     """The generated files by name: `<model>.h`, `<model>.c` and `<model>_tables.h`, and those of a monitor
     of every step.
     """
-    stem = file_stem(environment.model.name)
-    files = {f"{stem}.h": model_h(environment), f"{stem}.c": model_c(environment)}
-    files[f"{stem}_tables.h"] = tables_h(environment)
-    return files if environment.monitor is None else files | monitor_sources(environment.monitor)
+    stem = file_stem(build.model.name)
+    files = {f"{stem}.h": model_h(build), f"{stem}.c": model_c(build)}
+    files[f"{stem}_tables.h"] = tables_h(build)
+    return files if build.monitor is None else files | monitor_sources(build.monitor)
 
 
-def model_c(environment: Environment) -> str:
+def model_c(build: BuildPlan) -> str:
     """The whole C file."""
-    ranks = {symbol: k for k, symbol in enumerate(_symbols(environment))}
-    bounds = {Symbol(c.name, "constant"): _range(c) for c in environment.model.constants}
+    ranks = {symbol: k for k, symbol in enumerate(_symbols(build))}
+    bounds = {Symbol(c.name, "constant"): _range(c) for c in build.model.constants}
     taken = {symbol.name for symbol in ranks}
     leaves = Leaves(Builder(bounds), lambda symbol: ranks.get(symbol, len(ranks)), shared=True, taken=taken)
     functions = [
-        *flow_functions(environment, leaves),
-        *watch_functions(environment, leaves),
-        *start_functions(environment, leaves),
-        *rate_functions(environment, leaves),
-        *_track_functions(environment, leaves),
-        *path_functions(environment, leaves),
-        *input_functions(environment, leaves),
-        *judge_functions(environment, leaves),
-        *sampler_functions(environment, leaves),
-        *(text for unit in [environment.monitor] if unit for text in judging_functions(unit)),
+        *flow_functions(build, leaves),
+        *watch_functions(build, leaves),
+        *start_functions(build, leaves),
+        *rate_functions(build, leaves),
+        *_track_functions(build, leaves),
+        *path_functions(build, leaves),
+        *input_functions(build, leaves),
+        *judge_functions(build, leaves),
+        *sampler_functions(build, leaves),
+        *(text for unit in [build.monitor] if unit for text in judging_functions(unit)),
     ]
-    return "\n".join([_head(environment), *leaves.texts, *functions, _runtime(environment)])
+    return "\n".join([_head(build), *leaves.texts, *functions, _runtime(build)])
 
 
-def tables_h(environment: Environment) -> str:
+def tables_h(build: BuildPlan) -> str:
     """The tables: of paths, of flows and watches, and last those that initial states are drawn from."""
-    guard = f"DL2C_GENERATED_{file_stem(environment.model.name).upper()}_TABLES_H"
+    guard = f"DL2C_GENERATED_{file_stem(build.model.name).upper()}_TABLES_H"
     sections = [
-        f"{title_of(environment)}\n#ifndef {guard}\n#define {guard}\n",
-        "".join(path_tables(environment)),
-        "".join(watch_tables(environment)),
-        "".join(sampler_tables(environment)),
+        f"{title_of(build)}\n#ifndef {guard}\n#define {guard}\n",
+        "".join(path_tables(build)),
+        "".join(watch_tables(build)),
+        "".join(sampler_tables(build)),
         "#endif\n",
     ]
     return "\n".join(sections)
 
 
-def _track_functions(environment: Environment, leaves: Leaves) -> list[str]:
+def _track_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """What following flows track by track needs that have no solution in closed form."""
-    tracked = {k: plan.margins for k, plan in enumerate(environment.flows) if plan.kernel != "exact"}
+    tracked = {k: plan.margins for k, plan in enumerate(build.flows) if plan.kernel != "exact"}
     return [
-        *([jacobian_function(environment, leaves, tracked)] if tracked else []),
-        *([lie_function(environment, leaves, tracked)] if tracked else []),
+        *([jacobian_function(build, leaves, tracked)] if tracked else []),
+        *([lie_function(build, leaves, tracked)] if tracked else []),
     ]
 
 
-def _head(environment: Environment) -> str:
-    title = title_of(environment)
-    model = environment.model
-    few = max(len(environment.paths.paths), len(model.variables), len(model.predicates)) <= CLONED
+def _head(build: BuildPlan) -> str:
+    title = title_of(build)
+    model = build.model
+    few = max(len(build.paths.paths), len(model.variables), len(model.predicates)) <= CLONED
     clones = "" if few else "#define DL2C_NO_TARGET_CLONES 1\n"
-    header = f"{file_stem(environment.model.name)}.h"
-    monitor = f'#include "{file_stem(model.name)}_monitor.h"\n' if environment.monitor is not None else ""
+    header = f"{file_stem(build.model.name)}.h"
+    monitor = f'#include "{file_stem(model.name)}_monitor.h"\n' if build.monitor is not None else ""
     return f'{title}\n{clones}#include "{header}"\n{monitor}'
 
 
-def _symbols(environment: Environment) -> list[Symbol]:
+def _symbols(build: BuildPlan) -> list[Symbol]:
     """Parameters of leaf functions come in this order."""
-    model = environment.model
+    model = build.model
     return [
         *(Symbol(v.name, "variable") for v in model.variables),
         *(Symbol(c.name, "constant") for c in model.constants),
-        *(i.symbol for i in environment.paths.inputs),
-        *dict.fromkeys(s.symbol for p in environment.paths.paths for a in p.admissions for s in a.solved),
+        *(i.symbol for i in build.paths.inputs),
+        *dict.fromkeys(s.symbol for p in build.paths.paths for a in p.admissions for s in a.solved),
     ]
 
 
@@ -111,7 +111,7 @@ def _range(constant: Constant) -> Interval:
     return Interval(low, WHOLE.high if constant.bound.high is None else enclosure(constant.bound.high).high)
 
 
-def _runtime(environment: Environment) -> str:
-    tables = f"{file_stem(environment.model.name)}_tables.h"
+def _runtime(build: BuildPlan) -> str:
+    tables = f"{file_stem(build.model.name)}_tables.h"
     runtime = '#include "batch.h" /* the runtime, compiled with this model as one unit */'
     return f'#include "{tables}"\n{runtime}\n'

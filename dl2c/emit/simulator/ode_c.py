@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import index
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.rates_c import STATE, selected
 from dl2c.ir.model import Flow, Symbol, Term
 from dl2c.ir.printer import print_flow, print_term
@@ -19,12 +19,12 @@ ORDERS = 3
 """How many Lie derivatives decide where a flow that begins on a boundary goes."""
 
 
-def jacobian_function(environment: Environment, leaves: Leaves, flows: Collection[int]) -> str:
+def jacobian_function(build: BuildPlan, leaves: Leaves, flows: Collection[int]) -> str:
     """`model_jacobian` for some flows, given by index."""
     body = ["for (int k = 0; k < NX * NX; k++) jac[k] = 0.0;"]
-    variables = [Symbol(v.name, "variable") for v in environment.model.variables]
+    variables = [Symbol(v.name, "variable") for v in build.model.variables]
     for k in sorted(flows):
-        body += selected(k, _entries(k, environment.model.flows[k], variables, leaves))
+        body += selected(k, _entries(k, build.model.flows[k], variables, leaves))
     return function(
         f"static inline void model_jacobian(int flow, {STATE}, real *jac)",
         body,
@@ -32,13 +32,13 @@ def jacobian_function(environment: Environment, leaves: Leaves, flows: Collectio
     )
 
 
-def lie_function(environment: Environment, leaves: Leaves, margins: Mapping[int, Sequence[Term]]) -> str:
+def lie_function(build: BuildPlan, leaves: Leaves, margins: Mapping[int, Sequence[Term]]) -> str:
     """`model_lie`; `margins` are the terms watched along each flow, by its index, at most NMARGIN."""
     body = [f"for (int k = 0; k < {ORDERS} * NMARGIN; k++) lie[k] = 0.0;"] if any(margins.values()) else []
     for k, terms in sorted(margins.items()):
         lines: list[str] = []
         for j, term in enumerate(terms):
-            lines += _derivatives(k, j, term, environment.model.flows[k], leaves)
+            lines += _derivatives(k, j, term, build.model.flows[k], leaves)
         body += selected(k, lines)
     return function(
         f"static inline void model_lie(int flow, {STATE}, real *lie)",

@@ -9,7 +9,7 @@ from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import LANES, each_flag, function, place, row, table, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import index, lane
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import Symbol
 from dl2c.ir.printer import print_formula, print_term
@@ -18,17 +18,17 @@ from dl2c.paths.path import Path
 STATE = "const real *x, const real *p"
 
 
-def path_functions(environment: Environment, leaves: Leaves) -> list[str]:
+def path_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """What the runtime asks about paths, but for the values of inputs."""
     return [
-        _guards(environment, leaves),
-        _update(environment, leaves),
-        _assign(environment, leaves),
+        _guards(build, leaves),
+        _update(build, leaves),
+        _assign(build, leaves),
     ]
 
 
-def _guards(environment: Environment, leaves: Leaves) -> str:
-    paths = environment.paths
+def _guards(build: BuildPlan, leaves: Leaves) -> str:
+    paths = build.paths
     body: list[str] = []
     for point in range(paths.points):
         conditions: list[tuple[str, str]] = []
@@ -45,9 +45,9 @@ def _guards(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def _update(environment: Environment, leaves: Leaves) -> str:
+def _update(build: BuildPlan, leaves: Leaves) -> str:
     body = ["switch (path) {"]
-    for k, path in enumerate(environment.paths.paths):
+    for k, path in enumerate(build.paths.paths):
         lines = _assignments(k, path, leaves)
         body += [f"case {k}:", *(f"  {line}" for line in lines)]
     body += ["default:", "  return true;", "}"]
@@ -82,47 +82,47 @@ LANE_PATHS = 16
 """With more paths, computing the assignments of all of them costs more than branching."""
 
 
-def decides_in_lanes(environment: Environment) -> bool:
+def decides_in_lanes(build: BuildPlan) -> bool:
     """Whether paths, inputs and assignments of many environments can be computed at once: one point, nothing
     drawn, and every input that is requested where it may be passes its own tests.
     """
-    paths = environment.paths
-    simple = paths.points == 1 and not paths.draws and not paths.looks_ahead and environment.monitor is None
+    paths = build.paths
+    simple = paths.points == 1 and not paths.draws and not paths.looks_ahead and build.monitor is None
     alone = all(a.following is None and not a.solved for path in paths.paths for a in path.admissions)
-    return simple and alone and len(paths.paths) <= LANE_PATHS and environment.options.duration == "max"
+    return simple and alone and len(paths.paths) <= LANE_PATHS and build.options.duration == "max"
 
 
-def steps_in_lanes(environment: Environment) -> bool:
+def steps_in_lanes(build: BuildPlan) -> bool:
     """Whether whole steps can be made for many environments at once: with one simple flow at most."""
-    if not decides_in_lanes(environment) or any(plan.quick is None for plan in environment.flows):
+    if not decides_in_lanes(build) or any(plan.quick is None for plan in build.flows):
         return False
-    return len({p.flow for p in environment.paths.paths}) == 1
+    return len({p.flow for p in build.paths.paths}) == 1
 
 
 LANE_VARIABLES = 32
 """With more variables, what lanes need no longer fits registers and the first cache."""
 
 
-def flows_in_lanes(environment: Environment) -> bool:
+def flows_in_lanes(build: BuildPlan) -> bool:
     """Whether many environments follow their flow together: every path ends in the same one, which
     `dopri5.h` follows for as long as it may last.
     """
-    paths = environment.paths
-    if [plan.kernel for plan in environment.flows] != ["dopri5"] or environment.monitor is not None:
+    paths = build.paths
+    if [plan.kernel for plan in build.flows] != ["dopri5"] or build.monitor is not None:
         return False
-    if len(environment.model.variables) > LANE_VARIABLES or environment.model.flows[0].reach is not None:
+    if len(build.model.variables) > LANE_VARIABLES or build.model.flows[0].reach is not None:
         return False
     simple = paths.points == 1 and not paths.draws and not paths.looks_ahead
-    return simple and all(p.flow == 0 for p in paths.paths) and environment.options.duration == "max"
+    return simple and all(p.flow == 0 for p in paths.paths) and build.options.duration == "max"
 
 
-def _assign(environment: Environment, leaves: Leaves) -> str:
+def _assign(build: BuildPlan, leaves: Leaves) -> str:
     """All assignments of all paths as selections."""
     body: list[str] = []
-    if decides_in_lanes(environment):
+    if decides_in_lanes(build):
         defined: list[str] = []
         values: dict[str, dict[str, list[int]]] = {}
-        for k, path in enumerate(environment.paths.paths):
+        for k, path in enumerate(build.paths.paths):
             for variable, term in path.updates:
                 value = leaves.term(f"path{k}_set_{variable}", term, "")
                 values.setdefault(variable, {}).setdefault(value, []).append(k)
@@ -130,9 +130,7 @@ def _assign(environment: Environment, leaves: Leaves) -> str:
             if condition is not None:
                 defined.append(f"((path != {k}) | {condition})")
         for variable, by_value in values.items():
-            body += _selected(
-                f"y[{index(Symbol(variable, 'variable'))}]", by_value, len(environment.paths.paths)
-            )
+            body += _selected(f"y[{index(Symbol(variable, 'variable'))}]", by_value, len(build.paths.paths))
         body += wrapped(f"return {' & '.join(defined) or 'true'};")
     else:
         body.append("return true;")
@@ -143,9 +141,9 @@ def _assign(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def path_tables(environment: Environment) -> list[str]:
+def path_tables(build: BuildPlan) -> list[str]:
     """Everything about paths that is data."""
-    paths = environment.paths
+    paths = build.paths
     starts = [0]
     for point in range(paths.points):
         starts.append(starts[-1] + len(paths.of(point)))
@@ -167,7 +165,7 @@ def path_tables(environment: Environment) -> list[str]:
         ),
         table("real", "INPUT_LOW", f"[{max(1, len(lows))}]", lows or ["0.0"]),
         table("real", "INPUT_HIGH", f"[{max(1, len(highs))}]", highs or ["0.0"]),
-        *_draws(environment),
+        *_draws(build),
         *(_lists(k, p) for k, p in enumerate(paths.paths)),
         table(
             "dl2c_path",
@@ -178,9 +176,9 @@ def path_tables(environment: Environment) -> list[str]:
     ]
 
 
-def _draws(environment: Environment) -> list[str]:
+def _draws(build: BuildPlan) -> list[str]:
     """Where the numbers drawn for each decision, input and flow begin; -1 for none."""
-    paths = environment.paths
+    paths = build.paths
     place: dict[str, int] = {}
     count = 0
     for key, numbers in (*paths.draws, *paths.reset_draws):
@@ -189,7 +187,7 @@ def _draws(environment: Environment) -> list[str]:
     tables = {
         "CHOICE_DRAW": [d.key for d in paths.decisions],
         "INPUT_DRAW": [i.key for i in paths.inputs],
-        "FLOW_DRAW": [f"flow_{k}" for k in range(len(environment.flows))],
+        "FLOW_DRAW": [f"flow_{k}" for k in range(len(build.flows))],
     }
     return [
         table("int32_t", name, f"[{max(1, len(keys))}]", [str(place.get(k, -1)) for k in keys] or ["-1"])

@@ -8,7 +8,7 @@ then `model_rates` and `model_roots`, which select a flow. A margin is positive 
 from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import index
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.ir.logic import atoms
 from dl2c.ir.margins import margin_of
 from dl2c.ir.model import Flow, Symbol
@@ -17,21 +17,21 @@ from dl2c.ir.printer import print_flow, print_formula, print_term
 STATE = "const real *x, const real *p"
 
 
-def rate_functions(environment: Environment, leaves: Leaves) -> list[str]:
+def rate_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """`model_rates`, `model_moves` where it is needed, and `model_roots`."""
-    dopri = any(plan.kernel == "dopri5" for plan in environment.flows)
-    moves = [_moves(environment)] if dopri else []
-    return [_rates(environment, leaves), *moves, _roots(environment, leaves)]
+    dopri = any(plan.kernel == "dopri5" for plan in build.flows)
+    moves = [_moves(build)] if dopri else []
+    return [_rates(build, leaves), *moves, _roots(build, leaves)]
 
 
-def root_count(environment: Environment) -> int:
+def root_count(build: BuildPlan) -> int:
     """The largest number of margins that a flow has."""
-    return max((len(list(atoms(f.watched))) for f in environment.model.flows), default=0)
+    return max((len(list(atoms(f.watched))) for f in build.model.flows), default=0)
 
 
-def _rates(environment: Environment, leaves: Leaves) -> str:
+def _rates(build: BuildPlan, leaves: Leaves) -> str:
     body = ["for (int k = 0; k < NX; k++) dx[k] = 0.0;"]
-    for k, flow in enumerate(environment.model.flows):
+    for k, flow in enumerate(build.model.flows):
         lines: list[str] = []
         for variable, rate in flow.equations:
             about = f"{place(flow.span)}  {variable}' = {print_term(rate)}"
@@ -45,8 +45,8 @@ def _rates(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def _moves(environment: Environment) -> str:
-    flows = environment.model.flows
+def _moves(build: BuildPlan) -> str:
+    flows = build.model.flows
     body: list[str] = []
     for k, flow in enumerate(flows):
         moved = [f"variable == {index(Symbol(variable, 'variable'))}" for variable, _ in flow.equations]
@@ -59,13 +59,13 @@ def _moves(environment: Environment) -> str:
     )
 
 
-def _roots(environment: Environment, leaves: Leaves) -> str:
+def _roots(build: BuildPlan, leaves: Leaves) -> str:
     body = ["for (int k = 0; k < NROOT; k++) {", "  g[k] = 1.0;", "  dg[k] = 0.0;", "}"]
-    for k, flow in enumerate(environment.model.flows):
+    for k, flow in enumerate(build.model.flows):
         body += selected(k, _margins(k, flow, leaves))
     return function(
         f"static inline void model_roots(int flow, {STATE}, real *g, real *dg)",
-        body if root_count(environment) else [],
+        body if root_count(build) else [],
         "Margins of a flow's domain and their Lie derivatives; 1 and 0 where it has fewer than NROOT.",
     )
 

@@ -6,7 +6,7 @@ from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import function, row, table
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import index, slot
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.ir.model import Model, Symbol
 from dl2c.ir.printer import print_formula, print_term
 from dl2c.sampling.equalities.root_of import RootOf
@@ -16,14 +16,14 @@ MOST_TEXT = 2000
 """Characters of a test that is shown as a comment too."""
 
 
-def sampler_functions(environment: Environment, leaves: Leaves) -> list[str]:
+def sampler_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """`model_initial`, `model_density` and `model_accept`."""
-    plan = environment.sampling
+    plan = build.sampling
     charts = () if plan is None else plan.charts
     return [
         _by_chart(
             "void model_initial(int chart, const real *drawn, real *x, real *p)",
-            [_initial(environment, c, leaves, _suffix(k, charts)) for k, c in enumerate(charts)],
+            [_initial(build, c, leaves, _suffix(k, charts)) for k, c in enumerate(charts)],
             "The state that a draw stands for: free names as drawn, the others from them.",
         ),
         _by_chart(
@@ -57,9 +57,9 @@ def _by_chart(head: str, bodies: Sequence[Sequence[str]], about: str, otherwise:
     return function(f"static inline {head}", [*lines, last, "}"], about)
 
 
-def _initial(environment: Environment, chart: SampleChart, leaves: Leaves, suffix: str) -> list[str]:
+def _initial(build: BuildPlan, chart: SampleChart, leaves: Leaves, suffix: str) -> list[str]:
     """What is fixed is set with the first block."""
-    model, plan = environment.model, environment.sampling
+    model, plan = build.model, build.sampling
     symbols = {s.name: s for s in _symbols(model)}
     drawn = {n: _rounded(f"drawn[{k}]", chart.grid.get(n)) for k, n in enumerate(chart.free)}
     body = [f"{_target(symbols[n])} = {value};" for n, value in drawn.items() if n in symbols]
@@ -116,10 +116,10 @@ def _accepted(chart: SampleChart, leaves: Leaves, suffix: str) -> str:
     return f"return {leaves.condition(f'initial_accepted{suffix}', chart.acceptance, about)};"
 
 
-def sampler_tables(environment: Environment) -> list[str]:
+def sampler_tables(build: BuildPlan) -> list[str]:
     """Boxes of all blocks, and their alias tables (Walker): box k is kept with its share, else its alias
     is taken."""
-    plan = environment.sampling
+    plan = build.sampling
     blocks = plan.blocks if plan is not None else ()
     boxes = [box for block in blocks for box in block.boxes]
     n, width = max(1, len(boxes)), free_names(plan)

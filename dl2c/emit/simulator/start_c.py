@@ -7,7 +7,7 @@
 from dl2c.emit.cfile import function, place, wrapped
 from dl2c.emit.leaf import Leaves, Locals
 from dl2c.emit.names import after, index, slot
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.rates_c import STATE, selected
 from dl2c.flows.kernel import FlowPlan
 from dl2c.flows.starts import Projection
@@ -16,31 +16,31 @@ from dl2c.ir.model import Compare, Flow, Symbol
 from dl2c.ir.printer import print_formula
 
 
-def start_functions(environment: Environment, leaves: Leaves) -> list[str]:
+def start_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """`model_freeze` and, where a flow is followed numerically, `model_invariants`."""
-    tracked = any(plan.kernel != "exact" for plan in environment.flows)
-    return [_freeze(environment, leaves), *([_invariants(environment, leaves)] if tracked else [])]
+    tracked = any(plan.kernel != "exact" for plan in build.flows)
+    return [_freeze(build, leaves), *([_invariants(build, leaves)] if tracked else [])]
 
 
-def start_symbols(environment: Environment) -> list[Symbol]:
+def start_symbols(build: BuildPlan) -> list[Symbol]:
     """Every symbol of kind "start" that some flow has."""
-    found = [s.symbol for plan in environment.flows for s in plan.starts]
-    found += [j.held for plan in environment.flows for j in _projected(plan) if j.held is not None]
+    found = [s.symbol for plan in build.flows for s in plan.starts]
+    found += [j.held for plan in build.flows for j in _projected(plan) if j.held is not None]
     return list(dict.fromkeys(found))
 
 
-def projection_count(environment: Environment) -> int:
+def projection_count(build: BuildPlan) -> int:
     """The largest number of equalities that the end of a flow is moved onto."""
-    return max((len(_projected(plan)) for plan in environment.flows), default=0)
+    return max((len(_projected(plan)) for plan in build.flows), default=0)
 
 
 def _projected(plan: FlowPlan) -> tuple[Projection, ...]:
     return () if plan.kernel == "exact" else plan.projections
 
 
-def _freeze(environment: Environment, leaves: Leaves) -> str:
+def _freeze(build: BuildPlan, leaves: Leaves) -> str:
     body: list[str] = []
-    for k, plan in enumerate(environment.flows):
+    for k, plan in enumerate(build.flows):
         lines: list[str] = []
         local = Locals(leaves)
         for start in plan.starts:
@@ -61,9 +61,9 @@ def _freeze(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def _invariants(environment: Environment, leaves: Leaves) -> str:
+def _invariants(build: BuildPlan, leaves: Leaves) -> str:
     body: list[str] = []
-    for k, plan in enumerate(environment.flows):
+    for k, plan in enumerate(build.flows):
         lines: list[str] = []
         for j, projection in enumerate(_projected(plan)):
             found = _gradient(k, j, projection.equality, plan.flow, leaves)

@@ -13,7 +13,7 @@ from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import function, table, wrapped
 from dl2c.emit.leaf import Leaves, Locals
 from dl2c.emit.names import after, index
-from dl2c.emit.plan import Environment
+from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.enclosed_c import Enclosed
 from dl2c.emit.simulator.hull_c import event_free_function, over_atoms
 from dl2c.emit.simulator.labels import Label, atom_name, margin_labels, quoted
@@ -35,40 +35,40 @@ STAYS = {
 SPANS = ("constant", "line", "parabola")
 
 
-def watch_functions(environment: Environment, leaves: Leaves) -> list[str]:
+def watch_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """All functions of this file that the flows need."""
     return [
-        *(_search_functions(environment, leaves) if searched(environment) else []),
-        _holds(environment),
-        _keeps(environment, leaves),
+        *(_search_functions(build, leaves) if searched(build) else []),
+        _holds(build),
+        _keeps(build, leaves),
     ]
 
 
-def searched(environment: Environment) -> bool:
+def searched(build: BuildPlan) -> bool:
     """Whether some flow is followed track by track, or may have to be."""
-    return any(plan.kernel != "exact" or plan.margins for plan in environment.flows)
+    return any(plan.kernel != "exact" or plan.margins for plan in build.flows)
 
 
-def _search_functions(environment: Environment, leaves: Leaves) -> list[str]:
+def _search_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     return [
-        _margin(environment, leaves),
-        _taylor(environment, leaves),
-        event_free_function(environment, leaves),
-        _solution(environment, leaves),
+        _margin(build, leaves),
+        _taylor(build, leaves),
+        event_free_function(build, leaves),
+        _solution(build, leaves),
     ]
 
 
-def watch_tables(environment: Environment) -> list[str]:
+def watch_tables(build: BuildPlan) -> list[str]:
     """Everything about watches and kernels that is data."""
-    cuts = [str(int(w.cuts)) for w in watches_of(environment.model)]
-    kinds = [_kind(plan) for plan in environment.flows]
-    counts = [str(len(plan.margins)) for plan in environment.flows]
+    cuts = [str(int(w.cuts)) for w in watches_of(build.model)]
+    kinds = [_kind(plan) for plan in build.flows]
+    counts = [str(len(plan.margins)) for plan in build.flows]
     tables = [
         table("uint8_t", "FLOW_KERNEL", f"[{max(1, len(kinds))}]", kinds or ["0"]),
-        table("int32_t", "FLOW_DURATION", f"[{max(1, len(kinds))}]", _durations(environment) or ["-1"]),
+        table("int32_t", "FLOW_DURATION", f"[{max(1, len(kinds))}]", _durations(build) or ["-1"]),
     ]
-    if searched(environment):
-        reaches = [number(float(flow.reach or 0)) for flow in environment.model.flows]
+    if searched(build):
+        reaches = [number(float(flow.reach or 0)) for flow in build.model.flows]
         tables += [
             table("real", "FLOW_REACH", f"[{max(1, len(reaches))}]", reaches or ["0.0"]),
             table("uint8_t", "WATCH_CUTS", f"[{max(1, len(cuts))}]", cuts or ["0"]),
@@ -77,15 +77,15 @@ def watch_tables(environment: Environment) -> list[str]:
     return tables
 
 
-def margin_count(environment: Environment) -> int:
+def margin_count(build: BuildPlan) -> int:
     """The largest number of margins of a flow."""
-    return max((len(plan.margins) for plan in environment.flows), default=0)
+    return max((len(plan.margins) for plan in build.flows), default=0)
 
 
-def _durations(environment: Environment) -> list[str]:
+def _durations(build: BuildPlan) -> list[str]:
     """For every flow the input that decides how long it lasts, -1 for none."""
-    keys = [i.key for i in environment.paths.inputs]
-    wanted = [f"duration_{k}" for k in range(len(environment.flows))]
+    keys = [i.key for i in build.paths.inputs]
+    wanted = [f"duration_{k}" for k in range(len(build.flows))]
     return [str(keys.index(key)) if key in keys else "-1" for key in wanted]
 
 
@@ -93,10 +93,10 @@ def _kind(plan: FlowPlan) -> str:
     return f"DL2C_{QUICK if plan.quick is not None else KERNELS[plan.kernel].code}"
 
 
-def _margin(environment: Environment, leaves: Leaves) -> str:
+def _margin(build: BuildPlan, leaves: Leaves) -> str:
     body: list[str] = []
-    for k, plan in enumerate(environment.flows):
-        labels = margin_labels(environment, k)
+    for k, plan in enumerate(build.flows):
+        labels = margin_labels(build, k)
         local = Locals(leaves)
         lines: list[str] = []
         for j, (margin, label) in enumerate(zip(plan.margins, labels, strict=True)):
@@ -110,14 +110,14 @@ def _margin(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def _taylor(environment: Environment, leaves: Leaves) -> str:
+def _taylor(build: BuildPlan, leaves: Leaves) -> str:
     body: list[str] = []
-    for k, plan in enumerate(environment.flows):
+    for k, plan in enumerate(build.flows):
         local = Locals(leaves)
         terms = Enclosed("taylor", lambda t, flow=plan.flow: not constant_along(t, flow), local)
         terms.count(iter(plan.margins))
         lines: list[str] = []
-        for j, (margin, label) in enumerate(zip(plan.margins, margin_labels(environment, k), strict=True)):
+        for j, (margin, label) in enumerate(zip(plan.margins, margin_labels(build, k), strict=True)):
             value = terms.value(margin) if terms.uses[margin] == 1 else terms.term(margin)
             lines += [*label.remark, *terms.lines, *wrapped(f"g[{j}] = {value};")]
             terms.lines.clear()
@@ -130,10 +130,10 @@ def _taylor(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def _solution(environment: Environment, leaves: Leaves) -> str:
+def _solution(build: BuildPlan, leaves: Leaves) -> str:
     """Coefficients by powers of the time, of variables that move."""
     body: list[str] = []
-    for k, plan in enumerate(environment.flows):
+    for k, plan in enumerate(build.flows):
         if plan.solution is None:
             continue
         local = Locals(leaves)
@@ -152,9 +152,9 @@ def _solution(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def _holds(environment: Environment) -> str:
+def _holds(build: BuildPlan) -> str:
     body: list[str] = []
-    for k, plan in enumerate(environment.flows):
+    for k, plan in enumerate(build.flows):
         lines: list[str] = []
         for f, formula in enumerate(plan.formulas):
             if isinstance(formula, Truth) and formula.value:
@@ -181,15 +181,15 @@ def _over_signs(formula: Formula, margins: tuple[Term, ...]) -> str:
             return f"({' | '.join(_over_signs(c, margins) for c in children)})"
 
 
-def _keeps(environment: Environment, leaves: Leaves) -> str:
+def _keeps(build: BuildPlan, leaves: Leaves) -> str:
     body: list[str] = []
-    for k, plan in enumerate(environment.flows):
+    for k, plan in enumerate(build.flows):
         if not plan.watches:
             continue
         if plan.quick is None or plan.still is None:
             body += [f"if (flow == {k}) return false;"]
             continue
-        body += selected(k, _kept(environment, k, plan, leaves))
+        body += selected(k, _kept(build, k, plan, leaves))
     return function(
         f"DL2C_INLINE bool model_keeps_watches(int flow, {STATE}, real duration, const real *y)",
         [*body, "return true;"],
@@ -198,9 +198,9 @@ def _keeps(environment: Environment, leaves: Leaves) -> str:
     )
 
 
-def _kept(environment: Environment, k: int, plan: FlowPlan, leaves: Leaves) -> list[str]:
+def _kept(build: BuildPlan, k: int, plan: FlowPlan, leaves: Leaves) -> list[str]:
     assert plan.still is not None
-    local, labels = Locals(leaves), margin_labels(environment, k)
+    local, labels = Locals(leaves), margin_labels(build, k)
     curves = dict(zip(plan.still_margins, plan.still_curves, strict=True))
     truths: dict[Compare, str] = {}
     taken: list[str] = []

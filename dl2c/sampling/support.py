@@ -24,7 +24,7 @@ from dl2c.smt.precondition import Decision, Satisfiable, Unsatisfiable, diagnose
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class Support:
     """`formula` is the precondition without fixed constants; it holds only inside `box`. The initial
     states are all combinations of one state of each block; the charts of a block hold each of its states
     once, but for a set of lower dimension."""
@@ -35,8 +35,8 @@ class Problem:
     blocks: tuple[tuple[Chart, ...], ...]
 
 
-def problem_of(model: Model, decision: Decision) -> Problem:
-    """The sampling problem of a model. Raises `CompileError` with the reason where there is none."""
+def support_of(model: Model, decision: Decision) -> Support:
+    """The support of the initial states. Raises `CompileError` with the reason where there is none."""
     items: Items = {item.symbol: item for item in model.drawn}
     formula = _precondition(model, items)
     box = _feasible_box(model, formula, items, decision)
@@ -50,7 +50,7 @@ def problem_of(model: Model, decision: Decision) -> Problem:
     endless = {s for charts in blocks for chart in charts for s in chart.endless}
     if endless:
         raise CompileError(unbounded([item for s, item in items.items() if s in endless]))
-    return Problem(items, formula, box, tuple(blocks))
+    return Support(items, formula, box, tuple(blocks))
 
 
 def _precondition(model: Model, items: Items) -> Formula:
