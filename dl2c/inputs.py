@@ -1,6 +1,6 @@
 """Everything that is read from files: regular files, of a limited size, whose faults are the reader's error.
 
-A reader of a format opens its file here and takes it apart inside of `checked_input`, which turns
+A reader of a format opens its file here and decodes it inside of `checked_input`, which turns
 whatever malformed content raises into the one error that the reader documents.
 """
 
@@ -23,7 +23,7 @@ MALFORMED = (
     NotImplementedError,
     EOFError,
 )
-"""What taking apart data that is not as it should be may raise."""
+"""What decoding malformed data may raise."""
 
 LONGEST_REASON = 200
 

@@ -4,7 +4,9 @@ import ast
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from graphlib import TopologicalSorter
 from itertools import pairwise
 from pathlib import Path
 
@@ -45,6 +47,13 @@ EXTRAS_ARE_NEEDED = {
 
 FORBIDDEN_NAMES = {"utils", "helpers", "common", "misc", "base", "core", "manager"}
 
+FORBIDDEN_WORDS = {"fleet", "convoy", "sail", "roam", "recruit", "blink", "room", "abreast"}
+"""Words that the glossary of ARCHITECTURE.md replaces, in names and sentences of Python and C."""
+
+ONE_CLASS = {"Problem", "Environment", "Target", "Options", "Manifest", "Source"}
+"""Names that one class alone may have, and no alias of a type."""
+
+MAX_MODULES = 20
 MAX_FILE = 400
 MAX_FUNCTION = 40
 MAX_MATCH = 120
@@ -201,6 +210,53 @@ def test_names_say_what_is_inside() -> None:
     assert not [
         p for p in paths if FORBIDDEN_NAMES & {part.partition(".")[0] for part in p.relative_to(ROOT).parts}
     ]
+
+
+def test_words_are_those_of_the_glossary() -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)}:{number} says {word}"
+        for path in (*PYTHON, *C)
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        for word in re.findall(r"[a-z]+", line.lower())
+        if word in FORBIDDEN_WORDS or word.removesuffix("s") in FORBIDDEN_WORDS
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_one_class_has_each_name() -> None:
+    found = Counter(
+        node.name if isinstance(node, ast.ClassDef) else ast.unparse(node.target)
+        for path in PYTHON
+        for node in parsed(path).body
+        if isinstance(node, ast.ClassDef | ast.AnnAssign)
+    )
+    assert not [name for name in ONE_CLASS if found[name] > 1]
+
+
+def test_folders_fit() -> None:
+    counts = Counter(path.parent for path in PYTHON)
+    assert not [folder for folder, count in counts.items() if count > MAX_MODULES]
+
+
+def test_nothing_imports_in_a_circle() -> None:
+    """Neither modules, nor layers; imports inside functions count too."""
+    modules = {module_of(path): path for path in PYTHON}
+    graph = {name: set(imports_of(path, modules)) for name, path in modules.items()}
+    layers: dict[str, set[str]] = {}
+    for name, others in graph.items():
+        layers.setdefault(layer(name), set()).update(layer(o) for o in others if layer(o) != layer(name))
+    for edges in (graph, {name: others - {""} for name, others in layers.items() if name}):
+        list(TopologicalSorter(edges).static_order())  # raises CycleError
+
+
+def imports_of(path: Path, modules: Mapping[str, Path]) -> Iterator[str]:
+    """The modules that a module imports, wherever in it; a name from a package may be a module of it."""
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                if (found := full if full in modules else node.module) in modules:
+                    yield found
 
 
 def test_modules_say_what_they_do() -> None:

@@ -136,11 +136,11 @@ DL2C_API void dl2c_model_sizes(dl2c_sizes *out);
 /*
  * Loads the solver that flows without a closed form need: `path` is a library with the functions of
  * SUNDIALS CVODES 2.6. Once before the first batch; more often does nothing, and so does a model
- * whose flows need no solver or that was linked with one. On DL2C_ERR_SOLVER `problem` (room) says what
+ * whose flows need no solver or that was linked with one. On DL2C_ERR_SOLVER `problem` (capacity) says what
  * is missing. May be called by several threads. Where only stiff states of linear flows need a solver, the
  * path is noted and the library opened when one is met; without it their power series go on.
  */
-DL2C_API dl2c_status dl2c_solver_library(const char *path, char *problem, size_t room);
+DL2C_API dl2c_status dl2c_solver_library(const char *path, char *problem, size_t capacity);
 
 /* Makes n environments. Writes *out only on success. */
 DL2C_API dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options,

@@ -23,7 +23,7 @@ static int KIND_case(int first, int end, STATES)
 }
 
 /* The least margin of a satisfied case in its inequalities. */
-static real KIND_room(int first, int end, STATES)
+static real KIND_least_margin(int first, int end, STATES)
 {
   real least = LARGEST;
   for (int id = first; id < end; id++) {
@@ -42,7 +42,7 @@ MODEL_verdict KIND_check_one(STATES)
     return verdict;
   verdict.id = KIND_case(FIRST, END, GIVEN);
   if (verdict.id == 0) {
-    verdict.val = KIND_room(FIRST, END, GIVEN);
+    verdict.val = KIND_least_margin(FIRST, END, GIVEN);
     return verdict;
   }
   const real margin = KIND_margin(verdict.id, GIVEN);
@@ -61,10 +61,10 @@ MODEL_verdict KIND_check_any(STATES)
   for (int k = 0; k < CASES; k++) {
     const int id = KIND_case(firsts[k], firsts[k + 1], GIVEN);
     if (id == 0) {
-      const real room = KIND_room(firsts[k], firsts[k + 1], GIVEN);
+      const real least = KIND_least_margin(firsts[k], firsts[k + 1], GIVEN);
       verdict.id = 0;
-      if (room > verdict.val)
-        verdict.val = room;
+      if (least > verdict.val)
+        verdict.val = least;
     } else if (verdict.id != 0 && id - firsts[k] > closest) {
       closest = id - firsts[k];
       verdict.id = id;

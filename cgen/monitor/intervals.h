@@ -48,7 +48,7 @@ static inline bool is_short(real a)
   return !(whole < scaled || whole > scaled);
 }
 
-/* Room for the rounding error of one operation; nothing known where numbers are too large. */
+/* A bound of the rounding error of one operation; nothing known where numbers are too large. */
 static inline iv_pair iv_widened(real lo, real hi)
 {
   const real down = lo - (iv_larger(lo, -lo) * IV_EPSILON + IV_SMALLEST);

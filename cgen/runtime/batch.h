@@ -237,9 +237,9 @@ dl2c_status dl2c_flow_roots(int32_t flow, const double *x, const double *p, doub
 
 #if !DL2C_SOLVED_FLOWS
 /* No flow of this model needs a solver. */
-dl2c_status dl2c_solver_library(const char *path, char *problem, size_t room)
+dl2c_status dl2c_solver_library(const char *path, char *problem, size_t capacity)
 {
-  if (path == NULL || problem == NULL || room == 0) return DL2C_ERR_ARG;
+  if (path == NULL || problem == NULL || capacity == 0) return DL2C_ERR_ARG;
   problem[0] = '\0';
   return DL2C_OK;
 }

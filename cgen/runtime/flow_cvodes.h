@@ -39,7 +39,7 @@ enum { DL2C_ADAMS_STEPS = 500, DL2C_SOLVER_STEPS = 100000 };
 enum { DL2C_SPARE_STEPS = 20000 };
 
 /* Flows that last less are one straight step; the solver squares times, which must not underflow. */
-#define DL2C_BLINK 1e-100
+#define DL2C_NEGLIGIBLE 1e-100
 
 typedef struct dl2c_solver {
   dl2c_engine adams; /* without memory if every flow is stiff */
@@ -259,7 +259,7 @@ static bool dl2c_solver_track(dl2c_solver *solver, real reached, dl2c_track *tra
 }
 
 /* A flow that is too short for the solver, as one straight step. */
-static bool dl2c_solver_blink(dl2c_solver *solver, dl2c_track *track)
+static bool dl2c_solver_straight(dl2c_solver *solver, dl2c_track *track)
 {
   real rates[NX];
   model_rates(solver->flow, solver->last, solver->p, rates);
@@ -283,7 +283,7 @@ static bool dl2c_solver_blink(dl2c_solver *solver, dl2c_track *track)
 static bool dl2c_solver_step(dl2c_solver *solver, dl2c_track *track)
 {
   real reached = solver->now;
-  if (solver->stop < DL2C_BLINK) return dl2c_solver_blink(solver, track);
+  if (solver->stop < DL2C_NEGLIGIBLE) return dl2c_solver_straight(solver, track);
   for (;;) {
     const bool adams = solver->engine == &solver->adams;
     const bool may_switch = adams && solver->stiff == DL2C_STIFF_AUTO;

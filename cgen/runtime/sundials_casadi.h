@@ -109,16 +109,16 @@ static bool dl2c_wheel_open(const char *path, char *problem, size_t size)
   return true;
 }
 
-dl2c_status dl2c_solver_library(const char *path, char *problem, size_t room)
+dl2c_status dl2c_solver_library(const char *path, char *problem, size_t capacity)
 {
-  if (path == NULL || problem == NULL || room == 0) return DL2C_ERR_ARG;
+  if (path == NULL || problem == NULL || capacity == 0) return DL2C_ERR_ARG;
   problem[0] = '\0';
   pthread_mutex_lock(&dl2c_wheel_lock);
 #ifdef DL2C_SPARE_SOLVER
   bool loaded = strlen(path) < sizeof dl2c_wheel_path;
   if (loaded) memcpy(dl2c_wheel_path, path, strlen(path) + 1);
 #else
-  if (!dl2c_wheel_loaded) dl2c_wheel_loaded = dl2c_wheel_open(path, problem, room);
+  if (!dl2c_wheel_loaded) dl2c_wheel_loaded = dl2c_wheel_open(path, problem, capacity);
   const bool loaded = dl2c_wheel_loaded;
 #endif
   pthread_mutex_unlock(&dl2c_wheel_lock);

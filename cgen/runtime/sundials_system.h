@@ -19,9 +19,9 @@
 #define DL2C_SUN(function) function
 
 /* Linked with the model: there is nothing to load. */
-dl2c_status dl2c_solver_library(const char *path, char *problem, size_t room)
+dl2c_status dl2c_solver_library(const char *path, char *problem, size_t capacity)
 {
-  if (path == NULL || problem == NULL || room == 0) return DL2C_ERR_ARG;
+  if (path == NULL || problem == NULL || capacity == 0) return DL2C_ERR_ARG;
   problem[0] = '\0';
   return DL2C_OK;
 }

@@ -88,20 +88,20 @@ static bool dl2c_draw_near(dl2c_rng *rng, int block, real *x, real *p)
   for (int start = 1; start < DL2C_STARTS; start++) {
     int other;
     if (!dl2c_draw_until(rng, block, next, &other, x, p)) return false;
-    const real apart = dl2c_squared_distance(count, next, target, low, high);
-    if (other != chart || !(apart < left)) continue;
-    left = apart;
+    const real distance = dl2c_squared_distance(count, next, target, low, high);
+    if (other != chart || !(distance < left)) continue;
+    left = distance;
     memcpy(at, next, sizeof at);
   }
   real size = sqrt(left / (real)varying);
   for (int move = 0; move < DL2C_MOVES * varying; move++) {
     const bool along = move % 4 == 0;
     dl2c_propose(rng, count, along, size, low, high, target, at, next);
-    const real apart = dl2c_squared_distance(count, next, target, low, high);
-    const bool better = apart < left && dl2c_is_initial(chart, next, x, p);
+    const real distance = dl2c_squared_distance(count, next, target, low, high);
+    const bool better = distance < left && dl2c_is_initial(chart, next, x, p);
     if (!along) size *= better ? DL2C_GROW : DL2C_SHRINK;
     if (!better) continue;
-    left = apart;
+    left = distance;
     memcpy(at, next, sizeof at);
   }
   model_initial(chart, at, x, p);

@@ -169,7 +169,7 @@ static void dl2c_team_free(dl2c_team *team)
 }
 
 /* One more thread; false if the system gives none. */
-static dl2c_status dl2c_recruit(dl2c_team *team, const dl2c_batch *b)
+static dl2c_status dl2c_start_thread(dl2c_team *team, const dl2c_batch *b)
 {
   dl2c_member *const member = &team->members[team->size];
   *member = (dl2c_member){.team = team, .view = *b};
@@ -207,7 +207,7 @@ static dl2c_status dl2c_team_create(dl2c_batch *b, int32_t threads)
   team->owner = getpid();
   team->blocks = blocks;
   dl2c_status status = DL2C_OK;
-  for (int64_t k = 0; k < wanted && status == DL2C_OK; k++) status = dl2c_recruit(team, b);
+  for (int64_t k = 0; k < wanted && status == DL2C_OK; k++) status = dl2c_start_thread(team, b);
   if (status == DL2C_OK) {
     b->team = team;
   } else {

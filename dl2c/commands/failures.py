@@ -35,7 +35,7 @@ EXTRA: dict[str | None, str] = {
 """Which extra installs an optional library."""
 
 STARVED = ("failed to map segment", "cannot allocate memory", "can't start new thread")
-"""How a library that finds no room, or a thread, says so."""
+"""How a library that finds no memory, or no thread, says so."""
 
 
 class CommandError(Exception):

@@ -86,7 +86,7 @@ def slot(symbol: Symbol, state: str = "x") -> str:
 
 
 def lane(symbol: Symbol) -> str:
-    """Where environment i of a batch keeps a symbol's value: rows of one symbol are `stride` apart."""
+    """Where environment i of a batch keeps a symbol's value: from row to row it is `stride`."""
     return f"{'x' if symbol.kind == 'variable' else 'p'}[{index(symbol)} * stride + i]"
 
 

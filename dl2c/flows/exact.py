@@ -48,7 +48,7 @@ class Edge:
     """An atom of the domain as `c0 + c1*tau + c2*tau^2`, positive inside.
 
     kind "closed" ends the flow where the margin becomes negative, "open" where it becomes zero,
-    "apart" (`!=`) where it becomes zero from either side, "equal" at once.
+    "unequal" (`!=`) where it becomes zero from either side, "equal" at once.
     """
 
     kind: str
@@ -92,7 +92,7 @@ def plan(flow: Flow) -> ExactPlan | NotExact:
 
 
 def _edge(atom: Compare, margin: Coefficients, solution: Solution) -> Edge:
-    kinds = {"<=": "closed", ">=": "closed", "<": "open", ">": "open", "!=": "apart", "=": "equal"}
+    kinds = {"<=": "closed", ">=": "closed", "<": "open", ">": "open", "!=": "unequal", "=": "equal"}
     snap = None
     if atom.op in ("<=", ">="):
         for variable, target in ((atom.left, atom.right), (atom.right, atom.left)):
@@ -169,7 +169,7 @@ def advance(plan: ExactPlan, env: Valuation, exact: bool = False) -> Motion | No
     hits = [k for k, leave in enumerate(exits) if leave is not None and leave <= end]
     if end <= 0:
         return Motion({}, literal(Fraction(0), exact))
-    if any(plan.edges[k].kind in ("open", "apart") for k in hits):
+    if any(plan.edges[k].kind in ("open", "unequal") for k in hits):
         end = before(end)
     return landed(run, end, [snap for k in hits if (snap := plan.edges[k].snap) is not None])
 
@@ -229,7 +229,7 @@ def exit_time(kind: str, c0: Value, c1: Value, c2: Value) -> Value | None:
     """When a margin `c0 + c1*tau + c2*tau^2`, inside at 0, first leaves; None for never."""
     if kind == "equal":
         return c0 * 0
-    if kind == "apart" and c0 < 0:
+    if kind == "unequal" and c0 < 0:
         c0, c1, c2 = -c0, -c1, -c2
     if c0 <= 0:
         if c1 <= 0:

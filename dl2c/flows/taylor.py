@@ -284,10 +284,10 @@ def arcsin(a: Taylor) -> Taylor:
     far = abs(middle) + d
     if not far < 0.999999:
         return unknown(_lacks(a, not (a.hull[0] > 1 or a.hull[1] < -1)), enclosed)
-    room = (1.0 - far) * (1.0 + far)
+    left = (1.0 - far) * (1.0 + far)
     slope = 1.0 / math.sqrt((1.0 - middle) * (1.0 + middle))
     f = (math.asin(middle), slope, 0.5 * middle * (slope * slope * slope), 0.0, 0.0)
-    rest = d * d * d * (1.0 + 2.0 * (far * far)) / (5.9 * (room * room * math.sqrt(room)))
+    rest = d * d * d * (1.0 + 2.0 * (far * far)) / (5.9 * (left * left * math.sqrt(left)))
     return compose(a, f, rest, 8.0 * SLOP * (1.0 + slope * d), enclosed)
 
 

@@ -23,7 +23,7 @@ OLDEST = 6
 
 LIBRARIES = ("cvodes", "nvecserial", "sunlinsolspgmr", "sunnonlinsolfixedpoint")
 PROBE = "#include <sundials/sundials_version.h>\n=SUNDIALS_VERSION_MAJOR=SUNDIALS_VERSION=\n"
-ROOM = 1024
+CAPACITY = 1024
 """Bytes for what the C library says of a problem."""
 
 
@@ -75,8 +75,8 @@ def load_solver(ffi: Any, lib: Any, provider: str) -> None:
     Raises `NativeError` if the library cannot be loaded or lacks a function.
     """
     path = casadi_library() if provider == "casadi" else Path()
-    problem = ffi.new("char[]", ROOM)
-    if lib.dl2c_solver_library(os.fsencode(path), problem, ROOM):
+    problem = ffi.new("char[]", CAPACITY)
+    if lib.dl2c_solver_library(os.fsencode(path), problem, CAPACITY):
         said = ffi.string(problem).decode(errors="replace")
         raise NativeError(f"cannot load the solver of casadi: {said}; try another version of casadi")
 

@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 
 from dl2c.diagnostics import CompileError, Diagnostic, in_source_order
-from dl2c.parse import build, comments, declarations, errors, old_dialect, placement
+from dl2c.parse import build, comments, declarations, errors, placement
 from dl2c.parse.build import Reading
 from dl2c.parse.characters import check_controls, check_text
 from dl2c.parse.placement import Block, Statement
 from dl2c.parse.recovery import MAX_MISTAKES, Recovery
 from dl2c.parse.scan import Code, Comment, scan
 from dl2c.parse.sections import (
+    OLD_SORT,
     Section,
     bare_entry,
     entry_name,
@@ -26,6 +27,7 @@ from dl2c.parse.sections import (
     first_in_line,
     is_bare,
     previous_characters,
+    sign_of_old_dialect,
     trimmed_end,
 )
 from dl2c.parse.syntax import parse_tree
@@ -34,7 +36,7 @@ from dl2c.source import Source, Span
 
 _STATEMENT = re.compile(
     r"(?<![A-Za-z0-9_])(?:(?:Real|Bool|HP|HG|implicit|import)(?![A-Za-z0-9_])"
-    rf"|(?P<old>{old_dialect.OLD_SORT}))"
+    rf"|(?P<old>{OLD_SORT}))"
 )
 _SIGN = re.compile(r"<->|::=|=")
 _STRAY = re.compile(r"(?P<word>\w+|\S)[^;]*;?")
@@ -80,7 +82,7 @@ def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
     code = scan(source)
     warnings = [*check_controls(code)]
     problems: list[Diagnostic] = []
-    if old := old_dialect.find_sign(code):
+    if old := sign_of_old_dialect(code):
         warnings.append(old)
     recovery = Recovery()
     read = Reading(source, warnings, recovery=recovery)

@@ -1,4 +1,4 @@
-"""Who decides in a hybrid game: `{a}^@` taken apart into decisions of two players.
+"""Who decides in a hybrid game: `{a}^@` as decisions of two players.
 
 Comes in: an expanded program. Goes out: the same program without `Dual`; every choice, `x := *`, loop
 and duration under an odd number of them is `dual`, a decision of the other player.

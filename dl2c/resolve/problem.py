@@ -26,7 +26,7 @@ from dl2c.resolve.expand import expanded_formula
 from dl2c.resolve.fragment import check_executable
 from dl2c.resolve.infer import with_implied, with_inferred
 from dl2c.resolve.predicates import AnnotatedPredicate, bind_predicates
-from dl2c.resolve.shape import Shape, take_apart
+from dl2c.resolve.shape import Shape, shape_of
 from dl2c.resolve.symbols import Symbols, collect
 
 _T = TypeVar("_T")
@@ -72,7 +72,7 @@ def resolve(entry: tree.Entry, loop: int | None = None) -> Problem:
         raise CompileError(found)
     expanded = expanded_formula(entry.problem, symbols)
     check_executable(expanded)
-    shape = take_apart(entry.problem, expanded, _chosen(loop, episode))
+    shape = shape_of(entry.problem, expanded, _chosen(loop, episode))
     return Problem(
         entry=entry,
         symbols=symbols,

@@ -17,7 +17,7 @@ from dl2c.resolve.symbols import nodes
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A problem taken apart, expanded, its games with players. `written_*` keep the calls of definitions
+    """The parts of a problem, expanded, its games with players. `written_*` keep the calls of definitions
     as the user wrote them.
 
     `body` is one step; `loop` is the loop it came from, None where the program has none.
@@ -47,7 +47,7 @@ class _Modal:
         return tuple(s for program in self.programs for s in statements(program))
 
 
-def take_apart(written: tree.Formula, expanded: tree.Formula, chosen: int | None = None) -> Shape:
+def shape_of(written: tree.Formula, expanded: tree.Formula, chosen: int | None = None) -> Shape:
     """`chosen` is which top-level loop to take, from 1; needed where there are several.
 
     Raises `CompileError` for a problem that is not of this shape.

@@ -188,7 +188,7 @@ def _separated(atom: Compare, box: Box, errors: Errors) -> Compare:
 
 
 def _distance(atom: Compare) -> Term:
-    """How far the sides are apart, in the direction that the atom asks for."""
+    """The difference of the sides, in the direction that the atom asks for."""
     return Call("abs", (difference(atom),)) if atom.op == "!=" else difference(atom)
 
 

@@ -79,7 +79,7 @@ def charts_of(formula: Formula, items: Items, box: Box) -> tuple[Chart, ...]:
     kept = [[c for c in charts if c.dimension == highest] for charts in found]
     if not any(kept):
         raise CompileError(_impossible(formula, items, box))
-    return tuple(_apart(kept, cases, box))
+    return tuple(_disjoint(kept, cases, box))
 
 
 def without_numbers(formula: Formula) -> Formula:
@@ -200,7 +200,7 @@ def _impossible(formula: Formula, items: Items, box: Box) -> Diagnostic:
     return without_sample(formula)
 
 
-def _apart(kept: Sequence[Sequence[Chart]], cases: Sequence[Conjuncts], box: Box) -> Iterator[Chart]:
+def _disjoint(kept: Sequence[Sequence[Chart]], cases: Sequence[Conjuncts], box: Box) -> Iterator[Chart]:
     """The charts of each case without the states of earlier cases."""
     earlier: list[Formula] = []
     for charts, case in zip(kept, cases, strict=True):

@@ -1,9 +1,9 @@
 """An exported monitor as one C file that needs nothing of the runtime.
 
 Leaf functions are those of the simulator: the same printer, the same order of operations. A case is a
-range of numbers of conditions, and conditions that are the same formula are code only once. A check
-reports the condition of the case that came closest, or the room that the satisfied case with most of
-it leaves.
+range of numbers of conditions, and conditions that are the same formula are code only once. A violated
+check reports a condition of the case that came closest; a satisfied one the largest, over its satisfied
+cases, of the least margin of a case.
 """
 
 import re
@@ -37,7 +37,7 @@ def monitor_c(unit: Unit) -> str:
     for check in unit.monitor.checks:
         if check.cases:
             functions += [_holds(unit, check, leaves), _case(unit, check)]
-            functions += [_margin(unit, check, leaves), _room(unit, check)]
+            functions += [_margin(unit, check, leaves), _least_margin(unit, check)]
         functions.append(_check(unit, check))
     if unit.monitor.controller is not None:
         functions += controller_functions(unit, leaves, "CASE == 0", leaves.condition)
@@ -178,7 +178,7 @@ def _is_inequality(condition: Condition) -> bool:
     return condition.gradual and delta(condition.formula) is not None
 
 
-def _room(unit: Unit, check: Check) -> str:
+def _least_margin(unit: Unit, check: Check) -> str:
     """How far a state that satisfies a case is from violating an inequality of it."""
     conditions = check.conditions
     lines: list[str] = []
@@ -191,9 +191,9 @@ def _room(unit: Unit, check: Check) -> str:
         bit = f"(id - {conditions[0].number})"
         counts = f"(inequalities[{bit} / 8] >> {bit} % 8 & 1) != 0 && {counts}"
     meant = words(unit, check) | {"COUNTS": counts, "LARGEST": unit.literal(unit.largest)}
-    lines += [part for line in copied_body("check.h", "KIND_room", meant) for part in indented(line)]
-    signature = f"static real {check.kind}_room(int first, int end, {arguments(unit, check)}"
-    return function(signature, lines, "How much room a satisfied case leaves in its inequalities.")
+    lines += [part for line in copied_body("check.h", "KIND_least_margin", meant) for part in indented(line)]
+    signature = f"static real {check.kind}_least_margin(int first, int end, {arguments(unit, check)}"
+    return function(signature, lines, "The least margin of a satisfied case in its inequalities.")
 
 
 def _check(unit: Unit, check: Check) -> str:

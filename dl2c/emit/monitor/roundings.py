@@ -12,8 +12,8 @@ from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import sides
 from dl2c.ir.model import Add, Call, Div, Formula, Mul, Neg, Number, Pow, Sub, Symbol, Term
 
-ROOM = 3
-"""Of one operation, in multiples of epsilon: its rounding, and the room for it."""
+PER_OPERATION = 3
+"""Of one operation, in multiples of epsilon: its rounding, and the bound that intervals are widened by."""
 
 SIZES = (
     "The size of a number is its magnitude, of a sum or a difference the sum of both sizes, of a product "
@@ -38,14 +38,14 @@ def _of(term: Term, single: bool) -> int:
         case Neg(child) | Pow(child, 1):
             return _of(child, single)
         case Add(left, right) | Sub(left, right):
-            return max(_of(left, single), _of(right, single)) + ROOM
+            return max(_of(left, single), _of(right, single)) + PER_OPERATION
         case Mul(left, right):
-            return _of(left, single) + _of(right, single) + ROOM
+            return _of(left, single) + _of(right, single) + PER_OPERATION
         case Div(left, right):
-            return 2 * (_of(left, single) + _of(right, single)) + 2 * ROOM
+            return 2 * (_of(left, single) + _of(right, single)) + 2 * PER_OPERATION
         case Pow(base, exponent):
             half = exponent - 1 if exponent % 2 else exponent // 2
-            return _of(Pow(base, half), single) + _of(Pow(base, exponent - half), single) + ROOM
+            return _of(Pow(base, half), single) + _of(Pow(base, exponent - half), single) + PER_OPERATION
         case Call(function, args):
             return _of_function(function, [_of(a, single) for a in args])
         case _:
@@ -55,7 +55,7 @@ def _of(term: Term, single: bool) -> int:
 def _of_function(name: str, args: list[int]) -> int:
     function = FUNCTIONS[name]
     if name == "sqrt":
-        return args[0] + ROOM
+        return args[0] + PER_OPERATION
     if function.exact:
         return max(args)
     own = sum(args) + function.width

@@ -245,15 +245,15 @@ def _item(expression: Expression, comma: str, indent: int) -> list[str]:
     return [*lines[:-1], lines[-1] + comma]
 
 
-def _body(expression: Expression, indent: int, before: str = "", room: int = 0) -> list[str]:
-    """Lines inside parentheses: broken at the weakest operator, with `room` left on the last."""
+def _body(expression: Expression, indent: int, before: str = "", reserved: int = 0) -> list[str]:
+    """Lines inside parentheses: broken at the weakest operator, with `reserved` left on the last."""
     margin = " " * indent
     one = f"{margin}{before}{flat(expression)}"
     match expression:
-        case _ if len(one) + room <= WIDTH:
+        case _ if len(one) + reserved <= WIDTH:
             return [one]
         case Named(name, value):
-            return _body(value, indent, before + name, room)
+            return _body(value, indent, before + name, reserved)
         case Infix(parts=parts, operators=operators):
             lines = _body(parts[0], indent, before)
             for operator, part in zip(operators, parts[1:], strict=True):

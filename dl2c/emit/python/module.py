@@ -1,7 +1,7 @@
 """A Gymnasium module over the compiled library: facts alone; what happens is in `dl2c.env`.
 
 Comes in: everything known of an environment, and the model's text, which the module holds, so that
-docstring and environment cannot drift apart. Goes out: Python text.
+docstring and environment cannot differ. Goes out: Python text.
 """
 
 import json

@@ -20,7 +20,7 @@ from dl2c.ir.logic import domain_at_end
 from dl2c.ir.model import TRUE, Flow, Symbol
 from dl2c.ir.printer import print_flow, print_formula, print_term
 
-EXITS = {"closed": "dl2c_exit_nonnegative", "open": "dl2c_exit_positive", "apart": "dl2c_exit_nonzero"}
+EXITS = {"closed": "dl2c_exit_nonnegative", "open": "dl2c_exit_positive", "unequal": "dl2c_exit_nonzero"}
 
 
 def flow_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
@@ -140,7 +140,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     exits = [f"exit{j}" for j in range(len(plan.edges))]
     body += _reached(k, plan.flow, exits) if plan.flow.reach is not None else [f"real end = {limits[0]};"]
     body += [f"end = dl2c_select({name} < end, {name}, end);" for name in (*limits[1:], *exits)]
-    short = [f"hit{j}" for j, w in enumerate(plan.edges) if w.kind in ("open", "apart")]
+    short = [f"hit{j}" for j, w in enumerate(plan.edges) if w.kind in ("open", "unequal")]
     used = {*short, *(f"hit{j}" for j, w in enumerate(plan.edges) if w.snap is not None)}
     hits = {f"hit{j}": name for j, name in enumerate(exits)}
     body += [f"const bool {hit} = {name} <= end;" for hit, name in hits.items() if hit in used]

@@ -41,7 +41,7 @@ class Requirement:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One run. `deviation` is how far Python and C came apart over some steps, infinite if they disagree;
+    """One run. `deviation` is how far Python and C differ over some steps, infinite if they disagree;
     `growth` how much faster a batch's environment step is than that of the smallest batch, by size;
     `sizes` how much longer one takes in larger models, by number of variables, where that was asked for.
     """
@@ -91,11 +91,11 @@ def compare(
         keys = [row.key for row in found]
         if unknown := [key for key in (requirement.key, requirement.of) if key not in keys]:
             raise CommandError(f"no row `{unknown[0]}` here; there is {', '.join(keys)}")
-    apart = deviation(what)
+    furthest = deviation(what)
     results = measure(found, seconds, note=note)
     sizes = size_growth(seconds / 10, note) if with_sizes else {}
     name = what.library.manifest.name
-    return Comparison(name, tuple(results), growth(results), sizes, apart, tuple(notes), requirements)
+    return Comparison(name, tuple(results), growth(results), sizes, furthest, tuple(notes), requirements)
 
 
 def _requirement(text: str) -> Requirement:

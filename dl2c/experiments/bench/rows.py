@@ -291,7 +291,7 @@ def _episodes(env: "gym.Env[Any, Any]", actions: Sequence[Any]) -> Callable[[int
 
 
 def deviation(what: Subject, steps: int = 200) -> float:
-    """How far the baseline and the C come apart over so many steps from the same initial states.
+    """How far the baseline and the C differ over so many steps from the same initial states.
 
     The largest difference of a variable, relative beyond 1; infinite if an episode ends in one only.
     """

@@ -47,7 +47,7 @@ def guarded_drive(course: Course) -> Drive:
     """The only drive that the guards admit if every decision holds for `ep`.
 
     Outside the area it accelerates while `v + A*ep <= Vmax`, else it coasts; inside it brakes. The third
-    condition of the guards, room to stop behind the area's begin, always holds (see docs/paper.md).
+    condition of the guards, the distance to stop behind the area's begin, always holds (see docs/paper.md).
     """
     c = course
     gain = c.A * c.ep

@@ -137,12 +137,12 @@ def _jobs(budget: Budget, folder: Path) -> dict[tuple[str, int], Job]:
 
 
 def _all(
-    jobs: dict[tuple[str, int], Job], apart: bool, note: Callable[[int, int], None]
+    jobs: dict[tuple[str, int], Job], parallel: bool, note: Callable[[int, int], None]
 ) -> dict[tuple[str, int], Result]:
     """The results of all jobs; processes of their own work on them, if it is worth to start these."""
     found: dict[tuple[str, int], Result] = {}
     note(0, len(jobs))
-    if not apart:
+    if not parallel:
         return {name: work(*arguments) for name, (work, arguments) in jobs.items()}
     with ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn")) as pool:
         running = {pool.submit(work, *arguments): name for name, (work, arguments) in jobs.items()}
