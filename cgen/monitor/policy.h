@@ -2,7 +2,7 @@
 /*
  * policy.h -- what an exported policy does with observations and with the outputs of its network.
  *
- * A policy holds a copy of the functions that it needs, after `real`.
+ * Exported policies contain copies of the functions they need, below the definition of `real`.
  */
 #ifndef DL2C_MONITOR_POLICY_H
 #define DL2C_MONITOR_POLICY_H

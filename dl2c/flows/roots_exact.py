@@ -1,9 +1,9 @@
 """Zeros of one Bernstein curve with rational coefficients, exactly.
 
 Multiple zeros are made simple first, so that halving always separates them (Descartes).
-A zero is given as itself where a rational of few digits in its interval is one, else by
-the low end of an interval of relative width 2^-80 at most, which depends on the zero and
-not on the curve.
+A zero is returned exactly where its interval contains a short rational that is a zero, otherwise
+as the low end of an interval of relative width 2^-80 at most. The result depends on the zero, not
+on the curve.
 """
 
 from collections.abc import Sequence
@@ -15,13 +15,13 @@ BITS = 80
 """Intervals that hold a zero become shorter than 2^-BITS of their high end."""
 
 AT_ONCE = Fraction(1, 2**1074)
-"""Where a margin changes its sign that has the other sign from the start."""
+"""The zero that stands for a change of sign right after 0."""
 
 Polynomial = list[Fraction]
-"""c0, c1, ...; the last is not zero, except of the zero polynomial, which is empty."""
+"""Coefficients c0, c1, ... of powers, without trailing zeros; the zero polynomial is empty."""
 
 Interval = tuple[Fraction, Fraction]
-"""An open interval with one zero inside and none at its ends, or twice that zero."""
+"""An open interval with one zero inside and none at its ends; or the zero itself, as both ends."""
 
 
 def exact_zeros(curve: Sequence[Fraction], start: int) -> list[tuple[Fraction, int]]:
@@ -45,7 +45,7 @@ def exact_zeros(curve: Sequence[Fraction], start: int) -> list[tuple[Fraction, i
 
 
 def _sign_after_end(p: Polynomial, zero: bool) -> int:
-    """The sign at 1, or just after where that is a zero: of the first derivative that is not zero."""
+    """The sign at 1. If 1 is a zero, the sign just after it: that of the first nonzero derivative."""
     while zero and _value(p, Fraction(1)) == 0:
         p = _derivative(p)
     return _sign(p, Fraction(1))

@@ -1,8 +1,8 @@
 """Finite limits for names that neither a declared bound nor the precondition limits.
 
 A model and a default come in; the model with such limits goes out. A side that is limited already
-stays as it is. Names are gone through in order, each default being one more thing that the
-precondition is contracted with: after `0 <= x`, `x + 1 <= y` limits y from below.
+stays as it is. Names are limited in order, and each new limit contracts the ranges of the others:
+with `x + 1 <= y`, a limit `0 <= x` also limits y from below.
 """
 
 from dataclasses import replace
@@ -50,7 +50,7 @@ def initial_box(model: Model) -> dict[Symbol, Interval] | None:
 
 
 def closed(low: Fraction | None, high: Fraction | None, default: Range) -> Range:
-    """Open sides taken from the default; where that leaves nothing, as wide a range beside the other side."""
+    """Open sides taken from the default; if the range would be empty, one as wide as the default."""
     width = default[1] - default[0]
     match low, high:
         case None, None:

@@ -1,10 +1,9 @@
 """How much an atom may be missed by, so that rounding ends no episode of a proved model (semantics 5).
 
 An atom `a <= b` is relaxed to `a <= b + slack`, where the slack is `tolerance * (1 + the sizes of the
-terms of a - b)`: what the difference of large terms may be off by grows with them, however small
-it is itself. A state is judged with its own slack. Along a flow the slack is the number that it is where the
-flow begins, for which the formula has a symbol: it does not move, so it adds no cases and no
-degree to what is watched.
+terms of a - b)`: the rounding error of a difference grows with its terms, however small the difference
+is. A state is judged with its own slack. Along a flow the slack keeps the value that it has where the flow
+begins. The formula has a symbol for it, so it adds neither cases nor degree to what is watched.
 """
 
 from collections.abc import Callable, Iterator
@@ -83,8 +82,8 @@ def equalities_relaxed(formula: Formula, tolerance: Fraction) -> Formula:
 class Slacks:
     """The slacks of one predicate, each with the symbol that stands for it along a flow.
 
-    Numbers stay as they are. A slack over a quantifier's variable is eliminated with its atom; it grows with
-    both sides as wholes, since each size in it is two cases.
+    A slack that is a number needs no symbol. A slack over a quantifier's variable is eliminated with its
+    atom. It grows with the two sides instead of their terms, since each size in it makes two cases.
     """
 
     name: str
@@ -117,8 +116,8 @@ def settled(formula: Formula, starts: tuple[tuple[Symbol, Term], ...]) -> Formul
 
 
 def least_slack(formula: Formula, tolerance: Fraction) -> Formula:
-    """A condition that implies the formula: each symbol of a slack replaced by the tolerance, which is the
-    least that it stands for, and equalities without any.
+    """A condition that implies the formula: each symbol of a slack replaced by the tolerance, which is its
+    least value, and equalities without slack.
     """
 
     def least(atom: Compare) -> Compare:

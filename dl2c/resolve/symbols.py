@@ -26,7 +26,7 @@ HOLES = {
     "exerciseS_": "program",
     "exerciseD_": "differential equation",
 }
-"""The symbols that the holes of exercises are read as, and what each stands for."""
+"""How the holes of exercises are read: as which symbol, standing for what."""
 
 Role: TypeAlias = Literal["variable", "constant", "function", "predicate", "program"]
 
@@ -119,8 +119,7 @@ def _cycles(symbols: Symbols) -> list[Diagnostic]:
 
 
 def own_names(declaration: tree.Declaration) -> frozenset[str]:
-    """The names that mean something else in a body than outside: parameters, and what moves in an
-    implicit definition."""
+    """The names that a body redefines: its parameters, and the variables of an implicit definition."""
     parameters = frozenset(p.name for p in declaration.parameters or ())
     if not declaration.implicit:
         return parameters

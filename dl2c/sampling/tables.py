@@ -23,15 +23,15 @@ from dl2c.sampling.equalities.root_of import Definition
 from dl2c.sampling.grid import Grid, grid_of, rounding
 
 LONGEST_TEST = 20_000
-"""Numbers, names and operations of a test that compilers still read in a moment."""
+"""How many numbers, names and operations a test may have; compilers take long over longer ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class SampleChart:
     """`free` names are drawn, `between` and `definitions` computed in order from them. A draw is kept if
-    `acceptance` holds in doubles and, with probability sqrt(`squared_density` / the box's), by chance.
-    To drawn names of `grid` a number is added and subtracted again, which rounds them. Over the reals,
-    the chart is `region`, without its boundary."""
+    `acceptance` holds in doubles, and then with probability sqrt(`squared_density` / that of its box).
+    Drawn names of `grid` are rounded by adding and subtracting a number. Over the reals the chart is
+    `region` without its boundary."""
 
     free: tuple[str, ...]
     grid: Mapping[str, float]
@@ -44,8 +44,8 @@ class SampleChart:
 
 @dataclass(frozen=True, slots=True)
 class SampleBox:
-    """Limits of the free names of a chart of its block, in their order, its probability, and the largest
-    value of the chart's `squared_density` in it."""
+    """A box of one chart of a block: limits of the chart's free names, in their order. `weight` is its
+    probability, `squared_density` the largest value of the chart's in it."""
 
     chart: int
     low: tuple[float, ...]
@@ -56,7 +56,7 @@ class SampleBox:
 
 @dataclass(frozen=True, slots=True)
 class SampleBlock:
-    """Names that are drawn independently of all others, and the part of their draws that is kept."""
+    """Names that are drawn independently of all others. `estimated_acceptance` of their draws are kept."""
 
     charts: tuple[SampleChart, ...]
     boxes: tuple[SampleBox, ...]
@@ -125,7 +125,7 @@ def tested(chart: Chart, around: Box, bounds: Mapping[Symbol, Bound]) -> tuple[S
 
 
 def _widened(around: Interval, exponent: int) -> Interval:
-    """By what rounding to a grid adds."""
+    """The interval, wider by the largest error of rounding to the grid on either side."""
     if around.low == around.high:
         return around
     step = math.ldexp(1.0, exponent)
@@ -160,7 +160,7 @@ def is_short(formula: Formula) -> bool:
 def by_chance(
     chart: SampleChart, largest: Floats, columns: Columns, count: int, rng: np.random.Generator
 ) -> Bools:
-    """Which draws from boxes with these largest squared densities are kept, whatever the acceptance says."""
+    """Which draws their density keeps, whether accepted or not; `largest` is that of each draw's box."""
     if chart.squared_density == ONE:
         return np.full(count, True)
     u = rng.random(count)

@@ -10,10 +10,10 @@ from dl2c.training.run import Settings
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """An example, what is proved of it and what is left to learn, in words. `guard` is the text in it that
-    keeps its agent safe, `instead` what stands in its place once it is taken away. `found` says how to read
-    what is measured. `options` are those of its environments. `has_goal`: episodes can succeed; else only the
-    return says how well a policy does.
+    """An example, with what is proved of it and what is left to learn in words. `guard` is the text that
+    keeps its agent safe, `instead` its replacement in the model without guards. `found` says how to read
+    the results. `options` are those of its environments. Without `has_goal` no episode can succeed, so
+    only the return says how well a policy does.
     """
 
     example: str
@@ -40,7 +40,7 @@ class Study:
         return Source(f"examples/{self.example}.kyx without guards", text.replace(self.guard, self.instead))
 
     def quick(self) -> "Study":
-        """The same with hardly any training."""
+        """The same study with very little training."""
         tiny = {"n_steps": 16, "batch_size": 64, "n_epochs": 1, "net_arch": [8, 8]}
         return replace(self, settings=Settings(steps=128, n_envs=8, hyper=tiny))
 
