@@ -1,7 +1,8 @@
 """What all tests share: golden files and the shared test data."""
 
 import os
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--update-golden", action="store_true", help="write the golden files instead of comparing"
     )
+
+
+@pytest.fixture(autouse=True)
+def fresh_compilations() -> Generator[None]:
+    """No test finds what another one, which may have changed the compiler, has compiled."""
+    yield
+    if (pipeline := sys.modules.get("dl2c.pipeline")) is not None:
+        pipeline.compilation.cache_clear()
 
 
 @pytest.fixture
