@@ -11,10 +11,11 @@ from differential import environment_of
 from generators.random_models import random_model
 
 import dl2c
+from dl2c.emit.names import file_stem
 from dl2c.emit.simulator.model_c import model_sources
 from dl2c.native import cgen_dir
 from dl2c.native.toolchain import EXACT_FLAGS
-from dl2c.pipeline import emit, resolve_options
+from dl2c.pipeline import Compilation, resolve_options
 from dl2c.source import Source
 
 HERE = Path(__file__).resolve().parents[1]
@@ -29,17 +30,12 @@ FLAGS = ("-std=c11", "-g", "-fno-trapping-math", "-fno-math-errno", "-fno-saniti
 def sources(folder: Path) -> list[Path]:
     """The generated C of all models, each in one file."""
     made: list[Path] = []
-    for model in MODELS:
-        text = emit(Source.read(model), "c", resolve_options({}))
-        path = folder / f"{model.stem}.c"
-        path.write_text(re.sub(r'#include "(?!batch\.h|model\.h).*"\n', "", text), encoding="utf-8")
-        made.append(path)
-    for model in RANDOM:
-        environment = environment_of(model)
-        assert environment is not None
-        for name, text in model_sources(environment).items():
+    given = [Compilation(Source.read(model), resolve_options({})).planned.build for model in MODELS]
+    for build in (*given, *map(environment_of, RANDOM)):
+        assert build is not None
+        for name, text in model_sources(build).items():
             (folder / name).write_text(text, encoding="utf-8")
-        made.append(folder / f"{model.name}.c")
+        made.append(folder / f"{file_stem(build.model.name)}.c")
     return made
 
 
