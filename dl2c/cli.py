@@ -26,7 +26,7 @@ from dl2c.commands.rollout import rollout
 from dl2c.commands.train import train
 from dl2c.commands.verbosity import begin, quiet, talkative
 from dl2c.commands.waiting import working
-from dl2c.interruption import INTERRUPTED
+from dl2c.interruption import INTERRUPTED, was_asked
 from dl2c.outputs import output_folder, write_output
 from dl2c.version import __version__
 
@@ -64,6 +64,8 @@ def main() -> None:
         code = _run()
         sys.stdout.flush()
     except Exception as failure:
+        if was_asked():  # what a library made of it
+            raise KeyboardInterrupt from None
         code = report(failure)
         _leave_stdout()
     raise SystemExit(code)

@@ -14,16 +14,25 @@ INTERRUPTED = 130
 """Exit code, what a shell says of Ctrl-C."""
 
 
+_asked = False
+
+
 def end_at_once() -> None:
     """From here on Ctrl-C ends the process, unless it is ignored or handled in some other way."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, _raise):
         signal.signal(signal.SIGINT, _end)
 
 
 def raise_again() -> None:
-    """From here on Ctrl-C is a `KeyboardInterrupt` again."""
+    """From here on Ctrl-C is a `KeyboardInterrupt` again, also where Python would drop it."""
     if signal.getsignal(signal.SIGINT) is _end:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, _raise)
+        sys.unraisablehook = _again
+
+
+def was_asked() -> bool:
+    """Whether Ctrl-C was a `KeyboardInterrupt` of this process, whatever a library made of that."""
+    return _asked
 
 
 def is_command() -> bool:
@@ -32,6 +41,25 @@ def is_command() -> bool:
     if sys.argv[:1] == ["-m"]:
         return ("-m", "dl2c") in pairwise(words) or "-mdl2c" in words
     return bool(sys.argv) and os.path.basename(sys.argv[0]) == "dl2c" and sys.argv[0] in words
+
+
+def _raise(number: int, frame: FrameType | None) -> None:
+    global _asked  # noqa: PLW0603 # a signal is the state of a process
+    _asked = True
+    raise KeyboardInterrupt
+
+
+def _again(dropped: "sys.UnraisableHookArgs") -> None:
+    """A `KeyboardInterrupt` in a `__del__`, which can raise nothing, comes again a moment later. Objects that
+    it left half made may fail then: that is not worth a word.
+    """
+    if issubclass(dropped.exc_type, KeyboardInterrupt):
+        import _thread
+        import threading
+
+        threading.Timer(0.01, _thread.interrupt_main).start()
+    elif not _asked:
+        sys.__unraisablehook__(dropped)
 
 
 def _end(number: int, frame: FrameType | None) -> None:
