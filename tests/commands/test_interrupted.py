@@ -16,6 +16,20 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = "example:waypoint"
 
+COUNT = """Theorem "count"
+Definitions
+  /* @safety: penalty=-1, on_failure=terminate:failure */
+  Bool few(Real x) <-> x <= 9;
+End.
+ProgramVariables
+  /* @var: bound=[0:5], plot=line */
+  Real x;
+End.
+Problem x >= 0 -> [{ x := x + 1; ++ x := x; }*] few(x) End.
+End.
+"""
+"""A model that fails."""
+
 COMMANDS = {
     "build": ("build", MODEL, "-o", "out"),
     "check": ("check", "example:passive_safety", "--prove-coverage"),
@@ -104,7 +118,8 @@ def prepared(tmp_path: Path) -> Callable[..., None]:
 def check_command(name: str, folder: Path, run: Callable[..., None], times: int) -> None:
     """Whatever is in `out` is what an undisturbed command writes, or all of it is missing."""
     if name == "replay":
-        run("falsify", MODEL, "--target", "failure", "--episodes", "500", "-o", "given/episode.json")
+        (folder / "count.kyx").write_text(COUNT, encoding="utf-8")
+        run("falsify", "count.kyx", "--target", "failure", "--episodes", "500", "-o", "given/episode.json")
     if name == "report":
         run("train", MODEL, "--steps", "300", "--n-envs", "2", "--eval-episodes", "2", "-o", "given/run")
     words, rng = COMMANDS[name], Random(name)
