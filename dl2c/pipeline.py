@@ -102,9 +102,9 @@ def _stage(name: str = "", after: str = "") -> "Callable[[Callable[[Compilation]
         @wraps(compute)
         def run(self: "Compilation") -> _T:
             with budgeted():
-                at_place(self.place)
                 if after:
                     getattr(self, after)
+                at_place(self.place)
                 if not name:
                     return compute(self)
                 with stage(name, self.progress):
@@ -141,7 +141,6 @@ class Compilation:
     @_stage("resolving names", after="parsed")
     def resolved(self) -> Resolved:
         """Every name bound, definitions expanded, and the options complete."""
-        at_place(self.place)
         problem = resolve(self.parsed.entry, self.given.loop)
         options = self.given if problem.episode is None else completed(self.given, problem.episode)
         warnings = (*self.parsed.warnings, *problem.warnings, *deprecated_values(problem))

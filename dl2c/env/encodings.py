@@ -27,7 +27,7 @@ Read: TypeAlias = Callable[[], Any]
 
 
 class Encoding(ABC):
-    """How actions are written. `kind` is what a policy of such actions is called, "" where there is none."""
+    """How actions are written. `kind` is what policies call such actions, None where none can act so."""
 
     kind: ClassVar[ActionKind | None] = None
 
