@@ -33,9 +33,14 @@ from dl2c.ir.slack import relaxed
 
 def enabling(model: Model, *, exact: bool = False) -> Formula:
     """True in every state from which the prefix and a first step have a run."""
-    domains = [_exact_domain(f, model.tolerance) if exact else f.domain for f in model.flows]
-    flows = tuple(replace(f, domain=d) for f, d in zip(model.flows, domains, strict=True))
+    flows = with_exact_domains(model).flows if exact else model.flows
     return _needed((*model.prefix, *model.lead, *model.body), flows, set())
+
+
+def with_exact_domains(model: Model) -> Model:
+    """The model with equalities of domains as they are written, without slack."""
+    flows = (replace(f, domain=_exact_domain(f, model.tolerance)) for f in model.flows)
+    return replace(model, flows=tuple(flows))
 
 
 def _exact_domain(flow: Flow, tolerance: Fraction) -> Formula:

@@ -1,0 +1,1 @@
+"""Whether the theorem that a model states is proved: obligations, rules, refutations, report."""

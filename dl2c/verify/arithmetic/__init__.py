@@ -1,0 +1,1 @@
+"""Questions of real arithmetic: made polynomial, put to solvers, or evaluated exactly."""

@@ -1,0 +1,116 @@
+"""What is known of theorems from earlier proofs, kept beside built models.
+
+An answer belongs to the theorem with its definitions expanded, its invariants and hints, bounds and given
+values, this version of dl2c, and the versions of the solvers.
+"""
+
+import hashlib
+import importlib.metadata
+import json
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dl2c.code import code_digest
+from dl2c.diagnostics import CompileError
+from dl2c.inputs import MALFORMED, read_json
+from dl2c.native.cache import cache_home
+from dl2c.native.errors import NativeError
+from dl2c.options import Options
+from dl2c.outputs import write_output
+from dl2c.parse.tree import Entry
+from dl2c.resolve.unreadable import read_entry
+from dl2c.source import Source
+from dl2c.verify.theorem import theorem_of
+
+if TYPE_CHECKING:
+    from dl2c.verify.report import Report
+
+NOT_CHECKED = "not checked"
+
+DEFINITE = ("proved", "refuted")
+"""Answers that an indefinite one, given in less time, does not replace."""
+
+OPEN = {"unknown": "to dl2c verify", NOT_CHECKED: "(dl2c verify leaves a part of it open)"}
+"""What is added to indefinite answers."""
+
+MAX_BYTES = 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """What is known: the answer, and in a line what it rests on."""
+
+    answer: str = NOT_CHECKED
+    basis: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.answer} {self.basis}".strip()
+
+
+def status(source: Source, options: Options) -> Status:
+    """What is known of the theorem of a model; `not checked` where nothing is."""
+    if not any_kept():
+        return Status()
+    try:
+        entry, _ = read_entry(source, options.entry)
+    except CompileError:
+        return Status()
+    return kept(digest_of(entry, dict(options.constants)))
+
+
+def any_kept() -> bool:
+    """Whether there are answers, of this user: those of others count for nothing."""
+    with suppress(OSError, NativeError):
+        return folder().stat().st_uid == os.getuid()
+    return False
+
+
+def kept(digest: str) -> Status:
+    """The answer that is kept under a name, `not checked` where none is."""
+    with suppress(*MALFORMED, OSError, NativeError):
+        found: dict[str, Any] = read_json(folder() / f"{digest}.json", MAX_BYTES)
+        return Status(str(found["answer"]), str(found["basis"]))
+    return Status()
+
+
+def store(source: Source, options: Options, report: "Report") -> None:
+    """Keep an answer; what cannot be written is not kept."""
+    entry, _ = read_entry(source, options.entry)
+    digest = digest_of(entry, dict(options.constants))
+    if not digest or (any_kept() and kept(digest).answer in DEFINITE and report.answer not in DEFINITE):
+        return
+    basis = report.basis or OPEN.get(report.answer, "")
+    if report.within_bounds != report.answer:
+        basis += f"; within bounds {report.within_bounds}"
+    said = {"answer": report.answer, "basis": basis}
+    with suppress(OSError, NativeError):
+        folder().mkdir(mode=0o700, parents=True, exist_ok=True)
+        write_output(folder() / f"{digest}.json", json.dumps(said, indent=1) + "\n")
+
+
+def folder() -> Path:
+    """Where answers are kept. Raises `NativeError` where the user has no home."""
+    return cache_home() / "proofs"
+
+
+def digest_of(entry: Entry, values: Mapping[str, Fraction]) -> str:
+    """The name under which the answer for a theorem is kept; "" for what is no theorem."""
+    try:
+        theorem = theorem_of(entry, values)
+        facts = [repr(theorem.formula), repr(theorem.hints), repr(sorted(theorem.bounds.items()))]
+        facts += [repr(sorted(theorem.scope.items())), code_digest()]
+    except (CompileError, RecursionError):
+        return ""
+    facts += [_version(name) for name in ("z3-solver", "cvc5")]
+    return hashlib.sha256("\0".join(facts).encode("utf-8", "surrogatepass")).hexdigest()[:32]
+
+
+def _version(name: str) -> str:
+    with suppress(importlib.metadata.PackageNotFoundError):
+        return importlib.metadata.version(name)
+    return ""
