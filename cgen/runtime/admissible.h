@@ -266,6 +266,7 @@ static void dl2c_admissible(const dl2c_search *search, int place, const real *wa
                             dl2c_pieces *pieces)
 {
   pieces->count = 0;
+  pieces->low[0] = pieces->high[0] = 0.0; /* no number is read before it is set, which compilers cannot see */
   if (PATHS[search->path].inputs[place].interval) {
     pieces->count = dl2c_interval(search, place, &pieces->low[0], &pieces->high[0]);
     return;

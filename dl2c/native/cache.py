@@ -59,8 +59,9 @@ class CacheEntry:
     used: float
 
 
-def build_key(sources: Mapping[str, str], options: Options) -> str:
-    """The key of a build: `sources` are the texts of the model and its imports by name.
+def build_key(sources: Mapping[str, str], options: Options, known: str = "") -> str:
+    """The key of a build: `sources` are the texts of the model and its imports by name, `known` what its
+    files say of its theorem.
 
     Covers also this version of dl2c, the compiler, its flags, the interpreter's ABI and casadi,
     and for `options.native` the CPU. Raises `CompilerMissing`, `CompilerFailed`.
@@ -69,6 +70,7 @@ def build_key(sources: Mapping[str, str], options: Options) -> str:
     flags = compiler.flags(options.native)
     facts = {
         "sources": dict(sources),
+        "known": known,
         "options": {name: str(value) for name, value in asdict(options).items()},
         "code": code_digest(),
         "compiler": (compiler.command, compiler.version),
@@ -81,17 +83,22 @@ def build_key(sources: Mapping[str, str], options: Options) -> str:
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:KEY_LENGTH]
 
 
+def cache_home() -> Path:
+    """Where everything is kept that can be made again; nothing is created. Raises `NativeError`."""
+    home = os.environ.get("DL2C_CACHE_DIR") or platformdirs.user_cache_dir("dl2c")
+    try:
+        return Path(home).expanduser().absolute()
+    except RuntimeError:
+        raise NativeError(f"there is no home of the user in {home}; {ADVICE}") from None
+
+
 def cache_dir() -> Path:
     """The cache's folder: `builds` in `$DL2C_CACHE_DIR`, or else in the user's cache folder.
 
     Created if need be, readable by this user alone. Raises `NativeError` if it cannot be
     created or belongs to someone else.
     """
-    home = os.environ.get("DL2C_CACHE_DIR") or platformdirs.user_cache_dir("dl2c")
-    try:
-        root = Path(home).expanduser().absolute() / "builds"
-    except RuntimeError:
-        raise NativeError(f"there is no home of the user in {home}; {ADVICE}") from None
+    root = cache_home() / "builds"
     try:
         root.mkdir(mode=0o700, parents=True, exist_ok=True)
         owners = {root.lstat().st_uid, root.stat().st_uid}

@@ -9,7 +9,6 @@ import os
 import sysconfig
 import tempfile
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from dl2c.native.toolchain import (
     link_flags,
     python_include,
     run,
+    run_all,
     user_flags,
     warning_flags,
 )
@@ -95,9 +95,7 @@ def _extension(job: _Job, include: tuple[str, ...]) -> Path:
         *_commands(job, model_o),
         (*job.compiler.command, *lenient, *headers, "-c", str(glue), "-o", glue_o),
     )
-    with ThreadPoolExecutor(len(commands)) as pool:
-        for done in [pool.submit(run, command, job.directory) for command in commands]:
-            done.result()
+    run_all(commands, job.directory)
     return _link(job, (*_objects(job, model_o), glue_o), library_names(job.module)[0])
 
 

@@ -22,6 +22,7 @@ from dl2c.native.manifest import (
     Manifest,
     PredicateSpec,
     Quantity,
+    TheoremSpec,
 )
 from dl2c.options import Options
 from dl2c.paths.path import END
@@ -67,6 +68,7 @@ def manifest_of(build: BuildPlan, key: str, platform: dict[str, str]) -> Manifes
         notes=_notes(build),
         platform=platform,
         conditions=() if build.monitor is None else _conditions(build.monitor),
+        theorem=TheoremSpec(build.claim.theorem or model.name, build.claim.invariant, build.claim.known),
     )
 
 

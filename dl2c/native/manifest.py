@@ -15,7 +15,7 @@ from dl2c.inputs import checked_input, read_text
 from dl2c.native.errors import NativeError
 from dl2c.options import OPTIONS, Options, with_options
 
-MANIFEST_VERSION = 4
+MANIFEST_VERSION = 5
 
 MAX_BYTES = 64 * 1024**2
 """What is longer is no manifest."""
@@ -85,6 +85,16 @@ class ConditionSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class TheoremSpec:
+    """What the model claims: the name of its theorem, the invariant of its loop, "" where it gives none, and
+    what was known when it was built, such as `proved by dl2c verify with z3 5.4.0` or `not checked`."""
+
+    name: str
+    invariant: str
+    known: str
+
+
+@dataclass(frozen=True, slots=True)
 class Manifest:
     """One compiled model. `observations` are the entries of an observation in order.
 
@@ -118,6 +128,7 @@ class Manifest:
     notes: tuple[str, ...]
     platform: dict[str, str]
     conditions: tuple[ConditionSpec, ...]
+    theorem: TheoremSpec
 
     def to_json(self) -> str:
         """Stable text: the same manifest gives the same bytes. Infinite limits are "inf" and "-inf"."""

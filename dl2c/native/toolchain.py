@@ -16,8 +16,8 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -70,6 +70,9 @@ COMPILER_SECONDS = 900
 
 PATIENCE = 2
 """How many times as long a compiler may take that waits for something."""
+
+GRACE = 2.0
+"""Seconds in which a compiler that is to end may clean up."""
 
 VERSION_SECONDS = 60
 MOST_SAID = 10**6
@@ -171,37 +174,62 @@ def run(command: tuple[str, ...], directory: Path) -> None:
 
     Raises `CompilerFailed` with the first useful lines of what it said.
     """
+    run_all([command], directory)
+
+
+def run_all(commands: Iterable[tuple[str, ...]], directory: Path) -> None:
+    """Run compilers like that at the same time; a failure, or Ctrl-C, ends all of them."""
+    with ExitStack() as stack:
+        begun = [stack.enter_context(_begun(command, directory)) for command in commands]
+        for end in begun:
+            end()
+
+
+@contextmanager
+def _begun(command: tuple[str, ...], directory: Path) -> Generator[Callable[[], None]]:
+    """Yields what waits for the end of it."""
     LOG.debug("%s", shlex.join(command))
-    with tempfile.TemporaryFile() as messages:
-        code = _run(command, directory, messages)
-        messages.seek(0)
-        said = first_errors(messages.read(MOST_SAID).decode(errors="replace"))
-    if code != 0:
-        said = said or f"exit code {code} without a message"
-        if "CPU time limit" in said or code in (-signal.SIGKILL, -signal.SIGXCPU):
-            said += f"\nit may take {COMPILER_SECONDS} seconds; the model is too large"
-        raise CompilerFailed(f"{Path(command[0]).name} could not compile the generated code:\n{said}")
+    with tempfile.TemporaryFile() as messages, _process(command, directory, messages) as process:
+        yield lambda: _end(command, process, messages)
 
 
-def _run(command: tuple[str, ...], directory: Path, messages: IO[bytes]) -> int:
-    """The exit code. What it starts itself may outlive it: no pipe is waited for."""
+@contextmanager
+def _process(
+    command: tuple[str, ...], directory: Path, messages: IO[bytes]
+) -> Generator[subprocess.Popen[bytes]]:
+    """What it starts itself may outlive it: no pipe is waited for."""
     nothing = subprocess.DEVNULL
     try:
         process = subprocess.Popen(command, cwd=directory, stdin=nothing, stdout=nothing, stderr=messages)
     except OSError as problem:
         raise CompilerFailed(f"cannot run {command[0]}: {problem.strerror}") from None
-    if sys.platform == "linux":
-        with suppress(OSError, ValueError):
-            resource.prlimit(process.pid, resource.RLIMIT_CPU, (COMPILER_SECONDS, COMPILER_SECONDS))
     try:
-        return process.wait(PATIENCE * COMPILER_SECONDS)
+        if sys.platform == "linux":
+            with suppress(OSError, ValueError):
+                resource.prlimit(process.pid, resource.RLIMIT_CPU, (COMPILER_SECONDS, COMPILER_SECONDS))
+        yield process
+    finally:
+        process.terminate()  # then a compiler removes its temporary files
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(GRACE)
+        process.kill()
+        process.wait()
+
+
+def _end(command: tuple[str, ...], process: subprocess.Popen[bytes], messages: IO[bytes]) -> None:
+    try:
+        code = process.wait(PATIENCE * COMPILER_SECONDS)
     except subprocess.TimeoutExpired:
         raise CompilerFailed(
             f"{command[0]} did not end within {PATIENCE * COMPILER_SECONDS} seconds"
         ) from None
-    finally:
-        process.kill()
-        process.wait()
+    if code != 0:
+        messages.seek(0)
+        said = first_errors(messages.read(MOST_SAID).decode(errors="replace"))
+        said = said or f"exit code {code} without a message"
+        if "CPU time limit" in said or code in (-signal.SIGKILL, -signal.SIGXCPU):
+            said += f"\nit may take {COMPILER_SECONDS} seconds; the model is too large"
+        raise CompilerFailed(f"{Path(command[0]).name} could not compile the generated code:\n{said}")
 
 
 def first_errors(stderr: str) -> str:

@@ -1,0 +1,1 @@
+"""Proofs that a trained policy asks for nothing that its model does not admit."""

@@ -1,0 +1,209 @@
+"""From a model and a policy to the questions whether every request is admissible.
+
+A step begins with statements that the environment executes before the policy observes; each way through
+them is a question of its own. What follows up to the first flow is a set of control paths. A request is
+admissible where some path that it names has all its tests satisfied, with the domain of the flow that it
+leads to.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+
+from dl2c.interval.bounded import interval_of
+from dl2c.interval.contract import contract
+from dl2c.ir.liveness import written
+from dl2c.ir.logic import (
+    always_defined,
+    conjunction,
+    conjuncts,
+    negation,
+    sides,
+    symbols,
+)
+from dl2c.ir.model import (
+    UNBOUNDED,
+    Formula,
+    Model,
+    Number,
+    Symbol,
+    Term,
+)
+from dl2c.paths.enabled import with_exact_domains
+from dl2c.paths.enumerate import Draft, assignments_of, control_drafts, decisions_of
+from dl2c.paths.path import END
+from dl2c.policy.network import Layer, Network
+from dl2c.policy_proof.acting import Acting
+from dl2c.policy_proof.cases import cases_of, in_arithmetic, substituted, term_with
+from dl2c.policy_proof.question import (
+    Arithmetic,
+    NotCovered,
+    Observed,
+    Question,
+    Range,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """About a model: which states, and in which arithmetic. `invariant` is that of its loop, `outside` are
+    states of which nothing is claimed, `fixed` are names with one value.
+    """
+
+    model: Model
+    invariant: Formula
+    outside: Formula
+    fixed: Mapping[str, Fraction]
+    arithmetic: Arithmetic
+
+
+def questions(claim: Claim, policy: Acting) -> tuple[Question, ...]:
+    """One for each way through the statements before the policy observes. Raises `NotCovered`."""
+    model = with_exact_domains(claim.model)
+    drafts = control_drafts(model, model.body)
+    _check(model, drafts)
+    return tuple(_question(claim, model, policy, drafts, lead) for lead in control_drafts(model, model.lead))
+
+
+def _check(model: Model, drafts: Sequence[Draft]) -> None:
+    """Raises `NotCovered`."""
+    if not drafts:
+        raise NotCovered("no control path can be executed")
+    for draft in drafts:
+        if draft.flow is None and draft.target != END:
+            raise NotCovered("there is a while loop before the first flow", draft.span)
+    own = {key for key, _, _ in (d for draft in drafts for d in draft.line.decisions)}
+    for decision in decisions_of(model.body):
+        if decision.role != "agent" and decision.key in own:
+            raise NotCovered(f"the environment decides {decision.key} after the policy", drafts[0].span)
+    for assignment in assignments_of(model.body):
+        if assignment.role != "agent" and any(assignment.key in d.inputs for d in drafts):
+            why = f"the environment gives {assignment.variable} its value after the policy"
+            raise NotCovered(why, assignment.span)
+
+
+def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft], lead: Draft) -> Question:
+    """The question after one way through the leading statements."""
+    if lead.flow is not None or lead.target != END:
+        raise NotCovered("there is a flow or a loop before the policy observes", lead.span)
+    values: dict[Symbol, Term] = {c.symbol: Number(c.value) for c in model.constants if c.value is not None}
+    values |= {
+        Symbol(name, kind): Number(v) for name, v in claim.fixed.items() for kind in ("variable", "constant")
+    }
+    shown = {Symbol(name, "variable"): term for name, term in lead.updates}
+
+    def at_start(formula: Formula) -> Formula:
+        return substituted(formula, values)
+
+    def observed(formula: Formula) -> Formula:
+        return at_start(substituted(formula, shown))
+
+    always = conjunction(c for c in conjuncts(model.precondition) if _is_steady(model, c))
+    hypothesis = conjunction(map(at_start, (always, claim.invariant, lead.tests)))
+    hypothesis = conjunction([hypothesis, observed(claim.outside)])
+    requests, cases = cases_of(model, policy, drafts, observed, claim.arithmetic)
+    names = [_seen(claim, policy, entry, shown, values) for entry in policy.observations]
+    used = symbols(hypothesis, *(c.conclusion for c in cases)) - {r.symbol for r in requests}
+    used |= {o.value for o in names if isinstance(o.value, Symbol)}
+    dimensions = tuple(sorted(used, key=lambda s: (s.kind, s.name)))
+    box = _box(model, hypothesis, dimensions, lead)
+    return Question(
+        dimensions,
+        box,
+        hypothesis,
+        tuple(names),
+        policy.network.scalings,
+        _layers(policy.network),
+        requests,
+        cases,
+        claim.arithmetic,
+    )
+
+
+def _layers(network: Network) -> tuple[Layer, ...]:
+    """Layers with the tanh of actions that are bounded."""
+    last = network.layers[-1]
+    if not network.bounded:
+        return network.layers
+    if last.activation == "identity":
+        return (*network.layers[:-1], replace(last, activation="tanh"))
+    size = len(last.bias)
+    return (*network.layers, Layer(np.eye(size), np.zeros(size), "tanh"))
+
+
+def _changed(model: Model) -> frozenset[str]:
+    return frozenset(written((*model.prefix, *model.lead, *model.body), model.flows))
+
+
+def _is_steady(model: Model, part: Formula) -> bool:
+    """Whether a conjunct of the precondition is about what nothing writes, and so holds throughout."""
+    changed = _changed(model)
+    return all(
+        s.kind == "constant" or (s.kind == "variable" and s.name not in changed) for s in symbols(part)
+    )
+
+
+def _seen(
+    claim: Claim,
+    policy: Acting,
+    entry: tuple[str, float, float],
+    shown: Mapping[Symbol, Term],
+    values: Mapping[Symbol, Term],
+) -> Observed:
+    """What an observation shows. Raises `NotCovered`."""
+    name, low, high = entry
+    known = {
+        s.name: s
+        for s in (*(v.symbol for v in claim.model.variables), *(c.symbol for c in claim.model.constants))
+    }
+    if name not in known:
+        raise NotCovered(f"the policy observes `{name}`, which the model does not have")
+    term = term_with(term_with(known[name], shown), values)
+    narrowed = policy.narrowed and claim.arithmetic != "real"
+    low, high = in_arithmetic(low, claim.arithmetic), in_arithmetic(high, claim.arithmetic)
+    match term:
+        case Number(value):
+            return Observed(name, value, low, high, narrowed)
+        case Symbol():
+            return Observed(name, term, low, high, narrowed)
+        case _:
+            raise NotCovered(f"the policy observes `{name}`, which the environment computes first")
+
+
+def _box(model: Model, hypothesis: Formula, dimensions: Sequence[Symbol], lead: Draft) -> tuple[Range, ...]:
+    """Limits of the states: declared bounds of what is observed or never changes, and what the hypothesis
+    implies of others. Raises `NotCovered`.
+    """
+    changed = _changed(model)
+    kept = [v for v in model.variables if v.observed or v.name not in changed]
+    bounds = {v.symbol: v.bound for v in kept} | {c.symbol: c.bound for c in model.constants}
+    of_key = {a.key: a.variable for a in assignments_of(model.lead)}
+    declared = {v.name: v.bound for v in kept}
+    for key in lead.inputs:
+        bounds[Symbol(key, "input")] = declared.get(of_key.get(key, ""), UNBOUNDED)
+    around = {s: interval_of(bounds.get(s, UNBOUNDED)) for s in {*dimensions, *symbols(hypothesis)}}
+    inside = contract(hypothesis, around)
+    box: list[Range] = []
+    for s in dimensions:
+        bound = bounds.get(s, UNBOUNDED)
+        low, high = bound.low, bound.high
+        if inside is not None:
+            low = Fraction(inside[s].low) if low is None and inside[s].low > -1e300 else low
+            high = Fraction(inside[s].high) if high is None and inside[s].high < 1e300 else high
+        if low is None or high is None:
+            if inside is None:
+                low, high = low or Fraction(0), high or Fraction(0)
+            else:
+                advice = f"declare `bound=[...]` of {s.name}, or give a value with --set {s.name}=VALUE"
+                raise NotCovered(f"`{s.name}` has no bounds", lead.span, advice)
+        box.append((low, high))
+    return tuple(box)
+
+
+def outside_of(excepted: Formula) -> Formula:
+    """States in which a condition does not hold, of terms that always have a value."""
+    if not all(map(always_defined, sides(excepted))):
+        raise NotCovered("the states that are left out are described by a term without a value somewhere")
+    return negation(excepted)

@@ -1,0 +1,242 @@
+"""What must hold of a request, case by case: which alternatives are chosen, and where each value lies.
+
+A conclusion compares requests with numbers, at which its truth may change: the limits to which requests are
+clipped, 0 where it divides by one. So there is a case for each such number and for what lies between two.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from fractions import Fraction
+from itertools import pairwise, product
+
+import numpy as np
+
+from dl2c.ir.functions import FUNCTIONS
+from dl2c.ir.logic import (
+    atoms,
+    conjunction,
+    disjunction,
+    folded,
+    holds,
+    operands,
+    rewritten,
+    subterms,
+    symbols,
+    with_operands,
+    with_sides,
+)
+from dl2c.ir.model import ZERO, Call, Compare, Div, Formula, Model, Number, Symbol, Term, Truth
+from dl2c.paths.enumerate import Draft, decisions_of
+from dl2c.paths.path import Decision
+from dl2c.policy_proof.acting import Acting
+from dl2c.policy_proof.question import Arithmetic, Case, NotCovered, Premise, Request
+
+MOST_CASES = 4096
+
+HALF = Fraction(1, 2)
+
+
+def cases_of(
+    model: Model,
+    policy: Acting,
+    drafts: Sequence[Draft],
+    observed: Callable[[Formula], Formula],
+    arithmetic: Arithmetic,
+) -> tuple[tuple[Request, ...], tuple[Case, ...]]:
+    """The requests of a policy, and all cases. Raises `NotCovered`."""
+    keys = _agents(model)
+    if policy.choices or policy.runs:
+        return (), tuple(_discrete(policy, drafts, keys, observed))
+    requests = _requests(policy, arithmetic)
+    given = {s: r.symbol for s, r in _targets(policy, requests).items()}
+    counts = policy.rounded
+    if counts and tuple(len(d.alternatives) for d in keys) != counts:
+        raise NotCovered("its choices are not those of the model")
+    cases: list[Case] = []
+    for taken in product(*map(range, counts)):
+        chosen = {d.key: k for d, k in zip(keys, taken, strict=False)}
+        paths = [_possible(d, policy.variables, given, requests) for d in drafts if _agrees(d, chosen)]
+        conclusion = observed(disjunction(paths))
+        own = len(requests) - len(counts)
+        fixed = tuple(_alternative(own + k, a, n) for k, (a, n) in enumerate(zip(taken, counts, strict=True)))
+        about = ", ".join(f"{key}={k}" for key, k in chosen.items())
+        cases += _divided(requests[:own], conclusion, fixed, about)
+        if len(cases) > MOST_CASES:
+            raise NotCovered(f"there are more than {MOST_CASES} cases")
+    return requests, tuple(cases)
+
+
+def _agents(model: Model) -> tuple[Decision, ...]:
+    found = {d.key: d for d in decisions_of(model.body) if d.role == "agent"}
+    return tuple(found.values())
+
+
+def _agrees(draft: Draft, chosen: Mapping[str, int]) -> bool:
+    return all(chosen.get(key, k) == k for key, k, _ in draft.line.decisions)
+
+
+def _discrete(
+    policy: Acting, drafts: Sequence[Draft], keys: Sequence[Decision], observed: Callable[[Formula], Formula]
+) -> Iterator[Case]:
+    """A case for each vector of alternatives, of which each is the largest of its group."""
+    if any(d.inputs for d in drafts):
+        raise NotCovered("the policy decides between alternatives only; the model has inputs too")
+    if policy.runs:
+        vectors = [(run, (r,)) for r, run in enumerate(policy.runs)]
+        groups = [range(len(policy.runs))]
+    else:
+        starts = [sum(policy.choices[:k]) for k in range(len(policy.choices))]
+        groups = [range(s, s + n) for s, n in zip(starts, policy.choices, strict=True)]
+        vectors = [(tuple(o - g.start for o, g in zip(v, groups, strict=True)), v) for v in product(*groups)]
+    if len(vectors) > MOST_CASES:
+        raise NotCovered(f"there are more than {MOST_CASES} cases")
+    if len(keys) != len(vectors[0][0]):
+        raise NotCovered("its choices are not those of the model")
+    for taken, winners in vectors:
+        chosen = {d.key: k for d, k in zip(keys, taken, strict=True) if k >= 0}
+        paths = [conjunction([d.tests, *_defined(d)]) for d in drafts if _agrees(d, chosen)]
+        pairs = tuple((w, o) for w, g in zip(winners, groups, strict=True) for o in g if o != w)
+        about = ", ".join(f"{key}={k}" for key, k in chosen.items())
+        yield Case((), pairs, observed(disjunction(paths)), about)
+
+
+def _requests(policy: Acting, arithmetic: Arithmetic) -> tuple[Request, ...]:
+    names = (*policy.inputs, *policy.variables, *(f"choice {k}" for k in range(len(policy.rounded))))
+    low, high = ([in_arithmetic(v, arithmetic) for v in ends] for ends in (policy.low, policy.high))
+    return tuple(
+        Request(Fraction(low), Fraction(high), policy.network.bounded, Symbol(f"request {name}", "input"))
+        for name, low, high in zip(names, low, high, strict=True)
+    )
+
+
+def in_arithmetic(limit: float, arithmetic: Arithmetic) -> float:
+    """A limit as the program has it."""
+    return float(np.float32(limit)) if arithmetic == "float32" else limit
+
+
+def _targets(policy: Acting, requests: Sequence[Request]) -> dict[Symbol, Request]:
+    """What inputs are given."""
+    keys = (Symbol(key, "input") for key in policy.inputs)
+    return dict(zip(keys, requests, strict=False))
+
+
+def _possible(
+    draft: Draft, variables: Sequence[str], given: Mapping[Symbol, Symbol], requests: Sequence[Request]
+) -> Formula:
+    """That a path can be taken with what is requested: of inputs, or of the variables that it leads to."""
+    values: dict[Symbol, Term] = dict(given)
+    updates = dict(draft.updates)
+    equalities: list[Formula] = []
+    for name, request in zip(variables, requests, strict=False):
+        value = updates.get(name, Symbol(name, "variable"))
+        if isinstance(value, Symbol) and value.kind == "input" and value not in values:
+            values[value] = request.symbol
+        else:
+            equalities.append(Compare("=", request.symbol, value))
+    found = conjunction([draft.tests, *_defined(draft), *equalities])
+    free = {s for s in symbols(found) if s.kind == "input" and s.name in draft.inputs} - {*values}
+    if free:
+        name = min(s.name for s in free).removeprefix("assign_")
+        raise NotCovered(f"no output of the policy gives `{name}` its value", draft.span)
+    return substituted(found, values)
+
+
+def _defined(draft: Draft) -> Iterator[Formula]:
+    """That every value that a path assigns is there."""
+    for term in subterms(*(value for _, value in draft.updates)):
+        if isinstance(term, Div):
+            yield Compare("!=", term.right, ZERO)
+        if isinstance(term, Call) and (domain := FUNCTIONS[term.function].domain) is not None:
+            yield from domain(*term.args)
+
+
+def _alternative(request: int, taken: int, count: int) -> Premise:
+    """That a request is rounded to an alternative; a request between two may be rounded to both."""
+    low = None if taken == 0 else taken - HALF
+    high = None if taken == count - 1 else taken + HALF
+    return Premise(request, low, high, False, Fraction(taken))
+
+
+def _divided(
+    requests: Sequence[Request], conclusion: Formula, fixed: tuple[Premise, ...], about: str
+) -> Iterator[Case]:
+    """Cases by where each request lies: at a number that the conclusion compares it with, or between two."""
+    parts = [list(_parts(k, r, conclusion)) for k, r in enumerate(requests)]
+    for chosen in product(*parts):
+        known = {requests[p.request].symbol: p for p in chosen}
+        yield Case((*chosen, *fixed), (), _known(conclusion, known), about)
+
+
+def _parts(k: int, request: Request, conclusion: Formula) -> Iterator[Premise]:
+    low, high = request.low, request.high
+    inner = {c for c in _numbers(conclusion, request.symbol) if low < c < high}
+    marks = [low, *sorted(inner), high]
+    yield Premise(k, None, low, False, low)
+    for before, after in pairwise(marks):
+        if before < after:
+            yield Premise(k, before, after, True, None)
+        if after != high:
+            yield Premise(k, after, after, False, after)
+    if low < high:
+        yield Premise(k, high, None, False, high)
+
+
+def _numbers(formula: Formula, symbol: Symbol) -> Iterator[Fraction]:
+    """Numbers that a symbol is compared with, and 0 where it divides."""
+    for atom in atoms(formula):
+        for a, b in ((atom.left, atom.right), (atom.right, atom.left)):
+            if a == symbol and isinstance(b, Number):
+                yield b.value
+        yield from (Fraction(0) for term in (atom.left, atom.right) if _divides(term, symbol))
+
+
+def _divides(term: Term, symbol: Symbol) -> bool:
+    return (isinstance(term, Div) and term.right == symbol) or any(
+        _divides(t, symbol) for t in operands(term)
+    )
+
+
+def _known(formula: Formula, known: Mapping[Symbol, Premise]) -> Formula:
+    """The formula with what is known of requests: their value, or on which side of a number they are."""
+    values: dict[Symbol, Term] = {s: Number(p.value) for s, p in known.items() if p.value is not None}
+
+    def simplified(atom: Compare) -> Formula:
+        for symbol, premise in known.items():
+            if premise.value is not None:
+                continue
+            if atom.left == symbol and isinstance(atom.right, Number):
+                return _compared(atom, premise, atom.right.value, False)
+            if atom.right == symbol and isinstance(atom.left, Number):
+                return _compared(atom, premise, atom.left.value, True)
+        return atom
+
+    return rewritten(substituted(formula, values), simplified)
+
+
+def _compared(atom: Compare, premise: Premise, number: Fraction, turned: bool) -> Formula:
+    """An atom that compares what lies strictly between two numbers with a number that does not."""
+    assert premise.low is not None and premise.high is not None
+    if premise.low < number < premise.high:
+        return atom
+    middle = (premise.low + premise.high) / 2
+    return Truth(holds(atom.op, number, middle) if turned else holds(atom.op, middle, number))
+
+
+# Substitution --------------------------------------------------------------------------------------
+
+
+def substituted(formula: Formula, values: Mapping[Symbol, Term]) -> Formula:
+    """With symbols replaced, numbers folded, and atoms between numbers decided exactly."""
+    replaced = with_sides(formula, lambda term: term_with(term, values))
+    return rewritten(replaced, _decided)
+
+
+def _decided(atom: Compare) -> Formula:
+    if isinstance(atom.left, Number) and isinstance(atom.right, Number):
+        return Truth(holds(atom.op, atom.left.value, atom.right.value))
+    return atom
+
+
+def term_with(term: Term, values: Mapping[Symbol, Term]) -> Term:
+    if isinstance(term, Symbol):
+        return values.get(term, term)
+    return folded(with_operands(term, tuple(term_with(t, values) for t in operands(term))))

@@ -1,0 +1,226 @@
+"""Certificates of proofs, and their checker.
+
+A certificate is the tree of boxes of each question: for every box, level after level, the dimension along
+which it is split, or what decided it; with digests of the question and of the tree. The checker takes the
+question from model and policy again. It sees that the tree covers the box, and decides every leaf anew, in
+arithmetic of its own (`fixed_point`, `linear_bounds`): it shares no enclosure with the search. Where its
+bounds are not as tight it splits a leaf further. Leaves that Z3 decided are given to Z3 again, with these
+bounds.
+"""
+
+import base64
+import hashlib
+import json
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import inf, nextafter
+from pathlib import Path
+from typing import Any
+
+from dl2c.inputs import checked_input, read_json
+from dl2c.ir.model import Symbol
+from dl2c.policy.network import PolicyError
+from dl2c.policy_proof.fixed_point import ONE, Ends, down, judged, up
+from dl2c.policy_proof.leaves import decided
+from dl2c.policy_proof.linear_bounds import Form, NetworkBounds
+from dl2c.policy_proof.question import Case, NotCovered, Question
+from dl2c.policy_proof.search import BY_BOUNDS, BY_SOLVER, NO_STATE
+from dl2c.smt.query import Oracle
+
+FORMAT, VERSION = "dl2c-policy-proof", 1
+MAX_BYTES = 2**28
+MOST_SPLITS = 16
+"""How often a leaf is split further."""
+
+SOLVER_SECONDS = 10.0
+"""For a case of a leaf."""
+
+
+class CertificateError(PolicyError):
+    """A certificate that does not prove what it is said to prove."""
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """How many leaves there are, and how many of them rest on Z3."""
+
+    leaves: int
+    by_solver: int
+
+
+def digest(question: Question) -> str:
+    """What a certificate is about: every number of the question, and of the policy."""
+    parts = [repr(getattr(question, n)) for n in ("dimensions", "box", "hypothesis", "observed", "requests")]
+    parts += [repr(question.cases), question.arithmetic]
+    made = hashlib.sha256("\0".join(parts).encode())
+    for scaling in question.scalings:
+        made.update(scaling.center.tobytes() + scaling.scale.tobytes() + repr(scaling.clip).encode())
+    for layer in question.layers:
+        made.update(f"{layer.weight.shape}{layer.activation}".encode())
+        made.update(layer.weight.tobytes() + layer.bias.tobytes())
+    return made.hexdigest()
+
+
+def certificate(questions: Sequence[Question], trees: Sequence[Sequence[bytes]]) -> str:
+    """The text of a certificate."""
+    entries: list[dict[str, Any]] = []
+    for question, levels in zip(questions, trees, strict=True):
+        content = b"".join(levels)
+        entries.append(
+            {
+                "question": digest(question),
+                "levels": [len(level) for level in levels],
+                "tree": base64.b64encode(zlib.compress(content, 9)).decode(),
+                "digest": hashlib.sha256(content).hexdigest(),
+            }
+        )
+    return json.dumps({"format": FORMAT, "version": VERSION, "proofs": entries}, indent=1) + "\n"
+
+
+def check(path: Path, questions: Sequence[Question]) -> Checked:
+    """Check a certificate. Raises `CertificateError`, `NotCovered`, `OSError`."""
+    with checked_input(CertificateError, f"{path} is no certificate"):
+        top = read_json(path, MAX_BYTES)
+        if top["format"] != FORMAT or top["version"] != VERSION:
+            raise CertificateError(f"{path} is of another version")
+        entries: list[Any] = list(top["proofs"])
+        trees = [_tree(entry) for entry in entries]
+        digests = [entry["question"] for entry in entries]
+    if digests != [digest(q) for q in questions]:
+        raise CertificateError(f"{path} is about another model, policy or claim")
+    leaves = solved = 0
+    for question, levels in zip(questions, trees, strict=True):
+        checker = _Checker(question)
+        for box, code in _leaves(question, levels):
+            leaves += 1
+            solved += code == BY_SOLVER
+            if not checker.decides(box, code):
+                raise CertificateError(f"{path}: a box is not proved: {box}")
+    return Checked(leaves, solved)
+
+
+def _tree(entry: Mapping[str, Any]) -> list[bytes]:
+    packed = zlib.decompressobj()
+    try:
+        content = packed.decompress(base64.b64decode(entry["tree"], validate=True), MAX_BYTES)
+    except zlib.error as problem:
+        raise CertificateError(f"the tree cannot be read: {problem}") from None
+    if hashlib.sha256(content).hexdigest() != entry["digest"] or not packed.eof:
+        raise CertificateError("the tree is not what it was")
+    levels: list[bytes] = []
+    for size in entry["levels"]:
+        levels.append(content[:size])
+        content = content[size:]
+    if content:
+        raise CertificateError("the tree is longer than its levels")
+    return levels
+
+
+Box = tuple[tuple[float, float], ...]
+
+
+def _leaves(question: Question, levels: Sequence[bytes]) -> Iterator[tuple[Box, int]]:
+    """The leaves with what decided them. They cover the box: each box of a level is split or a leaf."""
+    boxes: list[Box] = [tuple((_below(low), -_below(-high)) for low, high in question.box)]
+    for codes in levels:
+        if len(codes) != len(boxes):
+            raise CertificateError("a level of the tree has not as many boxes as were split before")
+        halves: list[Box] = []
+        for box, code in zip(boxes, codes, strict=True):
+            if code in (BY_BOUNDS, NO_STATE, BY_SOLVER):
+                yield box, code
+            elif code < len(box):
+                halves += _halves(box, code)
+            else:
+                raise CertificateError("a box of the tree is neither split nor decided")
+        boxes = halves
+    if boxes:
+        raise CertificateError("the tree ends before all boxes are decided")
+
+
+def _below(value: Fraction) -> float:
+    """The nearest double that is not above."""
+    nearest = float(value)
+    return nearest if Fraction(nearest) <= value else nextafter(nearest, -inf)
+
+
+def _halves(box: Box, at: int) -> tuple[Box, Box]:
+    low, high = box[at]
+    middle = low + 0.5 * (high - low)
+    return (*box[:at], (low, middle), *box[at + 1 :]), (*box[:at], (middle, high), *box[at + 1 :])
+
+
+class _Checker:
+    def __init__(self, question: Question) -> None:
+        if any(layer.activation not in ("identity", "relu") for layer in question.layers):
+            raise NotCovered("certificates are checked for networks of relu")
+        self.question = question
+        self.network = NetworkBounds(question)
+        self.widths = [max(float(high - low), 1e-300) for low, high in question.box]
+        pairs = dict.fromkeys(pair for case in question.cases for pair in case.largest)
+        self.wanted = [*((k, -1) for k in range(len(question.requests))), *pairs]
+
+    def decides(self, box: Box, code: int, splits: int = MOST_SPLITS) -> bool:
+        """Whether a leaf is what it is said to be, perhaps after splitting it."""
+        ends = [(down(Fraction(low)), up(Fraction(high))) for low, high in box]
+        values = dict(zip(self.question.dimensions, ends, strict=True))
+        if judged(self.question.hypothesis, values) == "false":
+            return True
+        if code == BY_SOLVER:
+            return self._solver_proves(box, ends)
+        if code == BY_BOUNDS and self._proves(ends, values):
+            return True
+        if splits == 0 or not box:
+            return False
+        shares = [(high - low) / w for (low, high), w in zip(box, self.widths, strict=True)]
+        return all(self.decides(half, code, splits - 1) for half in _halves(box, shares.index(max(shares))))
+
+    def _solver_proves(self, box: Box, ends: Sequence[Ends]) -> bool:
+        linear = [
+            [[Fraction(v, ONE) for v in (form.middle, *form.slopes)] for form in pair]
+            for pair in self.network.outputs(ends, self.wanted)
+        ]
+        middles = [(low + high) >> 1 for low, high in ends]
+        around = zip(middles, ends, strict=True)
+        centers = [(Fraction(m, ONE), Fraction(max(high - m, m - low), ONE)) for m, (low, high) in around]
+        return decided(self.question, linear, box, centers, Oracle(SOLVER_SECONDS, 60.0)).proved
+
+    def _proves(self, ends: Sequence[Ends], values: Mapping[Symbol, Ends]) -> bool:
+        bounds = self.network.outputs(ends, self.wanted)
+        ranges = [self._range(k, *pair) for k, pair in enumerate(bounds)]
+        return all(self._ends_well(case, ranges, dict(values)) for case in self.question.cases)
+
+    def _range(self, k: int, below: Form, above: Form) -> Ends:
+        """The values of an output, stretched as a request is."""
+        low = below.middle - sum(map(abs, below.slopes)) - below.radius
+        high = above.middle + sum(map(abs, above.slopes)) + above.radius
+        requests = self.question.requests
+        if k >= len(requests) or not requests[k].stretched:
+            return low, high
+        least, most = requests[k].low, requests[k].high
+        slope, size = (most - least) / 2, 2 * (abs(least) + abs(most))
+        largest = Fraction(max(abs(low), abs(high)), ONE)
+        error = 16 * (self.network.unit * (slope * largest + size) + self.network.smallest)
+        ends = [least + slope * (1 + Fraction(v, ONE)) for v in (low, high)]
+        return down(ends[0] - error), up(ends[1] + error)
+
+    def _ends_well(self, case: Case, ranges: Sequence[Ends], values: dict[Symbol, Ends]) -> bool:
+        """Whether a case is impossible, or its conclusion holds."""
+        nonzero: set[Symbol] = set()
+        for p in case.premises:
+            low, high = ranges[p.request]
+            low = low if p.low is None else max(low, down(p.low))
+            high = high if p.high is None else min(high, up(p.high))
+            if low > high:
+                return True
+            symbol = self.question.requests[p.request].symbol
+            if p.value is None:
+                values[symbol] = low, high
+                if p.low is not None and p.high is not None and (p.low >= 0 or p.high <= 0):
+                    nonzero.add(symbol)
+        for pair in case.largest:
+            if ranges[self.wanted.index(pair)][1] < 0:
+                return True
+        return judged(case.conclusion, values, frozenset(nonzero)) == "true"

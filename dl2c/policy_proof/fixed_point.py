@@ -1,0 +1,155 @@
+"""Intervals of whole numbers over a power of two, rounded outwards: the arithmetic of the checker.
+
+A number x stands for x / 2^SCALE. Shares no code with the enclosures of the search.
+"""
+
+from collections.abc import Mapping
+from fractions import Fraction
+from math import isqrt
+from typing import Literal, TypeAlias
+
+from dl2c.ir.model import (
+    Add,
+    And,
+    Call,
+    Compare,
+    Div,
+    Formula,
+    Mul,
+    Neg,
+    Number,
+    Pow,
+    Sub,
+    Symbol,
+    Term,
+    Truth,
+)
+
+SCALE = 96
+ONE = 1 << SCALE
+
+UNLIMITED = 1 << 4000
+"""Stands for no limit: an upper end so large, or a lower end so small, is never the smaller or larger one."""
+
+Ends: TypeAlias = tuple[int, int]
+"""Low and high."""
+
+Verdict: TypeAlias = Literal["true", "false", "open"]
+
+
+def down(value: Fraction) -> int:
+    """The number below."""
+    return (value.numerator << SCALE) // value.denominator
+
+
+def up(value: Fraction) -> int:
+    """The number above."""
+    return -((-value.numerator << SCALE) // value.denominator)
+
+
+def product(a: Ends, b: Ends) -> Ends:
+    corners = (a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1])
+    return min(corners) >> SCALE, -(-max(corners) >> SCALE)
+
+
+def quotient(a: Ends, b: Ends, nonzero: bool = False) -> Ends | None:
+    """a / b; None where b may be 0. Where it is not, though its span begins or ends there, quotients are
+    unlimited on one side.
+    """
+    if b[0] < 0 and b[1] == 0:
+        return quotient((-a[1], -a[0]), (0, -b[0]), nonzero)
+    if nonzero and b[0] == 0 < b[1]:
+        low = (a[0] << SCALE) // b[1] if a[0] >= 0 else -UNLIMITED
+        return low, -((-a[1] << SCALE) // b[1]) if a[1] <= 0 else UNLIMITED
+    if b[0] <= 0 <= b[1]:
+        return None
+    tops = [(x << SCALE, y) for x in a for y in b]
+    return min(x // y for x, y in tops), max(-(-x // y) for x, y in tops)
+
+
+def enclosed(term: Term, box: Mapping[Symbol, Ends], nonzero: frozenset[Symbol]) -> Ends | None:
+    """An enclosure of a term's values; None where it may have none, or where none is known. Symbols in
+    `nonzero` are not 0.
+    """
+    match term:
+        case Number(value):
+            return down(value), up(value)
+        case Symbol():
+            return box[term]
+        case Call("sqrt" | "abs", (inner,)):
+            a = enclosed(inner, box, nonzero)
+            return None if a is None else _root(a) if term.function == "sqrt" else _magnitude(a)
+        case Neg(inner) | Pow(inner, _):
+            a = enclosed(inner, box, nonzero)
+            if a is None:
+                return None
+            return (-a[1], -a[0]) if isinstance(term, Neg) else _power(a, term.exponent)
+        case Add() | Sub() | Mul() | Div() | Call("min" | "max"):
+            left, right = term.args if isinstance(term, Call) else (term.left, term.right)
+            a, b = enclosed(left, box, nonzero), enclosed(right, box, nonzero)
+            if a is None or b is None:
+                return None
+            return quotient(a, b, right in nonzero) if isinstance(term, Div) else _joined(term, a, b)
+        case _:
+            return None
+
+
+def _joined(term: Term, a: Ends, b: Ends) -> Ends:
+    match term:
+        case Add():
+            return a[0] + b[0], a[1] + b[1]
+        case Sub():
+            return a[0] - b[1], a[1] - b[0]
+        case Mul(left, right):
+            return _power(a, 2) if left == right else product(a, b)
+        case Call("min"):
+            return min(a[0], b[0]), min(a[1], b[1])
+        case _:
+            return max(a[0], b[0]), max(a[1], b[1])
+
+
+def _magnitude(a: Ends) -> Ends:
+    return max(0, a[0], -a[1]), max(-a[0], a[1])
+
+
+def _power(a: Ends, exponent: int) -> Ends:
+    base = _magnitude(a) if exponent % 2 == 0 else a
+    made = base
+    for _ in range(exponent - 1):
+        made = product(made, base)
+    return made
+
+
+def _root(a: Ends) -> Ends | None:
+    return None if a[0] < 0 else (isqrt(a[0] << SCALE), isqrt(a[1] << SCALE) + 1)
+
+
+def judged(formula: Formula, box: Mapping[Symbol, Ends], nonzero: frozenset[Symbol] = frozenset()) -> Verdict:
+    """Whether a formula holds on a whole box, nowhere on it, or neither is known."""
+    match formula:
+        case Truth(value):
+            return "true" if value else "false"
+        case Compare(op, left, right):
+            a, b = enclosed(left, box, nonzero), enclosed(right, box, nonzero)
+            return "open" if a is None or b is None else _compared(op, a, b)
+        case _:
+            parts = {judged(c, box, nonzero) for c in formula.children}
+            ends: tuple[Verdict, Verdict] = (
+                ("false", "true") if isinstance(formula, And) else ("true", "false")
+            )
+            return ends[0] if ends[0] in parts else "open" if "open" in parts else ends[1]
+
+
+def _compared(op: str, a: Ends, b: Ends) -> Verdict:
+    if op in (">", ">="):
+        return _compared("<" if op == ">" else "<=", b, a)
+    if op == "<":
+        return "true" if a[1] < b[0] else "false" if a[0] >= b[1] else "open"
+    if op == "<=":
+        return "true" if a[1] <= b[0] else "false" if a[0] > b[1] else "open"
+    unequal: Verdict = (
+        "true" if a[1] < b[0] or b[1] < a[0] else "false" if a[0] == a[1] == b[0] == b[1] else "open"
+    )
+    if op == "!=":
+        return unequal
+    return "open" if unequal == "open" else "false" if unequal == "true" else "true"

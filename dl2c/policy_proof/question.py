@@ -1,0 +1,97 @@
+"""What is asked of a policy, as data: on which states, what it observes, and what its outputs must satisfy.
+
+A question is about real numbers. Its states are a box over `dimensions`, names of the model, restricted by
+the hypothesis. The policy observes some of these and fixed numbers; its outputs are requests between
+limits, or numbers of which the largest counts. Each case says what outputs it is about, and what then must
+hold of the state and of the requests.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal, TypeAlias
+
+from dl2c.diagnostics import CompileError, error
+from dl2c.ir.model import Formula, Symbol
+from dl2c.policy.network import Layer, Scaling
+from dl2c.source import NOWHERE, Span
+
+Range: TypeAlias = tuple[Fraction, Fraction]
+Arithmetic: TypeAlias = Literal["double", "float32", "real"]
+
+
+class NotCovered(CompileError):
+    """A model or a policy of which nothing can be said; the diagnostic says why."""
+
+    def __init__(self, why: str, span: Span = NOWHERE, advice: str = "") -> None:
+        super().__init__(
+            error("policy-not-covered", "nothing can be proved of this policy", span, why, advice)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """A name that is observed, or its fixed value. It is `rounded` to float32 where the program does so, and
+    then clipped to the limits.
+    """
+
+    name: str
+    value: Symbol | Fraction
+    low: float
+    high: float
+    rounded: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """An output as a request: stretched from -1..1 over the limits where `stretched`, and clipped to them."""
+
+    low: Fraction
+    high: Fraction
+    stretched: bool
+    symbol: Symbol
+
+
+@dataclass(frozen=True, slots=True)
+class Premise:
+    """A request, before it is clipped, is between two numbers, not at them where `inside`. `value` is what is
+    then asked for, None where it is the request itself.
+    """
+
+    request: int
+    low: Fraction | None
+    high: Fraction | None
+    inside: bool
+    value: Fraction | None
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """`premises` are about requests. `largest` are pairs of outputs: the first is at least the second. Where
+    all that is so, the conclusion must hold.
+    """
+
+    premises: tuple[Premise, ...]
+    largest: tuple[tuple[int, int], ...]
+    conclusion: Formula
+    about: str
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """All of it. `requests` have symbols that occur in conclusions."""
+
+    dimensions: tuple[Symbol, ...]
+    box: tuple[Range, ...]
+    hypothesis: Formula
+    observed: tuple[Observed, ...]
+    scalings: tuple[Scaling, ...]
+    layers: tuple[Layer, ...]
+    requests: tuple[Request, ...]
+    cases: tuple[Case, ...]
+    arithmetic: Arithmetic
+
+    @property
+    def fixed(self) -> Mapping[str, Fraction]:
+        """Observed names with one value."""
+        return {o.name: o.value for o in self.observed if isinstance(o.value, Fraction)}

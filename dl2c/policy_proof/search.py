@@ -1,0 +1,197 @@
+"""Branch and bound: boxes of states are judged, and those that stay open are split, level after level.
+
+What is judged where does not depend on the number of threads. Boxes that are still open when they are small
+are given to `leaves`; suspect ones are judged exactly. The tree of boxes is kept: for every box in the
+order of levels the dimension along which it is split at its middle, or what decided it.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from dl2c.native.boxes import NO_SPLIT, OPEN, OUTSIDE, PROVED, SUSPECT, Bytes, Doubles, Judge
+from dl2c.policy_proof.exact import Violation, violation
+from dl2c.policy_proof.leaves import ask
+from dl2c.policy_proof.question import Question
+from dl2c.policy_proof.tables import box_of, tables_of
+from dl2c.smt.query import Oracle
+
+Answer: TypeAlias = Literal["proved", "refuted", "unknown"]
+
+CHUNK = 2048
+"""Boxes between two looks at the clock."""
+
+MOST_BOXES = 2_000_000
+"""Of one level."""
+
+MOST_LEVELS = 200
+
+FIRST_LEAVES, EACH_LEVELS, MOST_LEAVES = 24, 4, 64
+"""From which level on, how often and of how many boxes Z3 is asked."""
+
+LEAF_SECONDS, LEAVES_SECONDS = 1.0, 600.0
+
+BY_SOLVER, LEFT_OPEN = 250, 251
+BY_BOUNDS, NO_STATE = 252, 253
+"""In the tree: what decided a box that is not split; dimensions are smaller numbers."""
+
+
+@dataclass(slots=True)
+class Limits:
+    """Of one search. `note` is told how far it is."""
+
+    seconds: float = 60.0
+    threads: int = 2
+    note: Callable[[str], None] = lambda _: None
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """`share` of the volume of the box is decided. `open_boxes` are some of those that are not, each low and
+    high by name. `by_solver` counts boxes that Z3 decided. `states`: some box may have
+    states of the hypothesis.
+    """
+
+    answer: Answer
+    boxes: int
+    by_solver: int
+    share: float
+    seconds: float
+    violation: Violation | None = None
+    open_boxes: tuple[dict[str, tuple[float, float]], ...] = ()
+    tree: tuple[bytes, ...] = ()
+    reason: str = ""
+    states: bool = True
+
+
+@dataclass(slots=True)
+class _Search:
+    question: Question
+    judge: Judge
+    limits: Limits
+    begun: float = field(default_factory=time.monotonic)
+    boxes: int = 0
+    by_solver: int = 0
+    decided: float = 0.0
+    tree: list[Bytes] = field(default_factory=list[Bytes])
+    oracle: Oracle = field(default_factory=lambda: Oracle(LEAF_SECONDS, LEAVES_SECONDS))
+
+    def run(self) -> Found:
+        level = box_of(self.question)[None]
+        self.oracle.total = min(LEAVES_SECONDS, self.limits.seconds)
+        widths = np.maximum(level[0, :, 1] - level[0, :, 0], np.finfo(float).tiny)
+        for number in range(MOST_LEVELS):
+            share = f"{self.decided:.2%} decided, {len(level)} boxes open"
+            self.limits.note(share)
+            verdicts, splits, found = self._judged(level)
+            self.boxes += len(verdicts)
+            if found is not None:
+                return self._found("refuted", level, found)
+            if len(verdicts) < len(level):
+                return self._found("unknown", level, reason=f"after {self.limits.seconds:g} seconds")
+            codes = np.where(verdicts == PROVED, BY_BOUNDS, np.where(verdicts == OUTSIDE, NO_STATE, splits))
+            left = np.flatnonzero((verdicts == OPEN) | (verdicts == SUSPECT))
+            if number >= FIRST_LEAVES and number % EACH_LEVELS == 0 and len(left) <= MOST_LEAVES:
+                found = self._asked(level, left, codes)
+                if found is not None:
+                    return self._found("refuted", level, found)
+            codes[codes == NO_SPLIT] = LEFT_OPEN
+            self.tree.append(codes.astype(np.uint8))
+            final = codes >= BY_SOLVER
+            self.decided += _volume(level[final & (codes != LEFT_OPEN)], widths)
+            if (codes == LEFT_OPEN).any():
+                return self._found("unknown", level[codes == LEFT_OPEN], reason="boxes that cannot be split")
+            if final.all():
+                return self._found("proved", level)
+            level = _halves(level[~final], codes[~final])
+            if len(level) > MOST_BOXES:
+                return self._found("unknown", level, reason=f"after {MOST_BOXES} open boxes")
+        return self._found("unknown", level, reason=f"after {MOST_LEVELS} levels")
+
+    def _judged(self, level: Doubles) -> tuple[Bytes, Bytes, Violation | None]:
+        """Verdicts and dimensions, as far as time goes; the first violation that is confirmed."""
+        verdicts: list[Bytes] = []
+        splits: list[Bytes] = []
+        for first in range(0, len(level), CHUNK):
+            if self._late():
+                break
+            chunk = level[first : first + CHUNK]
+            judged, along = self.judge.verdicts(chunk, self.limits.threads)
+            verdicts.append(judged)
+            splits.append(along)
+            for k in np.flatnonzero(judged == SUSPECT)[:4]:
+                point = self.judge.middle(chunk[k])
+                if point is not None and (found := self._confirmed(point.tolist())) is not None:
+                    return np.concatenate(verdicts), np.concatenate(splits), found
+        empty = np.empty(0, np.uint8)
+        return np.concatenate([empty, *verdicts]), np.concatenate([empty, *splits]), None
+
+    def _confirmed(self, point: list[float]) -> Violation | None:
+        state = {s: Fraction(v) for s, v in zip(self.question.dimensions, point, strict=True)}
+        return violation(self.question, state)
+
+    def _asked(self, level: Doubles, left: np.ndarray, codes: np.ndarray) -> Violation | None:
+        """Let Z3 decide boxes that are open; a violation, if one is confirmed."""
+        for k in left:
+            if self._late():
+                return None
+            leaf = ask(self.question, self.judge, level[k], self.oracle)
+            if leaf.proved:
+                codes[k] = BY_SOLVER
+                self.by_solver += 1
+            elif leaf.suspect is not None:
+                state = {s: leaf.suspect[s.name] for s in self.question.dimensions}
+                if (found := violation(self.question, state)) is not None:
+                    return found
+        return None
+
+    def _late(self) -> bool:
+        return time.monotonic() - self.begun > self.limits.seconds
+
+    def _found(
+        self, answer: Answer, level: Doubles, violated: Violation | None = None, reason: str = ""
+    ) -> Found:
+        names = [s.name for s in self.question.dimensions]
+        some = level[:5] if answer == "unknown" else level[:0]
+        return Found(
+            answer,
+            self.boxes,
+            self.by_solver,
+            1.0 if answer == "proved" else min(self.decided, 1.0),
+            time.monotonic() - self.begun,
+            violated,
+            tuple(_by_name(names, box) for box in some),
+            tuple(codes.tobytes() for codes in self.tree) if answer == "proved" else (),
+            reason,
+            any(np.isin(codes, (BY_SOLVER, BY_BOUNDS)).any() for codes in self.tree),
+        )
+
+
+def search(question: Question, limits: Limits) -> Found:
+    """Look for a proof and for a violation. Raises `NotCovered`, `NativeError`."""
+    return _Search(question, Judge(tables_of(question)), limits).run()
+
+
+def _by_name(names: Sequence[str], box: Doubles) -> dict[str, tuple[float, float]]:
+    return {n: (float(low), float(high)) for n, (low, high) in zip(names, box, strict=True)}
+
+
+def _volume(boxes: Doubles, widths: Doubles) -> float:
+    """The volume of boxes (n, dimensions, 2), as a share."""
+    shares = np.where(widths > np.finfo(float).tiny, (boxes[:, :, 1] - boxes[:, :, 0]) / widths, 1.0)
+    return float(np.prod(shares, axis=1).sum())
+
+
+def _halves(boxes: Doubles, along: np.ndarray) -> Doubles:
+    """Both halves of each box, one after the other: split at the middle of a dimension."""
+    rows = np.arange(len(boxes))
+    low, high = boxes[rows, along, 0], boxes[rows, along, 1]
+    middle = low + 0.5 * (high - low)
+    first, second = boxes.copy(), boxes.copy()
+    first[rows, along, 1] = middle
+    second[rows, along, 0] = middle
+    return np.stack([first, second], axis=1).reshape(-1, *boxes.shape[1:])

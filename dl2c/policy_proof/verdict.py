@@ -1,0 +1,135 @@
+"""The answers for a policy: whether every request is admissible, with what was done to find out."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+from dl2c.ir.printer import print_formula, print_number
+from dl2c.policy_proof.acting import Acting
+from dl2c.policy_proof.build import Claim, questions
+from dl2c.policy_proof.certificate import certificate
+from dl2c.policy_proof.exact import Violation
+from dl2c.policy_proof.question import Question
+from dl2c.policy_proof.search import Answer, Found, Limits, search
+
+NOT_CHECKED = ("kept", "for ever")
+"""Claims of which nothing is said: that steps stay within the bounds, and that this goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyReport:
+    """`found` has what came out of each question. `covers` says in words what the claim is about."""
+
+    model: str
+    policy: str
+    covers: tuple[str, ...]
+    arithmetic: str
+    found: tuple[Found, ...]
+    warnings: tuple[str, ...]
+    seconds: float
+    questions: tuple[Question, ...] = ()
+
+    @property
+    def certificate(self) -> str:
+        """The text of the certificate of a proof."""
+        assert self.answer == "proved"
+        return certificate(self.questions, [f.tree for f in self.found])
+
+    @property
+    def answer(self) -> Answer:
+        """The worst answer."""
+        answers = {f.answer for f in self.found}
+        return "refuted" if "refuted" in answers else "unknown" if "unknown" in answers else "proved"
+
+    @property
+    def violation(self) -> Violation | None:
+        return next((f.violation for f in self.found if f.violation is not None), None)
+
+    @property
+    def share(self) -> float:
+        """The share of the volume that is decided, averaged over questions."""
+        return sum(f.share for f in self.found) / len(self.found)
+
+    def to_json(self) -> dict[str, Any]:
+        """The report as data."""
+        return {
+            "model": self.model,
+            "policy": self.policy,
+            "arithmetic": self.arithmetic,
+            "covers": list(self.covers),
+            "answer": self.answer,
+            "claims": {"admissible": self.answer} | dict.fromkeys(NOT_CHECKED, "not checked"),
+            "boxes": sum(f.boxes for f in self.found),
+            "boxes_by_z3": sum(f.by_solver for f in self.found),
+            "decided": self.share,
+            "seconds": round(self.seconds, 3),
+            "reasons": [f.reason for f in self.found if f.reason],
+            "open": [{n: list(ends) for n, ends in box.items()} for f in self.found for box in f.open_boxes],
+            "counterexample": None if self.violation is None else _as_data(self.violation),
+            "warnings": list(self.warnings),
+        }
+
+
+def _as_data(found: Violation) -> dict[str, Any]:
+    return {
+        "state": {name: str(value) for name, value in found.state.items()},
+        "outputs": [float(v) for v in found.outputs],
+        "requests": {name: str(value) for name, value in found.requests.items()},
+        "choices": found.about,
+        "violated": print_formula(found.violated),
+    }
+
+
+def verified(claim: Claim, policy: Acting, limits: Limits, names: tuple[str, str]) -> PolicyReport:
+    """Ask all questions, within the time for all. `names` are those of model and policy.
+
+    Raises `NotCovered`, `NativeError`.
+    """
+    begun = time.monotonic()
+    asked = questions(claim, policy)
+    found: list[Found] = []
+    for question in asked:
+        left = limits.seconds - (time.monotonic() - begun)
+        found.append(search(question, replace(limits, seconds=max(left, 0.0))))
+        if found[-1].answer == "refuted":
+            break
+    hypotheses = tuple(map(_states, asked))
+    seconds = time.monotonic() - begun
+    warnings = tuple(_warnings(claim, found))
+    return PolicyReport(*names, hypotheses, claim.arithmetic, tuple(found), warnings, seconds, asked)
+
+
+def _states(question: Question) -> str:
+    """What is assumed, in words: limits and the hypothesis."""
+    limits = [
+        f"{decimal(low)} <= {s.name} <= {decimal(high)}"
+        for s, (low, high) in zip(question.dimensions, question.box, strict=True)
+    ]
+    limits += [f"{name} = {decimal(value)}" for name, value in question.fixed.items()]
+    return f"{', '.join(limits)}; {print_formula(question.hypothesis)}"
+
+
+def _warnings(claim: Claim, found: Sequence[Found]) -> list[str]:
+    said: list[str] = []
+    if all(f.answer == "proved" and not f.states for f in found):
+        said.append("no state satisfies what is assumed: the proof says nothing")
+    if _goes_on(claim):
+        said.append("tests and domains after the first motion of a step are not part of the claim")
+    return said
+
+
+def _goes_on(claim: Claim) -> bool:
+    """Whether a step tests something after its first flow."""
+    from dl2c.ir.liveness import statements
+    from dl2c.ir.model import Evolve
+
+    flows = [s for s in statements(claim.model.body) if isinstance(s, Evolve)]
+    return bool(flows) and not isinstance(claim.model.body[-1], Evolve)
+
+
+def decimal(value: Fraction) -> str:
+    """A number for readers: exact where that is short."""
+    exact = print_number(value)
+    return exact if len(exact) <= 12 else f"{float(value)!r}"
