@@ -25,6 +25,7 @@ from dl2c.commands.report import report as report_command
 from dl2c.commands.rollout import rollout
 from dl2c.commands.train import train
 from dl2c.commands.verbosity import begin, quiet, talkative
+from dl2c.commands.verify import verify
 from dl2c.commands.waiting import working
 from dl2c.interruption import INTERRUPTED, was_asked
 from dl2c.outputs import output_folder, write_output
@@ -158,7 +159,7 @@ def check(
     options: Mapping[str, Any],
 ) -> None:
     """Report every error and warning in a model, and what it may not mean."""
-    from dl2c.commands.check import diagnostics_of, fixed
+    from dl2c.commands.check import diagnostics_of, fixed, unverified
 
     corrections = fixed(model) if fix else 0
     with working(f"checking {model}"):
@@ -173,6 +174,8 @@ def check(
     if not (json or quiet()):
         made = f"{corrections} correction{'s' * (corrections != 1)}, " if fix else ""
         print(f"{model}: {made}no errors, {len(found)} warning{'s' * (len(found) != 1)}")
+        if unverified(model, options):
+            print(f"whether its theorem holds is not known: `dl2c verify {model}` tries to prove it")
     if prove_coverage:
         from dl2c.commands.sample import report_coverage
 
@@ -256,6 +259,7 @@ def sample(
     present(drawn, csv_file, plot, json)
 
 
+app.command()(model_options(verify))
 app.command()(model_options(rollout))
 app.command()(model_options(train))
 app.command()(model_options(falsify))

@@ -7,6 +7,9 @@ words, and when its work is done. A program that imports dl2c keeps its own way 
 import os
 import signal
 import sys
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
 from itertools import pairwise
 from types import FrameType
 
@@ -28,6 +31,30 @@ def raise_again() -> None:
     if signal.getsignal(signal.SIGINT) is _end:
         signal.signal(signal.SIGINT, _raise)
         sys.unraisablehook = _again
+
+
+@contextmanager
+def later() -> Generator[None]:
+    """Ctrl-C waits for the end of the block, and never comes to the processes that begin in it."""
+    asked = False
+
+    def note(_number: int, _frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
+
+    before = signal.getsignal(signal.SIGINT)
+    heeded = callable(before) and threading.current_thread() is threading.main_thread()
+    if heeded:
+        signal.signal(signal.SIGINT, note)
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if heeded:
+            signal.signal(signal.SIGINT, before)
+        if asked:
+            signal.raise_signal(signal.SIGINT)
 
 
 def was_asked() -> bool:
@@ -55,7 +82,6 @@ def _again(dropped: "sys.UnraisableHookArgs") -> None:
     """
     if issubclass(dropped.exc_type, KeyboardInterrupt):
         import _thread
-        import threading
 
         threading.Timer(0.01, _thread.interrupt_main).start()
     elif not _asked:

@@ -7,12 +7,12 @@ source --parsed--> entry --resolved--> problem --lowered--> step model --planned
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, wraps
+from functools import cached_property, lru_cache, reduce, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from dl2c.configuration import configured
-from dl2c.diagnostics import CompileError, Diagnostic, as_stored, error, in_source_order, restored, warning
+from dl2c.diagnostics import CompileError, Diagnostic, as_stored, in_source_order, restored, warning
 from dl2c.inputs import checked_input, read_json
 from dl2c.ir.model import LARGEST_STATE, TRUE
 from dl2c.ir.printer import print_model
@@ -22,7 +22,7 @@ from dl2c.native.cache import build_key, cached
 from dl2c.options import IN_EPISODE, Options, UnknownOption, with_options
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_archive, print_formula
-from dl2c.parse.tree import Entry
+from dl2c.parse.tree import And, Entry
 from dl2c.progress import LOG, Progress, silent, stage
 from dl2c.resolve.episode import completed, deprecated_values
 from dl2c.resolve.problem import Problem, expansion, resolve
@@ -32,9 +32,10 @@ from dl2c.version import __version__
 from dl2c.work import at_place, budgeted
 
 if TYPE_CHECKING:
+    from dl2c.emit.claim import Claim
     from dl2c.emit.monitor.monitor_h import Unit
     from dl2c.emit.plan import BuildPlan
-    from dl2c.flows.kernel import FlowPlan, Refused
+    from dl2c.flows.kernel import FlowPlan
     from dl2c.ir.model import Model
     from dl2c.native.binding import Library
     from dl2c.paths.path import Paths
@@ -174,7 +175,9 @@ class Compilation:
     @_stage("planning flows", after="paths")
     def flows(self) -> "tuple[FlowPlan, ...]":
         """How every flow is followed."""
-        return _flow_plans(self.lowered.model, self.paths, self.resolved.options)
+        from dl2c.paths.flow_plans import flow_plans
+
+        return flow_plans(self.lowered.model, self.paths, self.resolved.options)
 
     @_stage("deciding the precondition", after="flows")
     def decision(self) -> "Decision":
@@ -221,12 +224,34 @@ class Compilation:
             made, missing = monitor_of(model, invariant=proved, default_bound=bound)
         return Unit(made, squash=options.action_map == "squash"), missing
 
-    @_stage("writing C", after="planned")
-    def emitted(self) -> dict[str, str]:
+    def emitted(self, claim: "Claim") -> dict[str, str]:
         """The generated files by name."""
         from dl2c.emit.simulator.model_c import model_sources
 
-        return model_sources(self.planned.build)
+        build = self.planned.build.claiming(claim)
+        with budgeted(), stage("writing C", self.progress):
+            at_place(self.place)
+            return model_sources(build)
+
+    def claim(self) -> "Claim":
+        """What the model claims, with what is known of it at this moment."""
+        from dl2c.emit.claim import Claim
+        from dl2c.verify.results import any_kept, kept
+
+        loop = self.resolved.problem.shape.loop
+        invariants = () if loop is None else loop.invariants
+        text = print_formula(reduce(And, invariants)) if invariants else ""
+        claim = Claim(self.parsed.entry.name, " ".join(text.split()))
+        if isinstance(self._model, Entry) or not any_kept():
+            return claim
+        return replace(claim, known=str(kept(self._theorem)))
+
+    @_stage(after="parsed")
+    def _theorem(self) -> str:
+        """The name of the file in which the answer for this theorem is kept."""
+        from dl2c.verify.results import digest_of
+
+        return digest_of(self.parsed.entry, dict(self.given.constants))
 
     @property
     def warnings(self) -> tuple[Diagnostic, ...]:
@@ -243,7 +268,8 @@ class Compilation:
         assert isinstance(source, Source)
         earlier, options = self.resolved.warnings, self.resolved.options
         self.progress("looking for an earlier build")
-        key = build_key({source.name: source.text}, options)
+        claim = self.claim()
+        key = build_key({source.name: source.text}, options, claim.known)
 
         def load(directory: Path) -> Compiled:
             with checked_input(NativeError, "this is no build"):
@@ -251,11 +277,11 @@ class Compilation:
                 later = tuple(restored(w, source) for w in found)
             return Compiled(load_library(directory), directory, in_source_order((*earlier, *later)))
 
-        compiled = cached(key, lambda folder: self._build(key, folder), load)
+        compiled = cached(key, lambda folder: self._build(key, folder, claim), load)
         LOG.info("files: %s", compiled.directory)
         return compiled
 
-    def _build(self, key: str, folder: Path) -> None:
+    def _build(self, key: str, folder: Path, claim: "Claim") -> None:
         """Fill a folder with everything that `dl2c build` writes."""
         from dl2c.emit.names import file_stem
         from dl2c.native.compile import compile_library
@@ -264,7 +290,8 @@ class Compilation:
         from dl2c.native.sundials import find_sundials
         from dl2c.native.toolchain import find_compiler
 
-        sources, build, options = self.emitted, self.planned.build, self.resolved.options
+        sources, options = self.emitted(claim), self.resolved.options
+        build = self.planned.build.claiming(claim)
         with stage("compiling C", self.progress):
             numeric = any(f.kernel == "cvodes" or f.stiff for f in build.flows)
             sundials = find_sundials(options.sundials, find_compiler()) if numeric else None
@@ -342,7 +369,7 @@ def emit(source: Source, stage: str, options: Options, pure_python: bool = False
         case "gym":
             return _gymnasium_module(source, found.planned.build, pure_python)
         case _:
-            return "\n".join(found.emitted.values())
+            return "\n".join(found.emitted(found.claim()).values())
 
 
 @budgeted()
@@ -365,35 +392,9 @@ def _gymnasium_module(source: Source, build: "BuildPlan", pure_python: bool) -> 
     return pure_module(build, source)
 
 
-def _flow_plans(model: "Model", paths: "Paths", options: Options) -> tuple["FlowPlan", ...]:
-    """How every flow is followed. Raises `CompileError` for those that cannot be, as asked."""
-    from dl2c.flows.kernel import Refused, plan_flow
-    from dl2c.flows.starts import equalities_of
-    from dl2c.flows.watch import watches_along
-    from dl2c.paths.stiffness import with_solver
-
-    others = (options.integrator, equalities_of(model), model.tolerance)
-    plans = [plan_flow(f, watches_along(model, k), *others) for k, f in enumerate(model.flows)]
-    refused = [_refused(p) for p in plans if isinstance(p, Refused)]
-    if refused:
-        raise CompileError(refused)
-    flows = [p for p in plans if not isinstance(p, Refused)]
-    return tuple(with_solver(k, p, model, paths) for k, p in enumerate(flows))
-
-
 def _not_sampled(d: Diagnostic) -> Diagnostic:
     """That resets need a state. Raises `CompileError` where none will do."""
     if d.code in ("unsatisfiable-precondition", "unbounded-variable"):
         raise CompileError(d)
     advice = 'reset needs a state: reset(options={"state": {...}})'
     return warning(d.code, d.title, d.span, d.label, advice, d.notes)
-
-
-def _refused(refused: "Refused") -> Diagnostic:
-    return error(
-        "flow-not-exact",
-        "this differential equation cannot be integrated as asked",
-        refused.span,
-        refused.reason,
-        refused.help,
-    )

@@ -22,6 +22,14 @@ def diagnostics_of(model: str, options: Mapping[str, Any], portable: bool) -> tu
         return refused.diagnostics
 
 
+def unverified(model: str, options: Mapping[str, Any]) -> bool:
+    """Whether nothing is known of the theorem of a model, which has no errors."""
+    from dl2c.pipeline import resolve_options
+    from dl2c.verify.results import Status, status
+
+    return status(source_of(model), resolve_options(options)) == Status()
+
+
 def fixed(model: str) -> int:
     """How many corrections were made in the file of a model; none in one that cannot be parsed."""
     from dl2c.lint.fix import fix_file

@@ -29,6 +29,10 @@ def describe(manifest: Manifest) -> None:
     console.print(f"observation space  Box({len(manifest.observations)}, {box.dtype})", markup=False)
     console.print(f"action space       {encoding(manifest).space()}", markup=False)
     console.print(f"initial states     {manifest.certificate}", markup=False)
+    theorem = manifest.theorem
+    console.print(f'theorem            "{theorem.name}": {theorem.known}', markup=False)
+    if theorem.invariant:
+        console.print(f"invariant          {theorem.invariant}", markup=False)
     if manifest.choices:
         depth = manifest.options.get("mask_depth", "flow")
         console.print(f"action mask        {MASKS[depth]}", markup=False)

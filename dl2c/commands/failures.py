@@ -1,6 +1,7 @@
 """How failures reach the user: mistakes in a model as diagnostics, the rest in one line.
 
-Exit code 1: the model, an option, a file or the machine. Exit code 70: a bug of dl2c; 130: Ctrl-C.
+Exit code 1: the model, an option, a file or the machine. Exit code 70: a bug of dl2c; 130: Ctrl-C. `verify`
+ends with 0 where the theorem is proved, 1 where it is refuted, 3 where neither is known.
 """
 
 import json
@@ -31,6 +32,7 @@ COLOURS = {"error": "bold red", "warning": "bold yellow", "note": "cyan", "help"
 EXTRA: dict[str | None, str] = {
     **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "matplotlib", "yaml"), "train"),
     **dict.fromkeys(("ray", "pyarrow"), "ray"),
+    **dict.fromkeys(("onnx", "google"), "onnx"),
 }
 """Which extra installs an optional library."""
 

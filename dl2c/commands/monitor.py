@@ -134,7 +134,8 @@ def unit_of(
     proved = invariant(found.resolved.problem) or TRUE
     made, missing = monitor_of(lowered, wanted, tolerance, proved, effective.default_bound)
     show([d for d in missing if not quiet()])
-    return Unit(made, reals[real], sound, effective.action_map == "squash")
+    squash = effective.action_map == "squash"
+    return Unit(made, reals[real], sound, squash, claim=found.claim())
 
 
 def _tolerance(eps: tuple[str, ...], names: set[str], single: bool) -> "Tolerance":

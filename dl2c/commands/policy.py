@@ -1,18 +1,36 @@
-"""Trained policies for `dl2c monitor`: found, read, and held against the model that they are for."""
+"""Trained policies: read, held against the model that they are for, and what is proved of them."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, get_args
 
+from rich.console import Console
+from rich.text import Text
+
+from dl2c.commands.failures import CommandError
 from dl2c.commands.verbosity import quiet
+from dl2c.commands.waiting import working
+from dl2c.diagnostics import CompileError
 from dl2c.env.interface import interface_of
 from dl2c.env.opening import compilation_of
 from dl2c.native.describe import manifest_of
 from dl2c.native.manifest import Manifest
+from dl2c.outputs import write_output
 from dl2c.policy.files import read_policy
-from dl2c.policy.network import NetworkPolicy, PolicyError, mismatch
+from dl2c.policy.network import NetworkPolicy, PolicyError, checked, mismatch
+from dl2c.policy.onnx_files import read_onnx
 from dl2c.training.saved import found_policy, load_policy
+from dl2c.work import budgeted
+
+if TYPE_CHECKING:
+    from dl2c.pipeline import Compilation
+    from dl2c.policy_proof.acting import Acting
+    from dl2c.policy_proof.build import Claim
+    from dl2c.policy_proof.certificate import Checked
+    from dl2c.policy_proof.verdict import PolicyReport
 
 INTERFACE = (
     *("action_format", "action_map", "obs_dtype", "observation_bounds", "observe_constants", "constants"),
@@ -26,6 +44,9 @@ def policy_for(model: str, path: Path, options: Mapping[str, Any]) -> tuple[Netw
     was trained with. Raises `PolicyError`, `OSError`, and what checking the model raises.
     """
     file, statistics = found_policy(path)
+    if file.suffix == ".onnx":
+        manifest = _manifest(model, options)
+        return _from_onnx(file, manifest), options
     if file.suffix == ".json":
         policy = read_policy(file)
         saved = {n: v for n, v in policy.options.items() if n in INTERFACE and v is not None}
@@ -40,6 +61,19 @@ def policy_for(model: str, path: Path, options: Mapping[str, Any]) -> tuple[Netw
     return policy, options
 
 
+def _from_onnx(file: Path, manifest: Manifest) -> NetworkPolicy:
+    """A network as a policy of the environments of a model: its outputs are what actions are made of."""
+    read, interface = read_onnx(file), interface_of(manifest)
+    if read.clip is not None and interface.kind != "box":
+        raise PolicyError(f"{file} clips its outputs, of which the largest counts")
+    if read.clip is not None and any(
+        read.clip[0] > low or read.clip[1] < high
+        for low, high in zip(interface.low, interface.high, strict=True)
+    ):
+        raise PolicyError(f"{file} clips its outputs to less than the limits of actions")
+    return checked(NetworkPolicy(manifest.name, interface, read.network, False, manifest.options))
+
+
 def _warn(file: Path, statistics: Path | None) -> None:
     """What is loaded with pickle may do anything."""
     if not quiet():
@@ -51,3 +85,199 @@ def _warn(file: Path, statistics: Path | None) -> None:
 def _manifest(model: str, options: Mapping[str, Any]) -> Manifest:
     """What the environment of a model is, without building it."""
     return manifest_of(compilation_of(model, options).planned.build, "", {})
+
+
+# Verification -----------------------------------------------------------------------------------
+
+MOST = 1e30
+"""Of limits of outputs."""
+
+COLOURS = {"proved": "bold green", "refuted": "bold red"}
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What the command line says of a policy: `inputs` and `outputs` are what an ONNX network's numbers mean,
+    `outside` is where nothing is claimed, `fixed` are NAME=VALUE.
+    """
+
+    path: Path
+    arithmetic: str = "double"
+    inputs: str = ""
+    outputs: Sequence[str] = ()
+    outside: str = ""
+    fixed: Sequence[str] = ()
+    seconds: float = 60.0
+    threads: int = 2
+    certificate: Path | None = None
+
+
+def report_on(model: str, asked: Asked, options: Mapping[str, Any]) -> "PolicyReport":
+    """Everything that is found out. Raises `CommandError`, `CompileError`, `PolicyError`, `NativeError`."""
+    from dl2c.policy_proof.search import Limits
+    from dl2c.policy_proof.verdict import verified
+
+    with working(f"verifying {asked.path}") as note:
+        claim, policy = _prepared(model, asked, options)
+        limits = Limits(asked.seconds, asked.threads, note)
+        report = verified(claim, policy, limits, (claim.model.name, str(asked.path)))
+    if asked.certificate is not None and report.answer == "proved":
+        write_output(asked.certificate, report.certificate)
+    return report
+
+
+def checked_certificate(model: str, asked: Asked, options: Mapping[str, Any], path: Path) -> "Checked":
+    """How much of a certificate there is, all of which is right. Raises `CertificateError`, and what
+    `report_on` raises.
+    """
+    from dl2c.policy_proof.build import questions
+    from dl2c.policy_proof.certificate import check
+
+    with working(f"checking {path}"):
+        return check(path, questions(*_prepared(model, asked, options)))
+
+
+@budgeted()
+def _prepared(model: str, asked: Asked, options: Mapping[str, Any]) -> "tuple[Claim, Acting]":
+    from dl2c.ir.model import TRUE
+    from dl2c.lower.invariant import invariant
+    from dl2c.policy_proof.acting import acting
+    from dl2c.policy_proof.build import Claim, outside_of
+    from dl2c.policy_proof.question import Arithmetic, NotCovered
+
+    arithmetics: dict[str, Arithmetic] = {name: name for name in get_args(Arithmetic)}
+    if asked.arithmetic not in arithmetics:
+        raise CommandError(f"no arithmetic {asked.arithmetic!r}; there is {', '.join(arithmetics)}")
+    if asked.outputs or asked.inputs:
+        found = compilation_of(model, options)
+        policy = _mapped(found, asked)
+    else:
+        trained, options = policy_for(model, asked.path, options)
+        found = compilation_of(model, options)
+        policy = acting(trained.interface, trained.network)
+    problem = found.resolved.problem
+    if _uses_pi(found):
+        raise NotCovered("it mentions pi or e, which are not exact numbers here")
+    lowered = found.unbounded
+    proved = invariant(problem)
+    written = problem.shape.loop is not None and bool(problem.shape.loop.invariants)
+    if proved is None and written:
+        raise NotCovered("its loop invariant cannot be evaluated")
+    outside = outside_of(_formula(found, asked.outside)) if asked.outside else TRUE
+    fixed = _fixed(found, asked.fixed)
+    return Claim(lowered, proved or TRUE, outside, fixed, arithmetics[asked.arithmetic]), policy
+
+
+def _uses_pi(found: "Compilation") -> bool:
+    from dl2c.parse import tree
+    from dl2c.resolve.symbols import nodes
+
+    expanded = nodes(found.resolved.problem.expanded)
+    return any(isinstance(n, tree.FuncOf) and n.name in ("pi", "e") and not n.args for n in expanded)
+
+
+def _formula(found: "Compilation", text: str) -> Any:
+    """A condition over the names of the model, its definitions expanded."""
+    from dl2c.lower.problem import scope_of
+    from dl2c.lower.terms import lower_formula
+    from dl2c.parse.parser import parse_formula
+    from dl2c.resolve.bind import check
+    from dl2c.resolve.expand import NONE, Expander
+    from dl2c.resolve.fragment import not_executable
+    from dl2c.source import Source
+
+    problem = found.resolved.problem
+    written = parse_formula(Source("--except", text))
+    if wrong := list(check(written, problem.symbols, frozenset())):
+        raise CompileError(wrong)
+    expander = Expander(problem.symbols)
+    expanded = expander.formula(written, {}, NONE)
+    if expander.found or not_executable((expanded,)):
+        raise CommandError(f"--except {text!r} is no condition that can be evaluated")
+    return lower_formula(expanded, scope_of(problem))
+
+
+def _fixed(found: "Compilation", texts: Sequence[str]) -> dict[str, Fraction]:
+    model = found.unbounded
+    bounds = {v.name: v.bound for v in model.variables} | {c.name: c.bound for c in model.constants}
+    fixed: dict[str, Fraction] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if name not in bounds:
+            raise CommandError(f"--fix {text}: the model has no name `{name}`")
+        try:
+            fixed[name] = Fraction(value)
+        except (ValueError, ZeroDivisionError):
+            raise CommandError(f"--fix takes NAME=VALUE, not {text!r}") from None
+        low, high = bounds[name].low, bounds[name].high
+        if (low is not None and fixed[name] < low) or (high is not None and fixed[name] > high):
+            raise CommandError(f"--fix {text} is outside the bounds of `{name}`")
+    return fixed
+
+
+def _mapped(found: "Compilation", asked: Asked) -> "Acting":
+    """A network whose numbers are names of the model: observed values, and values of variables."""
+    from dl2c.policy_proof.acting import Acting
+
+    if asked.path.suffix != ".onnx":
+        raise CommandError("--takes and --gives are for ONNX files; others say themselves what they mean")
+    read = read_onnx(asked.path)
+    known = {v.name for v in found.unbounded.variables}
+    shown = [v.name for v in found.unbounded.variables if v.observed]
+    inputs = [n.strip() for n in asked.inputs.split(",")] if asked.inputs else shown
+    if len(inputs) != read.inputs:
+        raise CommandError(f"the network takes {read.inputs} numbers; --takes names {len(inputs)}")
+    outputs = [_output(text, read.clip) for text in asked.outputs]
+    if len(outputs) != len(read.network.layers[-1].bias):
+        gives = len(read.network.layers[-1].bias)
+        raise CommandError(f"the network gives {gives} numbers; --gives names {len(outputs)}")
+    if unknown := [name for name, _, _ in outputs if name not in known]:
+        raise CommandError(f"--gives: the model has no variable `{unknown[0]}`")
+    observations = tuple((name, float("-inf"), float("inf")) for name in inputs)
+    names, low, high = zip(*outputs, strict=True)
+    return Acting(observations, False, read.network, variables=names, low=low, high=high)
+
+
+def _output(text: str, clip: tuple[float, float] | None) -> tuple[str, float, float]:
+    """NAME=LOW:HIGH, or NAME where the network clips itself."""
+    name, given, ends = text.partition("=")
+    low, _, high = ends.partition(":")
+    try:
+        limits = (float(low), float(high)) if given else clip
+    except ValueError:
+        limits = None
+    if limits is None or not -MOST < limits[0] < limits[1] < MOST:
+        raise CommandError(f"--gives takes NAME=LOW:HIGH, the limits that it is clipped to, not {text!r}")
+    return name.strip(), *limits
+
+
+def show(report: "PolicyReport") -> None:
+    """The report for readers."""
+    from dl2c.policy_proof.verdict import NOT_CHECKED, decimal
+
+    console = Console(highlight=False, soft_wrap=True)
+    boxes, solved = sum(f.boxes for f in report.found), sum(f.by_solver for f in report.found)
+    line = Text("admissible  ").append(f"{report.answer:12}", COLOURS.get(report.answer, "yellow"))
+    by = f", {solved} of them by Z3" if solved else ""
+    console.print(line.append(f"{report.seconds:6.1f} s  {boxes} boxes{by}"))
+    for name in NOT_CHECKED:
+        console.print(f"{name:12}not checked")
+    for covers in report.covers:
+        console.print(f"states: {covers}")
+    console.print(f"numbers of the policy: {report.arithmetic}")
+    if report.answer == "unknown":
+        reasons = "; ".join(dict.fromkeys(f.reason for f in report.found if f.reason))
+        console.print(f"decided: {100 * report.share:.4f} % of the volume, {reasons}")
+        for box in [b for f in report.found for b in f.open_boxes][:3]:
+            console.print("open: " + ", ".join(f"{n} in [{a!r}, {b!r}]" for n, (a, b) in box.items()))
+    if (found := report.violation) is not None:
+        console.print("in the state  " + ", ".join(f"{n} = {decimal(v)}" for n, v in found.state.items()))
+        asked = [f"{n} = {decimal(v)}" for n, v in found.requests.items()] or [found.about]
+        console.print(
+            "it asks for   "
+            + ", ".join(asked)
+            + (f" ({found.about})" if found.requests and found.about else "")
+        )
+        console.print("which no control path admits")
+    for warning in report.warnings:
+        console.print(f"warning: {warning}")

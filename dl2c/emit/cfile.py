@@ -7,6 +7,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Sequence
 
+from dl2c.emit.claim import Claim
 from dl2c.source import NOWHERE, Span
 
 WIDTH = 100
@@ -23,6 +24,12 @@ def comment(text: str) -> str:
     if len(lines) == 1:
         return f"/* {lines[0]} */"
     return "\n".join(["/*", *(f" * {line}" for line in lines), " */"])
+
+
+def heading(title: str, claim: Claim) -> str:
+    """The first lines of a generated file: its licence, what it is, and what the model claims."""
+    said = [comment(claim.sentence)] if claim.theorem else []
+    return "\n".join([LICENCE, comment(title), *said])
 
 
 def place(span: Span) -> str:

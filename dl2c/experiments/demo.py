@@ -3,12 +3,10 @@
 Prints a table and writes pictures to `build/demo`.
 """
 
-import os
 import time
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from dl2c.experiments.parallel import in_parallel
 from dl2c.training.evaluation import evaluate
 from dl2c.training.plots import plot_curves, plot_trajectory
 from dl2c.training.rollout import rollout
@@ -100,17 +99,12 @@ def main() -> None:
 def _train_all() -> list[Trained]:
     """Every algorithm with every seed, the longest first, in parallel; results in a fixed order."""
     console = Console(stderr=True)
-    with (
-        ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn")) as pool,
-        Progress(console=console, disable=not console.is_terminal) as bar,
-    ):
-        running = [pool.submit(_train, "ppo", seed) for seed in SEEDS]
-        running += [pool.submit(_train, "maskable-ppo", seed) for seed in SEEDS]
-        done = bar.track(as_completed(running), total=len(running), description="training")
-        try:
-            return sorted((run.result() for run in done), key=lambda run: (run.algo, run.seed))
-        finally:  # after Ctrl-C, or a failure: what has not begun does not begin
-            pool.shutdown(cancel_futures=True)
+    algorithms: tuple[Algorithm, ...] = ("ppo", "maskable-ppo")
+    jobs = {(algo, seed): partial(_train, algo, seed) for algo in algorithms for seed in SEEDS}
+    with Progress(console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("training")
+        found = in_parallel(jobs, lambda done, of: bar.update(task, completed=done, total=of))
+    return [found[name] for name in sorted(found)]
 
 
 def _train(algo: Algorithm, seed: int) -> Trained:
@@ -120,7 +114,7 @@ def _train(algo: Algorithm, seed: int) -> Trained:
     settings = Settings(steps=65_536) if masked else GUARDS
     options = STRICT if masked else LESSONS
     directory = FOLDER / f"{algo}-{seed}"
-    run = train(MODEL, algo, seed=seed, directory=directory, settings=settings, **options)
+    run = train(MODEL, algo, seed=seed, directory=directory, settings=settings, whole=True, **options)
     found = evaluate(run.policy, MODEL, EPISODES, masked=masked, **STRICT)
     return Trained("MaskablePPO" if masked else "PPO", algo, seed, run.policy, run.curve, found)
 

@@ -121,7 +121,9 @@ def _failure(seen: list[Episode]) -> Iterator[Markup]:
 
 
 def _environment(manifest: Manifest) -> Iterator[Markup]:
-    constants = {q.name for q in manifest.constants}
+    constants, theorem = {q.name for q in manifest.constants}, manifest.theorem
+    yield tag("h3", "Theorem")
+    yield table(("name", "invariant", "known"), [(theorem.name, theorem.invariant, theorem.known)])
     yield tag("h3", "Observations")
     yield table(
         ("name", "range", "unit", "meaning", ""),

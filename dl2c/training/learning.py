@@ -3,7 +3,9 @@
 Imports torch: import this module only where training happens.
 """
 
+import threading
 from collections.abc import Callable
+from contextlib import nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -38,13 +40,15 @@ def train(
     progress: Progress | None = None,
     resume: Path | None = None,
     tensorboard: Path | None = None,
+    whole: bool = False,
     **options: Any,
 ) -> Run:
     """Train a policy and write to `directory` what `dl2c.training.folders` says.
 
     `options` are those of the environment. With `resume` the training of that folder goes on: `model`,
     `algo`, `seed`, `options` and hyperparameters have to be its own; only what is written counts as
-    trained. Ctrl-C ends the training early, and is no error: all is written. The same arguments give the
+    trained. Ctrl-C ends the training early, and is no error: all is written. Where only a `whole` training is
+    of use, as a part of something larger, it is a `KeyboardInterrupt` as ever. The same arguments give the
     same policy. Raises what `Dl2cVecEnv` raises, and `TrainingError` for what cannot be trained.
     """
     chosen = complete(algo, settings or Settings())
@@ -58,7 +62,8 @@ def train(
     learner, earlier = _begun(given, env) if resume is None else opened(resume, given, env)
     learner.tensorboard_log = None if tensorboard is None else str(tensorboard)
     training = Training(source, directory, given, env, learner, earlier)
-    run = _learned(training, progress)
+    with nullcontext(threading.Event()) if whole else stoppable() as stopped:
+        run = _learned(training, progress, stopped)
     env.close()
     return run
 
@@ -76,21 +81,20 @@ def check_decisions(algo: Algorithm, manifest: Manifest) -> None:
         raise TrainingError(f"sac needs continuous decisions only, but {found}; use ppo")
 
 
-def _learned(training: Training, progress: Progress | None) -> Run:
-    """Train until all steps are done or somebody stops it; write what there is."""
+def _learned(training: Training, progress: Progress | None, stopped: threading.Event) -> Run:
+    """Train until all steps are done or it is stopped; write what there is."""
     given, learner = training.given, training.learner
     steps, done = given.settings.steps or 0, learner.num_timesteps
     if done >= steps:
         raise TrainingError(f"this training has its {steps} steps already; ask for more to go on")
-    with stoppable() as stopped:
-        watch = Watch(training, progress, stopped, 0 if given.algo != "sac" else 1000)
-        callbacks: list[BaseCallback] = [watch]
-        if given.settings.eval_every:
-            callbacks.append(Every(given.settings.eval_every, training.evaluate))
-        if given.settings.checkpoint_every:
-            callbacks.append(Every(given.settings.checkpoint_every, training.checkpoint))
-        learner.learn(steps - done, callback=callbacks, reset_num_timesteps=done == 0, log_interval=1)
-        return training.finish(interrupted=stopped.is_set())
+    watch = Watch(training, progress, stopped, 0 if given.algo != "sac" else 1000)
+    callbacks: list[BaseCallback] = [watch]
+    if given.settings.eval_every:
+        callbacks.append(Every(given.settings.eval_every, training.evaluate))
+    if given.settings.checkpoint_every:
+        callbacks.append(Every(given.settings.checkpoint_every, training.checkpoint))
+    learner.learn(steps - done, callback=callbacks, reset_num_timesteps=done == 0, log_interval=1)
+    return training.finish(interrupted=stopped.is_set())
 
 
 def _begun(given: Given, env: Dl2cVecEnv) -> tuple[Any, Run]:

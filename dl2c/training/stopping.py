@@ -11,13 +11,13 @@ from types import FrameType
 def stoppable() -> Generator[threading.Event]:
     """Yields what the first Ctrl-C sets; the second one is a KeyboardInterrupt as ever.
 
-    Outside of the main thread, where Python handles no signals, nothing sets it.
+    Outside of the main thread, where Python handles no signals, nothing sets it, nor where Ctrl-C is ignored.
     """
     stopped = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or before in (signal.SIG_IGN, None):
         yield stopped
         return
-    before = signal.getsignal(signal.SIGINT)
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         stopped.set()

@@ -42,6 +42,7 @@ COMMANDS = {
     "replay": ("replay", "given/episode.json", "--plot", "out/a.png"),
     "report": ("report", "given/run", "-o", "out/a.html", "--episodes", "20"),
     "bench": ("bench", MODEL, "--seconds", "2"),
+    "verify": ("verify", "example:watertank"),
     "monitor": ("monitor", MODEL, "--sound", "-o", "out"),
     "cache": ("cache", "list"),
 }

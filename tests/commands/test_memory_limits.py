@@ -36,6 +36,7 @@ COMMANDS = {
         "-o",
         "out/a.json",
     ),
+    "verify": ("verify", "example:watertank", "--total", "20"),
     "bench": ("bench", "example:waypoint", "--seconds", "1"),
     "train": ("train", "example:waypoint", "--steps", "200", "-o", "out"),
 }

@@ -1,11 +1,9 @@
 """All three tests of the paper with five seeds each, in parallel; what `dl2c paper` runs."""
 
-import os
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -13,7 +11,8 @@ from dl2c.experiments.paper import forced, safe_lock, waypoint
 from dl2c.experiments.paper.forced import Approach, Forced
 from dl2c.experiments.paper.safe_lock import LINE, PLANE, Locked
 from dl2c.experiments.paper.waypoint import Driven
-from dl2c.training.run import Settings
+from dl2c.experiments.parallel import in_parallel
+from dl2c.training.run import Algorithm, Settings
 
 FOLDER = Path("build/paper")
 
@@ -82,7 +81,7 @@ QUICK = Budget(
 """Everything, in seconds; nothing is learned in it."""
 
 Result: TypeAlias = Locked | Driven
-Job: TypeAlias = tuple[Callable[..., Result], tuple[Any, ...]]
+Job: TypeAlias = Callable[[], Result]
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,15 +123,16 @@ def experiments(budget: Budget, folder: Path, note: Callable[[int, int], None]) 
 def _jobs(budget: Budget, folder: Path) -> dict[tuple[str, int], Job]:
     """The trainings by kind and seed, the longest first."""
     n, jobs = budget.episodes, dict[tuple[str, int], Job]()
-    for kind, algo, settings in (
+    learners: tuple[tuple[str, Algorithm, Settings], ...] = (
         ("unmasked", "ppo", budget.unmasked),
         ("masked", "maskable-ppo", budget.masked),
-    ):
+    )
+    for kind, algo, settings in learners:
         for seed in budget.seeds:
-            jobs[kind, seed] = waypoint.learned, (algo, seed, settings, n, folder / f"{kind}-{seed}")
+            jobs[kind, seed] = partial(waypoint.learned, algo, seed, settings, n, folder / f"{kind}-{seed}")
     for kind, model, settings in (("line", LINE, budget.line), ("plane", PLANE, budget.plane)):
         for seed in budget.seeds:
-            jobs[kind, seed] = safe_lock.learned, (model, seed, settings, n, folder / f"{kind}-{seed}")
+            jobs[kind, seed] = partial(safe_lock.learned, model, seed, settings, n, folder / f"{kind}-{seed}")
     return jobs
 
 
@@ -140,16 +140,10 @@ def _all(
     jobs: dict[tuple[str, int], Job], parallel: bool, note: Callable[[int, int], None]
 ) -> dict[tuple[str, int], Result]:
     """The results of all jobs; processes of their own work on them, if it is worth to start these."""
+    if parallel:
+        return in_parallel(jobs, note)
     found: dict[tuple[str, int], Result] = {}
-    note(0, len(jobs))
-    if not parallel:
-        return {name: work(*arguments) for name, (work, arguments) in jobs.items()}
-    with ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn")) as pool:
-        running = {pool.submit(work, *arguments): name for name, (work, arguments) in jobs.items()}
-        try:
-            for done in as_completed(running):
-                found[running[done]] = done.result()
-                note(len(found), len(jobs))
-        finally:  # after Ctrl-C, or a failure: what has not begun does not begin
-            pool.shutdown(cancel_futures=True)
+    for name, job in jobs.items():
+        note(len(found), len(jobs))
+        found[name] = job()
     return found

@@ -54,5 +54,5 @@ def learned(model: str, seed: int, settings: Settings, episodes: int, folder: Pa
     """Train with PPO and measure."""
     from dl2c.training.learning import train
 
-    train(model, "ppo", seed=seed, directory=folder, settings=settings)
+    train(model, "ppo", seed=seed, directory=folder, settings=settings, whole=True)
     return locked(model, folder, episodes, seed)

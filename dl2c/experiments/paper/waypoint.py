@@ -69,7 +69,7 @@ def learned(algo: Algorithm, seed: int, settings: Settings, episodes: int, folde
     masked = algo == "maskable-ppo"
     name = "MaskablePPO" if masked else "PPO"
     options = STRICT if masked else LESSONS
-    run = train(MODEL, algo, seed=seed, directory=folder, settings=settings, **options)
+    run = train(MODEL, algo, seed=seed, directory=folder, settings=settings, whole=True, **options)
     return driven(name, folder, masked, episodes, seed, policy=folder, curve=run.evaluations)
 
 

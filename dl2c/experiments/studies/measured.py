@@ -63,6 +63,7 @@ def measure(study: Study, folder: Path, seed: int = 0, episodes: int = 400, step
             seed=seed,
             directory=folder / name.replace(" ", "_"),
             settings=study.settings,
+            whole=True,
             **study.options,
         )
         for name, model in models.items()

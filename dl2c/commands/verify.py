@@ -1,0 +1,283 @@
+"""`dl2c verify`: prove or refute the theorem that a model states, or a claim about a trained policy."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from dl2c.commands.arguments import Model
+from dl2c.commands.completion import words
+from dl2c.commands.failures import CommandError, to_json
+from dl2c.commands.flags import Json
+from dl2c.commands.verbosity import quiet
+from dl2c.commands.waiting import working
+
+if TYPE_CHECKING:
+    from dl2c.options import Options
+    from dl2c.source import Source
+    from dl2c.verify.prove import Limits
+    from dl2c.verify.report import Counterexample, Report
+
+CODES = {"proved": 0, "refuted": 1}
+"""Exit codes of answers; any other is `UNDECIDED`."""
+
+UNDECIDED = 3
+
+COLOURS = {"proved": "bold green", "refuted": "bold red"}
+
+
+Timeout = Annotated[float, typer.Option(min=0.1, help="Seconds for one question to the solvers.")]
+Total = Annotated[float, typer.Option("--total", "--seconds", min=0.5, help="Seconds for everything.")]
+Jobs = Annotated[
+    int,
+    typer.Option(
+        min=0, help="Solvers, or threads, that run at the same time; 0: as the machine allows, at most 2."
+    ),
+]
+Within = Annotated[
+    bool, typer.Option("--within-bounds", help="The exit code is for runs that begin inside the bounds.")
+]
+Agree = Annotated[
+    bool, typer.Option("--agree", help="Ask every solver; a contradiction is an internal error.")
+]
+Questions = Annotated[
+    Path | None, typer.Option("--smt2", metavar="DIR", help="Write every question as an SMT-LIB file.")
+]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="JSON",
+        help="File for the run that refutes the theorem, if the environment can follow it: an episode for "
+        "`dl2c replay`.",
+    ),
+]
+PANEL = "A trained policy"
+Trained = Annotated[
+    Path | None,
+    typer.Option(
+        "--policy",
+        metavar="FILE|DIR",
+        help="Prove instead that this policy asks for admissible actions only: policy.json, SB3's zip, ONNX.",
+        rich_help_panel=PANEL,
+    ),
+]
+Arithmetic = Annotated[
+    str | None,
+    typer.Option(
+        metavar="double|float32|real",
+        help="Numbers that the policy computes with; default: double.",
+        autocompletion=words("double", "float32", "real"),
+        rich_help_panel=PANEL,
+    ),
+]
+Except = Annotated[
+    str | None,
+    typer.Option(
+        "--except",
+        metavar="FORMULA",
+        help="States of which nothing is claimed, because a fallback acts there.",
+        rich_help_panel=PANEL,
+    ),
+]
+Fixed = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fix",
+        metavar="NAME=VALUE",
+        help="Only states with this value, which is still observed. May be repeated.",
+        rich_help_panel=PANEL,
+    ),
+]
+Takes = Annotated[
+    str | None,
+    typer.Option(
+        "--takes", metavar="NAMES", help="What an ONNX network takes, in order.", rich_help_panel=PANEL
+    ),
+]
+Gives = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--gives",
+        metavar="NAME=LOW:HIGH",
+        help="The variable that an ONNX network gives a value, and what that is clipped to. May be repeated.",
+        rich_help_panel=PANEL,
+    ),
+]
+Certificate = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Write the certificate of a proof.", rich_help_panel=PANEL),
+]
+Check = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Check a certificate instead of searching.", rich_help_panel=PANEL),
+]
+
+
+def verify(
+    model: Model,
+    timeout: Timeout = 10.0,
+    total: Total = 60.0,
+    jobs: Jobs = 0,
+    within_bounds: Within = False,
+    agree: Agree = False,
+    smt2: Questions = None,
+    policy: Trained = None,
+    arithmetic: Arithmetic = None,
+    except_: Except = None,
+    fix: Fixed = None,
+    takes: Takes = None,
+    gives: Gives = None,
+    certificate: Certificate = None,
+    check: Check = None,
+    output: Output = None,
+    json: Json = False,
+    *,
+    options: Mapping[str, Any],
+) -> None:
+    """Prove the theorem that a model states, or find a run that shows that it is false.
+
+    With --policy: prove that a trained policy asks for nothing that the model does not admit.
+    Exit code 0: proved. 1: refuted, or a mistake in the model. 3: anything else.
+    """
+    jobs = jobs or min(2, os.cpu_count() or 1)
+    given = {"arithmetic": arithmetic, "outside": except_, "fixed": fix, "inputs": takes, "outputs": gives}
+    said = {n: v for n, v in (given | {"certificate": certificate}).items() if v is not None}
+    if policy is not None:
+        if within_bounds or agree or smt2 is not None or output is not None:
+            raise CommandError("--within-bounds, --agree, --smt2 and -o are for theorems, not for --policy")
+        said |= {"seconds": total, "threads": jobs}
+        raise typer.Exit(_about_policy(model, policy, said, check, options, json))
+    if said or check is not None:
+        raise CommandError("what is said of a trained policy goes with --policy")
+    from dl2c.verify.prove import Limits
+
+    limits = Limits(min(timeout, total), total, jobs, agree, smt2)
+    raise typer.Exit(_theorem(model, limits, within_bounds, options, output, json))
+
+
+def _theorem(
+    model: str,
+    limits: "Limits",
+    within_bounds: bool,
+    options: Mapping[str, Any],
+    output: Path | None,
+    json: bool,
+) -> int:
+    """Prove the theorem of a model; the exit code."""
+    from dl2c.env.opening import source_of
+    from dl2c.pipeline import resolve_options
+
+    source = source_of(model)
+    report = _proved(model, source, resolve_options(options), limits)
+    if not json and not quiet():
+        _show(report)
+    saved = {} if output is None or report.interrupted else _saved(source, options, report, output)
+    if json:
+        print(to_json(report.to_json() | saved))
+    elif saved and not quiet():
+        path, reason = saved["episode"], saved["not_saved"]
+        print(f"replay it with `dl2c replay {path}`" if path else f"{output} is not written: {reason}")
+    if report.interrupted:
+        raise KeyboardInterrupt
+    answer = report.within_bounds if within_bounds else report.answer
+    return CODES.get(answer, UNDECIDED)
+
+
+def _about_policy(
+    model: str,
+    path: Path,
+    asked: Mapping[str, Any],
+    certificate: Path | None,
+    options: Mapping[str, Any],
+    json: bool,
+) -> int:
+    """Verify a policy, or check a certificate; the exit code."""
+    from dl2c.commands.policy import Asked, checked_certificate, report_on, show
+
+    if certificate is not None:
+        found = checked_certificate(model, Asked(path, **asked), options, certificate)
+        if json:
+            print(to_json({"answer": "proved", "leaves": found.leaves, "leaves_by_z3": found.by_solver}))
+        elif not quiet():
+            print(f"{certificate}: proved, {found.leaves} leaves checked, {found.by_solver} of them by Z3")
+        return CODES["proved"]
+    report = report_on(model, Asked(path, **asked), options)
+    if json:
+        print(to_json(report.to_json()))
+    elif not quiet():
+        show(report)
+    return CODES.get(report.answer, UNDECIDED)
+
+
+def _proved(model: str, source: "Source", options: "Options", limits: "Limits") -> "Report":
+    """The report, which is kept unless it is interrupted."""
+    from dl2c.verify.prove import prove
+    from dl2c.verify.results import store
+
+    if limits.keep is not None and limits.keep.exists() and not limits.keep.is_dir():
+        raise CommandError(f"{limits.keep} is no folder")
+    with working(f"verifying {model}") as note:
+        report = prove(source, options, limits, note)
+    if not report.interrupted:
+        store(source, options, report)
+    return report
+
+
+def _saved(
+    source: "Source", options: Mapping[str, Any], report: "Report", path: Path
+) -> dict[str, str | None]:
+    """Write the run that refutes the theorem as an episode, if the environment can follow it; why not."""
+    from dl2c.report.episode import write_episode
+    from dl2c.report.refuted import CannotFollow, followed
+
+    if report.counterexample is None:
+        return {"episode": None, "not_saved": "no run refutes the theorem"}
+    try:
+        with working("following the run in the environment"):
+            episode = followed(source, options, report.counterexample)
+    except CannotFollow as reason:
+        return {"episode": None, "not_saved": f"the environment cannot follow this run: {reason}"}
+    write_episode(episode, path)
+    return {"episode": str(path), "not_saved": None}
+
+
+def _show(report: "Report") -> None:
+    console = Console(highlight=False, soft_wrap=True)
+    width = max((22, *(len(o.title) for o in report.obligations)))
+    for o in report.obligations:
+        rules = (
+            f"  by {', '.join((*o.rules, *o.solvers))}" if o.answer.startswith("proved") and o.solvers else ""
+        )
+        line = Text(f"{o.title:{width}} ").append(f"{o.answer:18}", COLOURS.get(o.answer, "yellow"))
+        console.print(line.append(f"{o.seconds:6.1f} s  {o.place.place}{rules}"))
+        if o.reason:
+            console.print(f"    {o.reason}")
+        if o.counterexample is not None and o.kind != "program":
+            _show_run(console, o.counterexample, "    ")
+    for number, text in enumerate(report.invariants if report.invented else (), 1):
+        console.print(f"{'found invariant:' if number == 1 else '':16} {' '.join(text.split())}")
+    for warning in report.warnings:
+        console.print(f"warning: {warning}")
+    if report.counterexample is not None:
+        _show_run(console, report.counterexample)
+    console.print(Text("theorem: ").append(report.answer, COLOURS.get(report.answer, "yellow")))
+    if report.within_bounds != report.answer:
+        console.print(
+            Text("within bounds: ").append(report.within_bounds, COLOURS.get(report.within_bounds, "yellow"))
+        )
+    if report.answer == "proved":
+        console.print(f"  {report.basis}")
+
+
+def _show_run(console: Console, run: "Counterexample", margin: str = "") -> None:
+    state = ", ".join(f"{name} = {value}" for name, value in run.state.items())
+    console.print(f"{margin}a run from  {state}")
+    for name, value in run.decisions:
+        console.print(f"{margin}            {name}: {value}")
+    console.print(f"{margin}violates    {run.violated}")
