@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo paper studies test test-slow test-events test-hostile test-target test-ray lint docs bench corpus corpus-table sampling-report fuzz clean
+.PHONY: help demo paper studies test test-slow test-events test-hostile prove prove-slow test-target test-ray lint docs bench corpus corpus-table sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | paper | studies | test | test-slow | test-events | test-hostile | test-target | test-ray | lint | docs | bench | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | paper | studies | test | test-slow | test-events | test-hostile | prove | prove-slow | test-target | test-ray | lint | docs | bench | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -40,10 +40,11 @@ test-slow: $(READY)
 test-events: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q -rP -m slow tests/campaigns $(addprefix --ignore ,$(filter tests/campaigns/%,$(HOSTILE)))
 
-# 500 hostile models, hostile files, 100 000 mutations of every format, killed builds, Ctrl-C in every command, little
-# memory, reports in a browser, threads, sanitizers, and exported monitors against oracles: some hours on two cores.
+# 500 hostile models, built and proved, hostile files, 100 000 mutations of every format, killed builds, Ctrl-C in
+# every command, little memory, reports in a browser, threads, sanitizers, and exported monitors against oracles:
+# some hours on two cores.
 # DL2C_STATES says how many states of a model monitors judge, DL2C_HOSTILE=100:120 which models are built.
-HOSTILE := $(addprefix tests/campaigns/test_,mutations.py controller_relation.py hostile_models.py) \
+HOSTILE := $(addprefix tests/campaigns/test_,mutations.py controller_relation.py hostile_models.py hostile_proofs.py) \
   $(addprefix tests/commands/test_,interrupted.py memory_limits.py) \
   $(addprefix tests/monitor/test_,monitor_functions.py monitor_sound.py) \
   $(addprefix tests/native/test_,builds_survive.py sanitized_handles.py) \
@@ -51,6 +52,17 @@ HOSTILE := $(addprefix tests/campaigns/test_,mutations.py controller_relation.py
   tests/report/test_report_in_browser.py tests/test_endurance.py tests/test_hostile.py
 test-hostile: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q $(HOSTILE)
+
+# What is proved of the public models beside the checkout, with times: an hour or so on two cores.
+# DL2C_PROVE_SECONDS is the limit for each model, DL2C_PROVE a part of names of files to look at alone;
+# with DL2C_PROVE_AGREE=1 cvc5 is asked all that Z3 calls impossible, and what it says is counted.
+prove: $(READY)
+	$(BIN)/python tests/proof_table.py
+
+# Mutants and random exact runs of what is proved, and policies with planted faults: nothing false may be called
+# proved. Hours; DL2C_MUTANTS and DL2C_SEED say how many and which.
+prove-slow: $(READY)
+	$(BIN)/python -m pytest -n $(WORKERS) -q -rP -m slow tests/verify tests/policy_proof
 
 # Exported monitors on an emulated Cortex-M4, and what an analyser says of their C.
 TARGET_PROGRAMS := arm-none-eabi-gcc qemu-system-arm frama-c

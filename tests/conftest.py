@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Generator
 from pathlib import Path
+from uuid import uuid4
 
 import pytest
 from hypothesis import settings
@@ -29,6 +30,13 @@ def fresh_compilations() -> Generator[None]:
     yield
     if (pipeline := sys.modules.get("dl2c.pipeline")) is not None:
         pipeline.compilation.cache_clear()
+
+
+@pytest.fixture(autouse=True)
+def nothing_proved(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """No test finds what anybody has proved; what it proves itself it finds again."""
+    folder = tmp_path_factory.getbasetemp() / "proofs" / uuid4().hex
+    monkeypatch.setattr("dl2c.verify.results.folder", lambda: folder)
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from dl2c.source import Source
 FOLDER = Path(__file__).resolve().parent.parent / "examples"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.kyx"))
 IDENTIFIERS = {model: f"dl2c/{name}-v0" for name, model in EXAMPLES.items()}
-UNPROVED = {"forced_acceleration"}
+UNSAFE = {"forced_acceleration"}
 
 POLYNOMIAL = ("exact", "its solution is a polynomial of time")
 LINEAR = ("linear", "its equations are linear: power series to the last digit")
@@ -111,7 +111,7 @@ def test_stable_baselines_accepts_it(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_proved_holds_in_every_run(name: str) -> None:
+def test_safety_holds_in_every_run(name: str) -> None:
     batch = seeded(dl2c.build(f"example:{name}").library.batch(20, autoreset="same_step"))
     rng = np.random.default_rng(0)
     violations = 0
@@ -119,7 +119,7 @@ def test_what_is_proved_holds_in_every_run(name: str) -> None:
         masked_step(batch, rng)
         assert not batch.blocked.any()
         violations += int(batch.cost.sum())
-    assert (violations > 0) == (name in UNPROVED)
+    assert (violations > 0) == (name in UNSAFE)
 
 
 def test_forced_acceleration_ends_when_predicted() -> None:

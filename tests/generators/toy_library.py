@@ -14,7 +14,7 @@ import pytest
 from dl2c.native.binding import outcome_memory
 from dl2c.native.describe import options_as_data
 from dl2c.native.errors import ResetFailed
-from dl2c.native.manifest import ChoiceSpec, InputSpec, Manifest, PredicateSpec, Quantity
+from dl2c.native.manifest import ChoiceSpec, InputSpec, Manifest, PredicateSpec, Quantity, TheoremSpec
 from dl2c.options import Options
 
 OPTIONS: dict[str, Any] = options_as_data(Options()) | {
@@ -55,6 +55,7 @@ def toy_manifest(counts: tuple[int, ...] = (3,), inputs: int = 0, **options: Any
         notes=(),
         platform={},
         conditions=(),
+        theorem=TheoremSpec("toy", "", "not checked"),
     )
 
 

@@ -190,7 +190,7 @@ def test_fixing_leaves_nothing_to_fix(capsys: Any, tmp_path: Path, ending: str, 
     path.write_bytes(mark + SLIPS.replace("\n", ending).encode())
     path.chmod(0o640)
     code, out, _ = run(capsys, "check", "--fix", "--portable", str(path))
-    assert (code, out) == (0, f"{path}: 7 corrections, no errors, 0 warnings\n")
+    assert code == 0 and out.startswith(f"{path}: 7 corrections, no errors, 0 warnings\n")
     text = path.read_bytes()
     assert text.startswith(mark) and text.count(ending.encode()) == text.count(b"\n")
     for piece in (

@@ -4,6 +4,7 @@ import pickle
 import platform
 import re
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from dl2c.native.binding import Batch, Library, load_library
 from dl2c.native.compile import CDEF, compile_library
 from dl2c.native.errors import CompilerFailed, CompilerMissing, NativeError, ResetFailed
 from dl2c.native.manifest import Manifest
-from dl2c.native.toolchain import find_compiler, first_errors
+from dl2c.native.toolchain import find_compiler, first_errors, run_all
 
 TOY = {"toy.h": MODEL_H, "toy.c": MODEL_C}
 
@@ -196,6 +197,17 @@ def test_warnings_in_generated_code_are_errors(flaw: str, abi_mode: None, tmp_pa
     with pytest.raises(CompilerFailed, match=r"error:.*Werror"):
         compile_library(TOY | {"toy.c": MODEL_C + flaw + "\n"}, "toy", tmp_path)
     assert not list(tmp_path.glob("*.so")) and not list(tmp_path.glob("objects-*"))
+
+
+def test_a_failure_ends_compilers_at_once(tmp_path: Path) -> None:
+    """Ctrl-C too, which does not reach them where it is sent to one process."""
+    began = time.monotonic()
+    tidy = "trap 'rm begun; kill $!; exit' TERM; sleep 600 & touch begun; wait"
+    until_begun = "until test -e begun; do sleep 0.05; done; exit 1"
+    with pytest.raises(CompilerFailed, match="exit code 1"):
+        run_all([("sh", "-c", until_begun), ("sh", "-c", tidy)], tmp_path)
+    assert not list(tmp_path.iterdir())
+    assert time.monotonic() - began < 60
 
 
 def test_compiler_messages_are_short() -> None:

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -119,10 +120,36 @@ def test_only_the_same_task_is_gone_on_with(tmp_path: Path) -> None:
         train(MODEL, directory=tmp_path, settings=other, resume=tmp_path)
 
 
+@pytest.fixture
+def heeded() -> Iterator[None]:
+    """Processes in the background of a shell ignore interruptions."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def interrupt(point: Point) -> None:
+    if point.steps == 128:
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.usefixtures("heeded")
+def test_ctrl_c_ends_what_is_of_use_only_as_a_whole(tmp_path: Path) -> None:
+    """A table about half a training would be wrong."""
+    with pytest.raises(KeyboardInterrupt):
+        train(MODEL, directory=tmp_path / "a", settings=small(steps=100_000), progress=interrupt, whole=True)
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.usefixtures("heeded")
+def test_who_ignores_ctrl_c_is_not_stopped(tmp_path: Path) -> None:
+    """Such as what a shell runs in the background."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    assert not train(MODEL, directory=tmp_path, settings=small(steps=256), progress=interrupt).interrupted
+
+
+@pytest.mark.usefixtures("heeded")
 def test_ctrl_c_keeps_what_there_is(tmp_path: Path) -> None:
-    def interrupt(point: Point) -> None:
-        if point.steps == 128:
-            os.kill(os.getpid(), signal.SIGINT)
 
     before = signal.getsignal(signal.SIGINT)
     run = train(MODEL, directory=tmp_path, settings=small(steps=100_000), progress=interrupt)
