@@ -219,33 +219,45 @@ def goal(formula: tree.Formula) -> tree.Formula:
     return formula
 
 
-def violation(formula: tree.Formula, random: Random, inside: tree.Formula | None = None) -> Finding | None:
-    """The first violation of an invariant, or else of Q, in one random run; None where it has none.
-
-    A violated Q makes the theorem false; a violated invariant only says that this is none.
+@dataclass(frozen=True)
+class Run:
+    """A random run: whether some state satisfies P, whether the run comes to its end, and the first violation
+    of an invariant, or else of Q. A violated Q makes the theorem false; a violated invariant only says that
+    this is none.
     """
+
+    begun: bool
+    ended: bool = False
+    finding: Finding | None = None
+
+
+def run(formula: tree.Formula, random: Random, inside: tree.Formula | None = None) -> Run:
+    """One random run."""
     try:
         start = initial(formula, random, inside)
-        if start is None:
-            return None
-        chance = Chance(random)
-        if random.random() < 0.3:
-            aims = [goal(formula), *([inside] if inside is not None else [])]
-            chance = Chance(random, tries=3, goal=random.choice(aims))
-        runner = Runner(chance, start)
+    except (Stuck, Unclear):
+        start = None
+    if start is None:
+        return Run(False)
+    chance = Chance(random)
+    if random.random() < 0.3:
+        aims = [goal(formula), *([inside] if inside is not None else [])]
+        chance = Chance(random, tries=3, goal=random.choice(aims))
+    runner = Runner(chance, start)
+    try:
         wrong = runner.violates(formula, start)
     except (Stuck, Unclear):
-        return None
+        return Run(True, False, runner.finding)
     if wrong is not None:
-        return Finding("postcondition", wrong, start, start, tuple(runner.log))
-    return runner.finding
+        return Run(True, True, Finding("postcondition", wrong, start, start, tuple(runner.log)))
+    return Run(True, True, runner.finding)
 
 
 def refutation(formula: tree.Formula, random: Random, runs: int) -> Finding | None:
     """The first of some random runs that violates Q, so that the theorem is false."""
     inside = first_invariant(formula)
     for _ in range(runs):
-        found = violation(formula, random, inside)
+        found = run(formula, random, inside).finding
         if found is not None and found.kind == "postcondition":
             return found
     return None

@@ -7,7 +7,7 @@ from random import Random
 import pytest
 from oracles.exact_motion import Flow, Moment, Stuck, after
 from oracles.exact_numbers import Unclear
-from oracles.exact_random import first_invariant, initial, refutation, violation
+from oracles.exact_random import first_invariant, initial, refutation, run
 from oracles.exact_runs import premises, refutes, theorem
 from oracles.exact_time import Poly, isolated, points, squarefree
 from oracles.exact_values import truth
@@ -215,7 +215,7 @@ def test_false_theorems_are_refuted_by_chance(problem: str) -> None:
 
 def test_invariants_are_judged() -> None:
     formula = model("x = 0 -> [{x := x + 1;}*@invariant(x <= 3)] x >= 0")
-    found = next(f for seed in range(99) if (f := violation(formula, Random(seed))) is not None)
+    found = next(f for seed in range(99) if (f := run(formula, Random(seed)).finding) is not None)
     assert found.kind == "invariant"
     assert found.state["x"] == 4 and sum(found.decisions) == 4
 
