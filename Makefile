@@ -55,7 +55,8 @@ test-hostile: $(READY)
 
 # What is proved of the public models beside the checkout, with times: an hour or so on two cores.
 # DL2C_PROVE_SECONDS is the limit for each model, DL2C_PROVE a part of names of files to look at alone;
-# with DL2C_PROVE_AGREE=1 cvc5 is asked all that Z3 calls impossible, and what it says is counted.
+# DL2C_PROVE_BARE=1 takes invariants and tactics away; with DL2C_PROVE_AGREE=1 cvc5 is asked all that Z3 calls
+# impossible, and what it says is counted.
 prove: $(READY)
 	$(BIN)/python tests/proof_table.py
 

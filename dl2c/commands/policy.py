@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -26,10 +26,12 @@ from dl2c.training.saved import found_policy, load_policy
 from dl2c.work import budgeted
 
 if TYPE_CHECKING:
+    from dl2c.parse.tree import Entry
     from dl2c.pipeline import Compilation
     from dl2c.policy_proof.acting import Acting
     from dl2c.policy_proof.build import Claim
     from dl2c.policy_proof.certificate import Checked
+    from dl2c.policy_proof.onward import Onward
     from dl2c.policy_proof.verdict import PolicyReport
 
 INTERFACE = (
@@ -92,6 +94,9 @@ def _manifest(model: str, options: Mapping[str, Any]) -> Manifest:
 MOST = 1e30
 """Of limits of outputs."""
 
+ONWARD = 2.0, 10.0
+"""Seconds that there are at least and at most for each claim that follows of admissible requests."""
+
 COLOURS = {"proved": "bold green", "refuted": "bold red"}
 
 
@@ -118,9 +123,11 @@ def report_on(model: str, asked: Asked, options: Mapping[str, Any]) -> "PolicyRe
     from dl2c.policy_proof.verdict import verified
 
     with working(f"verifying {asked.path}") as note:
-        claim, policy = _prepared(model, asked, options)
+        entry, claim, policy = _prepared(model, asked, options)
         limits = Limits(asked.seconds, asked.threads, note)
         report = verified(claim, policy, limits, (claim.model.name, str(asked.path)))
+        if report.answer == "proved":
+            report = replace(report, onward=_onward(entry, claim, asked, report.seconds))
     if asked.certificate is not None and report.answer == "proved":
         write_output(asked.certificate, report.certificate)
     return report
@@ -134,11 +141,22 @@ def checked_certificate(model: str, asked: Asked, options: Mapping[str, Any], pa
     from dl2c.policy_proof.certificate import check
 
     with working(f"checking {path}"):
-        return check(path, questions(*_prepared(model, asked, options)))
+        return check(path, questions(*_prepared(model, asked, options)[1:]))
+
+
+def _onward(entry: "Entry", claim: "Claim", asked: Asked, seconds: float) -> "Onward":
+    """What follows of admissible requests, found in the seconds that are left, or a few."""
+    from dl2c.policy_proof.onward import onward
+    from dl2c.verify.prove import Limits
+
+    least, most = ONWARD
+    total = min(max((asked.seconds - seconds) / 3, least), most)
+    values = {c.name: c.value for c in claim.model.constants if c.value is not None}
+    return onward(entry, claim.model, values | dict(claim.fixed), Limits(total, total, asked.threads))
 
 
 @budgeted()
-def _prepared(model: str, asked: Asked, options: Mapping[str, Any]) -> "tuple[Claim, Acting]":
+def _prepared(model: str, asked: Asked, options: Mapping[str, Any]) -> "tuple[Entry, Claim, Acting]":
     from dl2c.ir.model import TRUE
     from dl2c.lower.invariant import invariant
     from dl2c.policy_proof.acting import acting
@@ -165,7 +183,8 @@ def _prepared(model: str, asked: Asked, options: Mapping[str, Any]) -> "tuple[Cl
         raise NotCovered("its loop invariant cannot be evaluated")
     outside = outside_of(_formula(found, asked.outside)) if asked.outside else TRUE
     fixed = _fixed(found, asked.fixed)
-    return Claim(lowered, proved or TRUE, outside, fixed, arithmetics[asked.arithmetic]), policy
+    claim = Claim(lowered, proved or TRUE, outside, fixed, arithmetics[asked.arithmetic])
+    return found.parsed.entry, claim, policy
 
 
 def _uses_pi(found: "Compilation") -> bool:
@@ -253,15 +272,16 @@ def _output(text: str, clip: tuple[float, float] | None) -> tuple[str, float, fl
 
 def show(report: "PolicyReport") -> None:
     """The report for readers."""
-    from dl2c.policy_proof.verdict import NOT_CHECKED, decimal
+    from dl2c.policy_proof.verdict import decimal
 
     console = Console(highlight=False, soft_wrap=True)
     boxes, solved = sum(f.boxes for f in report.found), sum(f.by_solver for f in report.found)
     line = Text("admissible  ").append(f"{report.answer:12}", COLOURS.get(report.answer, "yellow"))
     by = f", {solved} of them by Z3" if solved else ""
     console.print(line.append(f"{report.seconds:6.1f} s  {boxes} boxes{by}"))
-    for name in NOT_CHECKED:
-        console.print(f"{name:12}not checked")
+    for name in ("kept", "for ever"):
+        said = report.claims[name]
+        console.print(Text(f"{name:12}").append(said, COLOURS.get(said, "yellow")))
     for covers in report.covers:
         console.print(f"states: {covers}")
     console.print(f"numbers of the policy: {report.arithmetic}")

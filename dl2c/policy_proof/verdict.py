@@ -1,4 +1,4 @@
-"""The answers for a policy: whether every request is admissible, with what was done to find out."""
+"""The answers for a policy: whether every request is admissible, and what follows, with what was done."""
 
 import time
 from collections.abc import Sequence
@@ -11,11 +11,9 @@ from dl2c.policy_proof.acting import Acting
 from dl2c.policy_proof.build import Claim, questions
 from dl2c.policy_proof.certificate import certificate
 from dl2c.policy_proof.exact import Violation
+from dl2c.policy_proof.onward import Onward
 from dl2c.policy_proof.question import Question
 from dl2c.policy_proof.search import Answer, Found, Limits, search
-
-NOT_CHECKED = ("kept", "for ever")
-"""Claims of which nothing is said: that steps stay within the bounds, and that this goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +28,7 @@ class PolicyReport:
     warnings: tuple[str, ...]
     seconds: float
     questions: tuple[Question, ...] = ()
+    onward: Onward = Onward()
 
     @property
     def certificate(self) -> str:
@@ -42,6 +41,11 @@ class PolicyReport:
         """The worst answer."""
         answers = {f.answer for f in self.found}
         return "refuted" if "refuted" in answers else "unknown" if "unknown" in answers else "proved"
+
+    @property
+    def claims(self) -> dict[str, str]:
+        """The answer to each claim, by name."""
+        return {"admissible": self.answer, "kept": self.onward.kept, "for ever": self.onward.lasting}
 
     @property
     def violation(self) -> Violation | None:
@@ -60,7 +64,7 @@ class PolicyReport:
             "arithmetic": self.arithmetic,
             "covers": list(self.covers),
             "answer": self.answer,
-            "claims": {"admissible": self.answer} | dict.fromkeys(NOT_CHECKED, "not checked"),
+            "claims": self.claims,
             "boxes": sum(f.boxes for f in self.found),
             "boxes_by_z3": sum(f.by_solver for f in self.found),
             "decided": self.share,

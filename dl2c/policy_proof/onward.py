@@ -1,0 +1,88 @@
+"""What follows of admissible requests: whether steps stay within the bounds, and whether that goes on.
+
+Three claims about the model, asked of its prover: J holds where the loop begins, a step keeps J, and a step
+from J and the bounds ends within the bounds. They are about every request that is admissible, whatever the
+network is: so they hold for a policy whose requests are, and where they are not proved the policy may keep
+to the bounds all the same.
+"""
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Literal, TypeAlias
+
+from dl2c.ir.liveness import written
+from dl2c.ir.model import Bound, Model
+from dl2c.parse import tree
+from dl2c.parse.tree import Entry
+from dl2c.resolve.symbols import nodes
+from dl2c.smt.portfolio import Portfolio
+from dl2c.verify.arithmetic.prover import Prover
+from dl2c.verify.execution import Kind
+from dl2c.verify.prove import Limits, Proof
+from dl2c.verify.theorem import Theorem, obligation, theorem_of
+
+Kept: TypeAlias = Literal["proved", "unknown", "not checked"]
+Lasting: TypeAlias = Literal["proved", "until the bounds are left", "unknown", "not checked"]
+
+
+@dataclass(frozen=True, slots=True)
+class Onward:
+    """`kept`: steps end within the bounds of what is observed. `lasting`: from every state in which the loop
+    may begin, all that is claimed goes on.
+    """
+
+    kept: Kept = "not checked"
+    lasting: Lasting = "not checked"
+
+
+def onward(entry: Entry, model: Model, fixed: Mapping[str, Fraction], limits: Limits) -> Onward:
+    """What is proved for a policy whose requests are admissible. `fixed` has the values of constants, and
+    those that the claim about its requests is limited to.
+    """
+    changed = written((*model.prefix, *model.lead, *model.body), model.flows)
+    steady = {name: value for name, value in fixed.items() if name not in changed}
+    theorem = theorem_of(entry, steady)
+    loops = [n for n in nodes(theorem.formula) if isinstance(n, tree.Loop)]
+    if len(loops) != 1 or not loops[0].invariants:
+        return Onward()
+    loop, bounded = loops[0], {v.name: v.bound for v in model.variables if v.observed}
+    always = {v.name: v.bound for v in model.variables if v.name not in changed}
+    always |= {c.name: c.bound for c in model.constants}
+    inside = tuple(_inside(bounded))
+    assumed = (*loop.invariants, *_inside(always), *inside)
+
+    def holds(kind: Kind, before: Sequence[tree.Formula], after: Sequence[tree.Formula]) -> bool:
+        asked = obligation(theorem, loop, kind, before, after)
+        return asked is not None and _proved(asked[0], limits, portfolio)
+
+    with Portfolio(limits.jobs) as portfolio:
+        kept = holds("step", assumed, inside)
+        kinds: tuple[Kind, ...] = ("initially", "step")
+        invariant = all(holds(kind, loop.invariants, loop.invariants) for kind in kinds)
+    if not invariant or steady.keys() != fixed.keys():
+        return Onward("proved" if kept else "unknown", "unknown")
+    return Onward(*("proved", "proved") if kept else ("unknown", "until the bounds are left"))
+
+
+def _inside(bounds: Mapping[str, Bound]) -> Iterator[tree.Formula]:
+    """That names are within their bounds."""
+    for name, bound in bounds.items():
+        if bound.low is not None:
+            yield tree.Compare("<=", _number(bound.low), tree.Variable(name))
+        if bound.high is not None:
+            yield tree.Compare("<=", tree.Variable(name), _number(bound.high))
+
+
+def _number(value: Fraction) -> tree.Term:
+    return tree.Number(value) if value >= 0 else tree.Neg(tree.Number(-value))
+
+
+def _proved(theorem: Theorem, limits: Limits, portfolio: Portfolio) -> bool:
+    """Whether a claim is proved, without the safety predicates of the model, which are no part of it."""
+    prover = Prover(portfolio, limits.each, time.monotonic() + limits.total)
+    found = Proof(replace(theorem, safety=()), prover).best(refute=False)
+    if prover.interrupted:
+        raise KeyboardInterrupt
+    return found.answer == "proved"
