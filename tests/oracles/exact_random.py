@@ -11,7 +11,7 @@ from fractions import Fraction
 from random import Random
 
 from oracles.exact_motion import Flow, Stuck, after, motion
-from oracles.exact_numbers import Unclear, Undefined
+from oracles.exact_numbers import Unclear, Undefined, alike
 from oracles.exact_runs import Finding, Rest, Runner, names, premises
 from oracles.exact_time import ZERO, Poly, isolated, square_root, squarefree
 from oracles.exact_values import Cells, State, atoms, evaluate, truth
@@ -204,7 +204,8 @@ def distance(formula: tree.Formula, state: State) -> float:
             return -distance(child, state)
         case tree.Compare(op, left, right):
             try:
-                difference = float(evaluate(right, state) - evaluate(left, state))
+                above, below = alike(evaluate(right, state), evaluate(left, state))
+                difference = float(getattr(above - below, "mid", above - below))
             except (Unclear, Undefined, OverflowError, TypeError):
                 return 0.0
             return difference if op in ("<", "<=") else -difference if op in (">", ">=") else 0.0
