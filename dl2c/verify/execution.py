@@ -164,12 +164,12 @@ class Execution:
                     self._check_reading(formula)
                     known = state.where(formula_in(formula, state))
                 except (Unsupported, CompileError):
-                    known = self._whatever(formula, state)
+                    known = state
                 if known is not None:
-                    yield known
+                    yield self._whatever(formula, known)
 
     def _whatever(self, formula: tree.Formula, state: State) -> State:
-        """The state where a formula with leading quantifiers, or about all runs, is kept, for values that are
+        """The state that keeps a formula with leading quantifiers, or about all runs, for values that are
         known."""
         inner, bound = state, set[Symbol]()
         while isinstance(formula, tree.Forall):

@@ -98,8 +98,9 @@ def replaced(formula: Formula, values: Mapping[Symbol, Term]) -> Formula:
 
 @dataclass(slots=True)
 class Flows:
-    """Follows differential equations. `effort` 0 goes by solutions and the text's own cuts, 1 tries `wanted`
-    formulas and hints too, 2 invents cuts. `rules` notes what was used.
+    """Follows differential equations. `effort` 0 goes by solutions and the text's own cuts, 1 tries hints and
+    facts of the whole time too, 2 `wanted` formulas and other facts, 3 invents cuts. `rules` notes what was
+    used.
     """
 
     prover: Prover
@@ -184,12 +185,15 @@ class Flows:
         for written in ode.invariants:
             search.each(motion_formula(written, motion), SHARES[0])
         if self.effort >= 1:
-            for hint in (*self.hints, *self.wanted):
+            for hint in self.hints:
                 search.each(motion_formula(hint, motion), SHARES[1])
-            for fact in _facts_that_move(motion):
+            for fact in _facts_until_now(motion):
                 search.each(fact, SHARES[1])
+        goals = [g for w in self.wanted if (g := motion_formula(w, motion)) is not None]
         if self.effort >= 2:
-            goals = [g for w in self.wanted if (g := motion_formula(w, motion)) is not None]
+            for candidate in (*goals, *_facts_that_move(motion)):
+                search.each(candidate, SHARES[1])
+        if self.effort >= 3:
             search.until_no_more(invented(search.vectors, motion.start, motion.clock), goals, SHARES[2])
         self.rules |= search.rules
         return tuple(search.proved)
@@ -205,6 +209,33 @@ def _facts_that_move(motion: Motion) -> list[Formula]:
     moving = {value: s for s, value in motion.start.items() if isinstance(value, Symbol)}
     found = [with_sides(f, lambda t: substituted(t, moving)) for f in reversed(motion.state.facts)]
     return [f for f in found if symbols(f) & motion.rates.keys()][:MAX_FACTS]
+
+
+def _facts_until_now(motion: Motion) -> list[Formula]:
+    """What is known of the whole time that the domain allows, said of the time that has passed.
+
+    Where the domain says `t <= ep`, guards speak of ep, the worst case. Of t they say what holds at every
+    instant, which is often a step of the proof.
+    """
+    found: dict[Formula, None] = {}
+    for clock, limit in _time_limits(motion):
+        for fact in motion.state.facts:
+            names = symbols(fact)
+            if limit in names and len(names) > 2:
+                found.setdefault(with_sides(fact, lambda t, now={limit: clock}: substituted(t, now)))
+    return list(found)[-MAX_FACTS:]
+
+
+def _time_limits(motion: Motion) -> Iterator[tuple[Symbol, Symbol]]:
+    """Clocks of the motion, each with a constant that it may not exceed."""
+    for atom in conjuncts(motion.domain):
+        match atom:
+            case Compare("<=" | "<", Symbol() as clock, Symbol() as limit) | Compare(
+                ">=" | ">", Symbol() as limit, Symbol() as clock
+            ) if motion.rates.get(clock) == ONE and limit not in motion.rates:
+                yield clock, limit
+            case _:
+                pass
 
 
 def motion_formula(written: tree.Formula, motion: Motion) -> Formula | None:

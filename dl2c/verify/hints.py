@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dl2c.diagnostics import CompileError
 from dl2c.parse import tree
@@ -32,7 +32,7 @@ def hints_of(entry: tree.Entry, read: Callable[[tree.Formula], tree.Formula | No
     flows: dict[tree.Formula, None] = {}
     for tactic, text in _calls(entry.span.text):
         for formula in _formulas(text):
-            expanded = read(formula)
+            expanded = read(_unchanged(formula))
             if expanded is not None and len(loops) + len(flows) < MOST:
                 (loops if tactic == "loop" else flows).setdefault(expanded)
     return Hints(tuple(loops), tuple(flows))
@@ -43,6 +43,17 @@ def _calls(text: str) -> Iterator[tuple[str, str]]:
         for pattern in (_CALL, _OLD_CALL):
             for call in pattern.finditer(tactic.group(1)):
                 yield call.group(1), call.group(2).replace('\\"', '"')
+
+
+def _unchanged(formula: tree.Formula) -> tree.Formula:
+    """The formula with `e = const()`, by which tactics say that e keeps its value, as `e = old(e)`."""
+    match formula:
+        case tree.Connective(left, right):
+            return replace(formula, left=_unchanged(left), right=_unchanged(right))
+        case tree.Compare(_, left, tree.FuncOf("const", ())):
+            return replace(formula, right=tree.FuncOf("old", (left,)))
+        case _:
+            return formula
 
 
 def _formulas(text: str) -> Iterator[tree.Formula]:

@@ -37,7 +37,7 @@ FINAL = ("proved", "refuted", "not checked")
 UNDECIDED = ("unknown", "refuted")
 """Answers for a theorem that may be another one within bounds."""
 
-EFFORTS = (0, 1, 2)
+EFFORTS = (0, 1, 2, 3)
 """Of flows: see `Flows`."""
 
 PACES = (0.12, 1.0)
@@ -45,6 +45,9 @@ PACES = (0.12, 1.0)
 
 PATIENT = 0.5
 """Of that time: for what the text says, before anything else is tried."""
+
+PATIENCE = (0.3, 0.6)
+"""Of the time that is left: for that, with the first efforts."""
 
 SEARCH = 0.25
 """Of the time that is left: for the first search for a counterexample."""
@@ -101,7 +104,7 @@ def prove_entry(
         if limits.keep is not None:
             limits.keep.mkdir(parents=True, exist_ok=True)
             prover.keep = limits.keep
-        with prover.share(0.6):
+        with prover.share(0.6 if theorem.bounds else 0.8 if partial(theorem.formula) else 1.0):
             attempt = Proof(theorem, prover).best()
         if attempt.answer == "unknown" and partial(theorem.formula) and not prover.interrupted:
             attempt = _if_defined(theorem, prover, attempt)
@@ -206,7 +209,7 @@ class Proof:
                 yield (one := self._examined(one))
                 hopeful = not any(o.wrong_invariant for o in one.obligations)
             if hopeful and pace == PACES[0]:
-                yield self._patient(written)
+                yield from (self._patient(written, *spent) for spent in zip(EFFORTS, PATIENCE, strict=False))
             for effort in EFFORTS[1:] if hopeful else ():
                 yield self.attempt(written, effort)
             yield from self._found(written)
@@ -227,16 +230,17 @@ class Proof:
         for effort in EFFORTS:
             yield replace(self.attempt(invariants, effort), invented=True)
 
-    def _patient(self, written: Invariants) -> Attempt | None:
-        """By what the text says alone, with more time for each question."""
+    def _patient(self, written: Invariants, effort: int, part: float) -> Attempt | None:
+        """By what the text says, in a part of the time, with more for each question, if all is proved so."""
         before, self.prover.pace = self.prover.pace, PATIENT
         try:
-            with self.prover.share(SEARCH):
-                return self.attempt(written, EFFORTS[0])
+            with self.prover.share(part):
+                found = self.attempt(written, effort, whole=False)
         except OutOfTime:
             return None
         finally:
             self.prover.pace = before
+        return found if found.answer in FINAL else None
 
     def _refuted(self, iterations: Sequence[int], part: float = 1.0) -> Attempt | None:
         """The theorem refuted by a run of so many iterations of loops, found in a part of the time."""
@@ -303,8 +307,8 @@ class Proof:
                     break
                 current = kept
 
-    def attempt(self, invariants: Invariants, effort: int) -> Attempt:
-        """The answers with these invariants."""
+    def attempt(self, invariants: Invariants, effort: int, whole: bool = True) -> Attempt:
+        """The answers with these invariants; unless `whole`, up to the first goal that is not proved."""
         execution = self._executed(invariants, effort)
         found: dict[tuple[str, int, str], Obligation] = {}
         lost: set[tuple[Span, int]] = set()
@@ -319,6 +323,8 @@ class Proof:
                 lost.add((execution.loops[goal.loop - 1].span, goal.part))
                 left.add(id(goal.state))
             found[key] = joined(found[key], one) if key in found else one
+            if not whole and one.answer != "proved":
+                break
         for gap in execution.gaps:
             key = gap.kind, gap.loop, gap.predicate
             answer: Answer = "unknown" if gap.checked else "not checked"

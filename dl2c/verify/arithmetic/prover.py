@@ -14,6 +14,7 @@ from dl2c.smt.portfolio import UNDECIDED, Outcome, Portfolio, Solver
 from dl2c.verify.arithmetic.cases import Signs, cases_of, disjunctions
 from dl2c.verify.arithmetic.products import scripts
 from dl2c.verify.arithmetic.quotients import cleared, positive_symbols
+from dl2c.verify.arithmetic.squares import implied, with_known
 from dl2c.verify.arithmetic.total import totalised, without_cases
 from dl2c.verify.states import connected
 
@@ -128,7 +129,8 @@ class Prover:
         """A question as polynomials."""
         positive = positive_symbols(facts)
         plain = [cleared(f, positive) for f in facts]
-        return totalised(plain, cleared(goal, positive), self.if_defined)
+        given, wanted = totalised(plain, cleared(goal, positive), self.if_defined)
+        return with_known([*given, *implied([*given, negation(wanted)])], wanted)
 
     def _decided(
         self, text: str, names: Sequence[str], facts: Sequence[Formula], goal: Formula, seconds: float
