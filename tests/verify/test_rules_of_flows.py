@@ -9,7 +9,8 @@ from dl2c.ir.logic import conjuncts, negation
 from dl2c.ir.model import ONE, TRUE, ZERO, Compare, Formula, Symbol, Term, Truth
 from dl2c.lower.terms import lower_formula, lower_term
 from dl2c.options import Options
-from dl2c.parse.parser import parse_formula, parse_term
+from dl2c.parse.parser import parse_archive, parse_formula, parse_term
+from dl2c.parse.printer import print_formula as print_tree
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source
 from dl2c.verify.arithmetic.cases import Signs
@@ -23,6 +24,7 @@ from dl2c.verify.invariance import Chains, Invariance
 from dl2c.verify.invention import invented
 from dl2c.verify.prove import Limits, prove
 from dl2c.verify.states import Names, evaluated
+from dl2c.verify.theorem import theorem_of
 
 SCOPE = {name: Symbol(name, "variable") for name in ("x", "y", "z", "u", "a", "b")}
 
@@ -251,3 +253,34 @@ def test_an_assumption_about_all_runs_is_used_for_a_run_of_the_same_shape() -> N
     assert answer(f"t = 0 -> [?[{motion}] x^5 + x <= y; {motion}] x^5 + x <= y") == "proved"
     longer = motion.replace("t <= 2", "t <= 3")
     assert answer(f"t = 0 -> [?[{motion}] x^5 + x <= y; {longer}] x^5 + x <= y") != "proved"
+
+
+def test_a_guard_for_the_worst_case_is_used_at_every_instant() -> None:
+    """The guard speaks of ep; a proof along a motion that is not solved needs the same of t."""
+
+    def answer(guard: str, total: float) -> str:
+        text = (
+            'ArchiveEntry "G"\n'
+            "Definitions Real ep; Real b; Real A; End.\n"
+            "ProgramVariables Real x, y, v, dx, dy, w, t, o; End.\n"
+            "Problem ep > 0 & b > 0 & A >= 0 & v >= 0 & dx^2 + dy^2 = 1 & abs(x - o) > v^2/(2*b)\n"
+            f"  -> [?abs(x - o) > v^2/(2*b) + {guard}; w := *; t := 0;\n"
+            "      {x' = v*dx, y' = v*dy, v' = A, dx' = -w*dy, dy' = w*dx, t' = 1 & t <= ep & v >= 0}\n"
+            "        @invariant(dx^2 + dy^2 = 1, v = old(v) + A*t,\n"
+            "        -t*(v - A/2*t) <= x - old(x) & x - old(x) <= t*(v - A/2*t))]\n"
+            "     abs(x - o) > v^2/(2*b) End.\nEnd.\n"
+        )
+        return prove(Source("g.kyx", text), Options(), Limits(total=total)).answer
+
+    assert answer("(A/b + 1)*(A/2*ep^2 + ep*v)", 40.0) == "proved"
+    assert answer("(A/b + 1)*(A/2*ep^2)", 8.0) != "proved"
+
+
+def test_a_tactic_may_say_that_something_keeps_its_value() -> None:
+    text = (
+        'ArchiveEntry "C"\nProgramVariables Real x, y, u; End.\n'
+        "Problem x^2 + y^2 = u -> [{x' = -y*(x + u), y' = x*(x + u)}] x^2 + y^2 = u End.\n"
+        'Tactic "T" implyR(1); dC("x^2 + y^2 = const()", 1) End.\nEnd.\n'
+    )
+    theorem = theorem_of(parse_archive(Source("c.kyx", text))[0].entries[0], {})
+    assert [print_tree(f) for f in theorem.hints.flows] == ["x^2 + y^2 = old(x^2 + y^2)"]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import isqrt
 
-from dl2c.ir.logic import conjuncts, substituted, with_sides
+from dl2c.ir.logic import conjuncts, folded, substituted, with_sides
 from dl2c.ir.model import ZERO, Add, Compare, Formula, Mul, Neg, Number, Pow, Symbol, Term
 
 
@@ -74,7 +74,7 @@ def _limits(squares: Sequence[Summand], limit: Term, not_negative: set[Term]) ->
         for s in squares:
             if s.exponent == 2 and s.factor >= 1:
                 yield Compare("<=", s.base, radius)
-                yield Compare(">=", s.base, Neg(radius))
+                yield Compare(">=", s.base, folded(Neg(radius)))
 
 
 def _root(term: Term) -> Term | None:
