@@ -439,4 +439,36 @@ CONTROL = (
     ),
 )
 
-TRAPS = NAMES + IMPLICATIONS + MODALITIES + GAMES + CONTROL
+BOUND = (
+    Trap(
+        "a bound value under a quantifier of the same name",
+        "(\\forall x [y := x;] \\exists x (x > y)) -> [z := 1;] z = 2",
+        "y is the x of the outer quantifier, the greater one that of the inner",
+        argument="for every number there is a greater one, so that the assumption is true",
+        polynomial=False,
+    ),
+    Trap(
+        "a bound value under a quantifier of the same name, in a test",
+        "x = 0 -> [z := 1; ?\\forall x [y := x;] \\exists x (x > y);] z = 2",
+        "the test is passed: there is no greatest number",
+        argument="for every number there is a greater one, so that the test is passed, and z is 1",
+        polynomial=False,
+    ),
+    Trap(
+        "an assignment to a differential in P",
+        "x = 0 & !([x' := 5;] x = 5) -> [y := 1;] y = 2",
+        "`x' := 5` does not change x",
+        argument="x is 0 after x' := 5, so that the assumption is true, and y is 1",
+        polynomial=False,
+    ),
+    Trap(
+        "a quantified domain of an assumption about runs",
+        "x = 0 & y = 1 & z >= 0 & z = 100 & [{x' = 1 & \\exists t (t/y = 1 & x <= 1)}] x <= 3"
+        " -> [x := 10;] x = 11",
+        "the assumption is about runs inside of its domain, up to x = 1",
+        argument="t = 1 satisfies t/1 = 1, so that the domain is x <= 1, and 1 <= 3",
+        polynomial=False,
+    ),
+)
+
+TRAPS = BOUND + NAMES + IMPLICATIONS + MODALITIES + GAMES + CONTROL
