@@ -132,13 +132,11 @@ class Execution:
                 self._gap(formula.span, "a program in a place for which there is no rule")
 
     def _either(self, condition: tree.Formula, other: tree.Formula, state: State) -> None:
-        """One of two formulas holds. Where a condition has an undefined term it does not, nor does its
-        negation as a hypothesis that holds only where terms are defined.
+        """One of two formulas holds. Where a condition has an undefined term neither it nor its negation may
+        be true, so that nothing is assumed of it.
         """
-        if self.if_defined and not has_values(condition, state):
-            self.prove(other, state)
-        else:
-            self.prove(tree.Imply(tree.Not(condition), other), state)
+        known = has_values(condition, state)
+        self.prove(tree.Imply(tree.Not(condition), other) if known else other, state)
 
     def _condition(self, formula: tree.Formula, state: State) -> None:
         kind, loop = self.inside

@@ -299,12 +299,12 @@ class _Search:
         return self.samples.reject(formula)
 
     def _has_values(self, formula: Formula, share: float) -> bool:
-        """Whether all terms have values at every instant. Rules take that for granted where hypotheses hold
-        only if their terms are defined.
+        """Whether all terms have values at every instant. Rules take that for granted: they keep one of
+        `p > 0 | p <= 0` whatever p is, and neither is true where it has no value.
         """
-        if not self.flows.prover.if_defined or is_total(formula):
-            return True
-        return self.flows.prover.valid(self.context, conjunction(domains(formula)), share)
+        return is_total(formula) or self.flows.prover.valid(
+            self.context, conjunction(domains(formula)), share
+        )
 
     def _tried(self, formula: Formula, share: float) -> bool:
         if formula == TRUE or formula in self.proved or not (symbols(formula) & self.motion.rates.keys()):

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, TypeAlias
 
+from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import conjuncts, folded, holds, operands, rewritten, symbols, with_operands
 from dl2c.ir.model import Compare, Formula, Number, Symbol, Term, Truth
 from dl2c.lower.terms import lower_formula, lower_term
@@ -187,7 +188,7 @@ def _may_be_undefined(node: object) -> bool:
         case tree.Divide() | tree.Power():
             return True
         case tree.FuncOf(name):
-            return name not in ("abs", "min", "max")
+            return name not in FUNCTIONS or FUNCTIONS[name].domain is not None
         case _:
             return False
 

@@ -146,6 +146,21 @@ CONDITIONS = (
         polynomial=False,
     ),
     Trap(
+        "conditions without a value that exclude each other, beside a program",
+        "y = 0 -> (1/y > 0 | (1/y <= 0 | [x := 1;] x = 2))",
+        "1/0 is neither positive nor not",
+        argument="both conditions are about 1/0, so that neither is true, and x is 1",
+        polynomial=False,
+    ),
+    Trap(
+        "cases without a value that are all cases",
+        "y = -1 & x = 0 -> [{x' = 1}] (sqrt(y) > 1 | sqrt(y) <= 1 | x = 0)",
+        "x = 0 satisfies the claim where x begins; sqrt(-1) is neither above 1 nor not",
+        state={"y": -1},
+        decisions=[lasting(1)],
+        polynomial=False,
+    ),
+    Trap(
         "a cut without a value",
         "y = 0 & x = 0 -> [{x' = 1 - x}@invariant(1/y > 0 | x = 0) z := 1/y;] x = 0",
         "x = 0 satisfies the cut where x begins, and it does not stay so",
