@@ -471,4 +471,50 @@ BOUND = (
     ),
 )
 
-TRAPS = BOUND + NAMES + IMPLICATIONS + MODALITIES + GAMES + CONTROL
+CALLS = (
+    Trap(
+        "the earlier value of a loop that is called twice",
+        "x = 0 -> [a; x := -1; a;] 2*x >= -1",
+        "the second loop begins at -1",
+        decisions=[STOP, STOP],
+        definitions="HP a ::= { {x := x + 1;}*@invariant(x >= old(x)) };",
+    ),
+    Trap(
+        "the earlier value of a loop that is called in a loop",
+        "x = 0 -> [{a; x := x - 1;}*@invariant(x >= old(x))] x >= 0",
+        "the loop inside may run not at all",
+        decisions=once(STOP),
+        definitions="HP a ::= { {x := x + 1;}*@invariant(x >= old(x)) };",
+    ),
+    Trap(
+        "an argument under a quantifier of the same name",
+        "x = 5 -> [x := 1;] p(x)",
+        "the argument is 1",
+        argument="the only number that is 1 is not above 2",
+        polynomial=False,
+        definitions="Bool p(Real y) <-> \\exists x (x = y & x > 2);",
+    ),
+    Trap(
+        "a condition or a program",
+        "x = 1 -> (!(x = 1) | [x := 2;] x = 1)",
+        "the condition is false, and the program ends at 2",
+        argument="x is 1, then 2",
+        polynomial=False,
+    ),
+    Trap(
+        "programs on both sides of an equivalence",
+        "x = 0 -> ([x := 1;] x = 1 <-> [x := 2;] x = 1)",
+        "the left side is true, the right one is not",
+        argument="x is 1 after the left program, 2 after the right one",
+        polynomial=False,
+    ),
+    Trap(
+        "a state that some run reaches",
+        "(<{x' = 1 & x <= 2}> x = 2) -> [y := x;] y = 2",
+        "the assumption is about the end of a run",
+        argument="from x = 0 a run reaches 2, and y is 0",
+        polynomial=False,
+    ),
+)
+
+TRAPS = CALLS + BOUND + NAMES + IMPLICATIONS + MODALITIES + GAMES + CONTROL

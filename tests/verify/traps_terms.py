@@ -403,7 +403,52 @@ FUNCTIONS = (
     ),
 )
 
+PARTS = (
+    Trap(
+        "nothing times a root without a value",
+        "x = -1 -> [y := x;] 0*sqrt(y) = 0",
+        "sqrt(-1) has no value",
+        state={"x": -1},
+        polynomial=False,
+    ),
+    Trap(
+        "the smaller of a number and a root without a value",
+        "x = -1 -> [y := x;] min(sqrt(y), 3) <= 3",
+        "sqrt(-1) has no value",
+        state={"x": -1},
+        polynomial=False,
+    ),
+    Trap(
+        "the larger of a number and a quotient without a value",
+        "x <= 3 & y = 1 -> [z := y;] max(1/x, z) >= z",
+        "1/0 has no value",
+        state={"y": 1},
+        polynomial=False,
+    ),
+    Trap(
+        "a quotient of constants along a flow",
+        "x = 1 & y = 0 -> [{x' = -x}] x*y/y >= 0",
+        "0/0 has no value",
+        state={"x": 1},
+        decisions=[lasting(0)],
+        polynomial=False,
+    ),
+    Trap(
+        "a power of a power",
+        "x = 2 -> [y := x^2^(-1);] y = 1/4",
+        "it is the root of 2",
+        state={"x": 2},
+        polynomial=False,
+    ),
+)
+
 READING = (
+    Trap(
+        "a minus inside a product",
+        "x = 2 -> [y := 2*-x^2;] y = 8",
+        "it is -8",
+        state={"x": 2},
+    ),
     Trap(
         "a minus before a power",
         "x = 1 -> [y := -x^2;] y = 1",
@@ -454,4 +499,4 @@ READING = (
     ),
 )
 
-TRAPS = UNDEFINED + CONDITIONS + FUNCTIONS + READING
+TRAPS = UNDEFINED + CONDITIONS + PARTS + FUNCTIONS + READING
