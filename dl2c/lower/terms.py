@@ -8,11 +8,12 @@ eliminated and for distances that do not exist.
 import sys
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import count
 from typing import assert_never
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.ir import model as ir
-from dl2c.ir.logic import NEGATED, always_defined, conjunction, delta, disjunction, folded, mapped
+from dl2c.ir.logic import NEGATED, always_defined, conjunction, delta, disjunction, folded, mapped, symbols
 from dl2c.ir.slack import Slacks, settled
 from dl2c.lower.modal import Modality, Scope
 from dl2c.parse import tree
@@ -142,7 +143,7 @@ class _Lowering:
                 return both((one, self.formula(tree.Imply(right, left), scope, negated)))
             case tree.Quantified():
                 name, child = formula.variable, formula.child
-                bound = ir.Symbol(f"bound {name}", "variable")
+                bound = _bound(name, scope)
                 body = self.formula(child, {**scope, name: bound}, negated)
                 everything = isinstance(formula, tree.Forall) != negated
                 nested = any(isinstance(n, tree.Quantified) for n in nodes(child))
@@ -157,6 +158,15 @@ class _Lowering:
                 raise AssertionError("expansion and check_executable leave none of these")
             case _:
                 assert_never(formula)
+
+
+def _bound(name: str, scope: Scope) -> ir.Symbol:
+    """A symbol for what a quantifier binds, which no value mentions: programs inside of quantifiers may give
+    a name the value of another one that is bound.
+    """
+    taken = symbols(*scope.values())
+    names = (f"bound {name}{' again' * k}" for k in count())
+    return next(s for n in names if (s := ir.Symbol(n, "variable")) not in taken)
 
 
 def lower_delta(formula: tree.Formula, scope: Scope) -> ir.Term:

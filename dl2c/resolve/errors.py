@@ -152,6 +152,27 @@ def captured(name: str, variables: Iterable[str], span: Span) -> Diagnostic:
     )
 
 
+def captured_argument(parameter: str, variables: Iterable[str], span: Span) -> Diagnostic:
+    free = ", ".join(sorted(variables))
+    return error(
+        "captured-variable",
+        "an argument would change its meaning here",
+        span,
+        f"`{parameter}` stands for a term with {free}, which the program around it changes",
+        f"let the program change another variable than {free}",
+    )
+
+
+def parameter_written(parameter: str, span: Span) -> Diagnostic:
+    return error(
+        "captured-variable",
+        "a parameter of a definition cannot be changed",
+        span,
+        f"`{parameter}` stands for an argument",
+        "let the program change a variable of its own",
+    )
+
+
 def undefined_function(name: str, span: Span) -> Diagnostic:
     return error(
         "undefined-function",

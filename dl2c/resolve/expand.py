@@ -8,8 +8,10 @@ that a program around its use changes (the substitution would be captured); such
 errors, as in KeYmaera X.
 """
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import assert_never
+from typing import TypeAlias, assert_never
 
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.ir.functions import DEFINED
@@ -24,6 +26,9 @@ from dl2c.work import spend
 Names = frozenset[str]
 NONE: Names = frozenset()
 
+Values: TypeAlias = dict[str, tree.Term]
+"""What parameters stand for."""
+
 MAX_DEPTH = 200
 MAX_SIZE = 100_000
 MAX_QUANTIFIERS = 100
@@ -35,7 +40,8 @@ class Expander:
     """One expansion: the symbols it reads and the errors it found so far.
 
     With `run`, what has no definition is an error. Without, it stays as it is, and invariants,
-    which are hints that no run depends on, are left out.
+    which are hints that no run depends on, are left out. `around` are the variables that programs around
+    the definition that is being expanded change, `renamed` what quantifiers call their variables here.
     """
 
     symbols: Symbols
@@ -43,14 +49,18 @@ class Expander:
     found: list[Diagnostic] = field(default_factory=list[Diagnostic])
     expanded: int = 0
     solutions: dict[str, Solution | None] = field(default_factory=dict[str, Solution | None])
+    around: Names = NONE
+    renamed: set[str] = field(default_factory=set[str])
 
     def term(self, term: tree.Term, values: dict[str, tree.Term], bound: Names) -> tree.Term:
-        """`values` replaces parameters; `bound` are variables that programs around this term change."""
+        """`values` replaces parameters; `bound` are variables that programs around this term change, in the
+        definition that it belongs to.
+        """
         self._count(term)
         match term:
             case tree.Variable(name):
                 if name in values:
-                    return values[name]
+                    return self._argument(name, values[name], term, bound)
                 return self._called_term(name, (), term, bound)
             case tree.FuncOf(name, args):
                 return self._called_term(name, tuple(self.term(a, values, bound) for a in args), term, bound)
@@ -65,6 +75,33 @@ class Expander:
             case _:
                 assert_never(term)
 
+    def _argument(self, name: str, value: tree.Term, use: tree.Variable, bound: Names) -> tree.Term:
+        """What a parameter stands for, which no program between its definition and its use may change."""
+        clash = free_variables(value) & bound - self.renamed if value != tree.Variable(name) else NONE
+        if clash:
+            self._refuse(errors.captured_argument(name, clash, use.span))
+        return value
+
+    def _written_name(self, program: tree.Assign | tree.AssignAny | tree.AtomicODE, values: Values) -> str:
+        """The variable that a statement changes, which is no parameter."""
+        name = program.name
+        if values.get(name, tree.Variable(name)) != tree.Variable(name):
+            self._refuse(errors.parameter_written(name, program.span))
+        return name
+
+    def _refuse(self, diagnostic: Diagnostic) -> None:
+        if diagnostic not in self.found:
+            self.found.append(diagnostic)
+
+    @contextmanager
+    def _definition(self, bound: Names) -> Generator[None]:
+        """Expand the body of a definition that is used below programs that change variables."""
+        before, self.around = self.around, self.around | bound
+        try:
+            yield
+        finally:
+            self.around = before
+
     def _called_term(self, name: str, args: tuple[tree.Term, ...], use: tree.Term, bound: Names) -> tree.Term:
         if self.symbols.is_builtin(name, len(args)) and not (
             args == () and isinstance(use, tree.Variable) and name in self.symbols.declarations
@@ -72,7 +109,7 @@ class Expander:
             if name in DEFINED and self.run:
                 parameters, text = DEFINED[name]
                 values = dict(zip(parameters, args, strict=True))
-                return self.term(_placed(parse_term(text), use.span), values, bound)
+                return self.term(_placed(parse_term(text), use.span), values, NONE)
             return tree.FuncOf(name, args, span=use.span)
         declaration = self.symbols.declarations.get(name)
         if declaration is None or self.symbols.roles[name] in ("variable", "constant"):
@@ -83,7 +120,8 @@ class Expander:
         self._check_use(declaration, use, bound)
         if declaration.implicit:
             return self._solution(declaration, args, use, bound)
-        return self.term(_term_body(declaration), bound_parameters(declaration, args), bound)
+        with self._definition(bound):
+            return self.term(_term_body(declaration), bound_parameters(declaration, args), NONE)
 
     def _solution(
         self, function: tree.Declaration, args: tuple[tree.Term, ...], use: tree.Term, bound: Names
@@ -116,7 +154,10 @@ class Expander:
                     self._undefined(name, formula)
                     return replace(formula, args=actual)
                 self._check_use(declaration, formula, bound)
-                return self.formula(_formula_body(declaration), bound_parameters(declaration, actual), bound)
+                with self._definition(bound):
+                    return self.formula(
+                        _formula_body(declaration), bound_parameters(declaration, actual), NONE
+                    )
             case tree.Not(child) | tree.DifferentialFormula(child):
                 return replace(formula, child=self.formula(child, values, bound))
             case tree.Connective():
@@ -128,6 +169,8 @@ class Expander:
             case tree.Quantified():
                 name, child = formula.variable, formula.child
                 own = self._bound_name(name, child, values)
+                if own != name:
+                    self.renamed.add(own)
                 inner = {**values, name: tree.Variable(own)}
                 return replace(formula, variable=own, child=self.formula(child, inner, bound | {own}))
             case tree.Modal():
@@ -156,10 +199,11 @@ class Expander:
         """The expanded program and the variables it may change."""
         self._count(program)
         match program:
-            case tree.Assign(name, term):
+            case tree.Assign(_, term):
+                name = self._written_name(program, values)
                 return replace(program, term=self.term(term, values, bound)), frozenset({name})
-            case tree.AssignAny(name):
-                return program, frozenset({name})
+            case tree.AssignAny():
+                return program, frozenset({self._written_name(program, values)})
             case tree.Test(formula):
                 return replace(program, formula=self.formula(formula, values, bound)), NONE
             case tree.ProgramConst(name):
@@ -185,14 +229,15 @@ class Expander:
     def _ode(
         self, ode: tree.ODESystem, values: dict[str, tree.Term], bound: Names
     ) -> tuple[tree.Program, Names]:
-        written = frozenset(e.name for e in ode.equations if isinstance(e, tree.AtomicODE))
+        equations = [e for e in ode.equations if isinstance(e, tree.AtomicODE)]
+        written = frozenset(self._written_name(e, values) for e in equations)
         inner = bound | written
-        equations = tuple(
+        followed = tuple(
             replace(e, term=self.term(e.term, values, inner)) if isinstance(e, tree.AtomicODE) else e
             for e in ode.equations
         )
         domain = self.formula(ode.domain, values, inner)
-        return self._without_hints(replace(ode, equations=equations, domain=domain)), written
+        return self._without_hints(replace(ode, equations=followed, domain=domain)), written
 
     def _without_hints(self, program: tree.Loop | tree.Dual | tree.ODESystem) -> tree.Program:
         if self.run or isinstance(program, tree.Dual):
@@ -228,10 +273,8 @@ class Expander:
             raise CompileError(errors.too_large(node.span, MAX_SIZE))
 
     def _check_use(self, declaration: tree.Declaration, use: tree.Term | tree.Formula, bound: Names) -> None:
-        if clash := self._free(declaration) & bound:
-            diagnostic = errors.captured(declaration.name, clash, use.span)
-            if diagnostic not in self.found:
-                self.found.append(diagnostic)
+        if clash := self._free(declaration) & (bound | self.around):
+            self._refuse(errors.captured(declaration.name, clash, use.span))
 
     def _free(self, declaration: tree.Declaration) -> Names:
         """Program variables that a body mentions itself, other than as parameters."""

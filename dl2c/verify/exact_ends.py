@@ -15,7 +15,7 @@ from dl2c.ir.polynomial import polynomial
 from dl2c.parse import tree
 from dl2c.verify.arithmetic.total import is_total
 from dl2c.verify.flows import Curves, Flows, Motion, instant, replaced
-from dl2c.verify.states import Names, State, Unsupported, formula_in, term_in
+from dl2c.verify.states import Names, State, Unsupported, formula_in, has_one_reading, term_in
 
 MOST = 8
 """Ends of one program that are looked at."""
@@ -40,7 +40,7 @@ class ExactEnds:
         """What a box says of each way through its program: open symbols, and a formula over them."""
         ends = list(self._ends(box.program, End(replace(state, facts=()), frozenset())))
         for end in ends[:MOST]:
-            found = formula_in(box.child, end.state)
+            found = _exactly(box.child, end.state)
             if not is_total(found, *end.state.facts):
                 raise Unsupported("a condition that may be undefined", box.span)
             yield end.open, disjunction([*map(negation, end.state.facts), found])
@@ -57,7 +57,7 @@ class ExactEnds:
                 value = self.names.fresh(name)
                 yield End(state.having({name: value}), begun.open | {value})
             case tree.Test(formula):
-                known = state.where(formula_in(formula, state))
+                known = state.where(_exactly(formula, state))
                 if known is not None:
                     yield replace(begun, state=known)
             case tree.Compose(left, right):
@@ -72,7 +72,7 @@ class ExactEnds:
                 raise Unsupported("a program whose runs are not described exactly", program.span)
 
     def _motion(self, ode: tree.ODESystem, begun: End) -> Iterator[End]:
-        formula_in(ode.domain, begun.state)
+        _exactly(ode.domain, begun.state)
         motion = self.flows.motion(ode, begun.state, self.names)
         if motion is None:
             return
@@ -85,6 +85,13 @@ class ExactEnds:
         if end is not None:
             store = {x: values.get(s, s) for x, s in motion.moved.items()}
             yield End(end.having(store), begun.open | {motion.clock})
+
+
+def _exactly(formula: tree.Formula, state: State) -> Formula:
+    """A condition that says the same under both readings of undefined terms."""
+    if has_one_reading(formula, state):
+        raise Unsupported("a quantifier over terms that may be undefined", formula.span)
+    return formula_in(formula, state)
 
 
 def _is_linear(motion: Motion, curves: Curves) -> bool:

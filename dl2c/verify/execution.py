@@ -23,10 +23,12 @@ from dl2c.verify.states import (
     Names,
     State,
     Unsupported,
+    earlier_values,
     formula_in,
     has_differential,
+    has_one_reading,
     has_program,
-    partial,
+    has_values,
     quantified,
     term_in,
     without_old,
@@ -104,9 +106,9 @@ class Execution:
                 self.prove(left, state)
                 self.prove(right, state)
             case tree.Or(left, right) if not has_program(left):
-                self.prove(tree.Imply(tree.Not(left), right), state)
+                self._either(left, right, state)
             case tree.Or(left, right) if not has_program(right):
-                self.prove(tree.Imply(tree.Not(right), left), state)
+                self._either(right, left, state)
             case tree.Equiv(left, right):
                 self.prove(tree.Imply(left, right), state)
                 self.prove(tree.Imply(right, left), state)
@@ -129,10 +131,17 @@ class Execution:
             case _:
                 self._gap(formula.span, "a program in a place for which there is no rule")
 
+    def _either(self, condition: tree.Formula, other: tree.Formula, state: State) -> None:
+        """One of two formulas holds. Where a condition has an undefined term neither it nor its negation may
+        be true, so that nothing is assumed of it.
+        """
+        known = has_values(condition, state)
+        self.prove(tree.Imply(tree.Not(condition), other) if known else other, state)
+
     def _condition(self, formula: tree.Formula, state: State) -> None:
         kind, loop = self.inside
         try:
-            self._check_reading(formula)
+            self._check_reading(formula, state)
             known = instantiated(state)
             if known is not None:
                 self.goals.append(Goal(kind, loop, formula.span, known, formula_in(formula, known)))
@@ -141,9 +150,9 @@ class Execution:
         except CompileError as refused:
             self._gap(formula.span, refused.diagnostics[0].title)
 
-    def _check_reading(self, formula: tree.Formula) -> None:
+    def _check_reading(self, formula: tree.Formula, state: State) -> None:
         """Quantifiers are eliminated under one reading of undefined terms."""
-        if not self.if_defined and (quantified(formula) or has_program(formula)) and partial(formula):
+        if not self.if_defined and has_one_reading(formula, state):
             raise Unsupported("a quantifier over terms that may be undefined", formula.span)
 
     def _gap(self, span: Span, reason: str, checked: bool = True) -> None:
@@ -161,7 +170,7 @@ class Execution:
                     yield replace(assumed, store=state.store)
             case _:
                 try:
-                    self._check_reading(formula)
+                    self._check_reading(formula, state)
                     known = state.where(formula_in(formula, state))
                 except (Unsupported, CompileError):
                     known = state
@@ -242,8 +251,9 @@ class Execution:
         if parts is None:
             self._gap(loop.span, "no invariant of this loop is known")
             parts = ()
+        before = state
         if any(isinstance(n, tree.FuncOf) and n.name == "old" for p in parts for n in nodes(p)):
-            state = state.having({f"old({x})": value for x, value in state.store.items()})
+            state = state.having(earlier_values(state))
             parts = [p if has_differential(p) else without_old(p) for p in parts]
         outer = self.inside
         self._invariant("initially", number, parts, state)
@@ -261,7 +271,8 @@ class Execution:
                 if outer[0] in ("program", "finally") and not self.one_step:
                     self._safe(end, ending=True)
         self.inside = ("finally", number) if outer[0] in ("program", "finally") else outer
-        yield from self._assumed(parts, some)
+        for end in self._assumed(parts, some):
+            yield end.recalling(before)
         self.inside = outer
 
     def _assumed(self, parts: Sequence[tree.Formula], state: State) -> Iterator[State]:

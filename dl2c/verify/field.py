@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from dl2c.ir.logic import (
+    disjunction,
+    negated,
     operands,
     rewritten,
     substituted,
@@ -32,7 +34,7 @@ from dl2c.ir.model import (
     Term,
 )
 from dl2c.verify.arithmetic.polynomials import NotPolynomial, Polynomial, Ring
-from dl2c.verify.arithmetic.total import first_case
+from dl2c.verify.arithmetic.total import domains, first_case
 from dl2c.verify.states import Names
 
 
@@ -106,7 +108,8 @@ class Field:
             case _ if self.moves(call):
                 raise NotPolynomial("a function of what moves")
             case _:
-                self.ties.append(Compare("=", self._named("constant", call), call))
+                tie = Compare("=", self._named("constant", call), call)
+                self.ties.append(disjunction([*map(negated, domains(call)), tie]))
         return self.known[call]
 
     def _named(self, kind: str, term: Term) -> Symbol:

@@ -47,9 +47,9 @@ from dl2c.verify.states import (
     Names,
     State,
     Unsupported,
+    earlier_values,
     formula_in,
-    partial,
-    quantified,
+    has_one_reading,
     term_in,
     without_old,
 )
@@ -161,13 +161,13 @@ class Flows:
         domain, begun = self._domain(ode.domain, along, state)
         if begun is None:
             return None
-        olds = {f"old({x})": value for x, value in state.store.items()}
+        olds = earlier_values(state)
         return Motion(start, rates, domain, begun, scope, moved, olds, clock)
 
     def _domain(self, domain: tree.Formula, along: State, state: State) -> tuple[Formula, State | None]:
         """H over what moves, and the state where it begins; `true` where H cannot be expressed."""
         try:
-            if not self.prover.if_defined and quantified(domain) and partial(domain):
+            if not self.prover.if_defined and has_one_reading(domain, state):
                 return TRUE, state
             return formula_in(domain, along), state.where(formula_in(domain, state))
         except (Unsupported, CompileError):
@@ -268,12 +268,17 @@ class _Search:
     vectors: Field = field(init=False)
 
     def __post_init__(self) -> None:
-        self.vectors = Field(dict(self.motion.rates), self.names, self._nonzero)
+        self.vectors = Field(dict(self.motion.rates), self.names, self._nonzero_in_rate)
+        self.vectors.nonzero = self._nonzero
+
+    def _nonzero_in_rate(self, divisor: Term) -> bool:
+        """The same for a divisor of a rate: an equation whose terms are defined is followed only where it is
+        not zero.
+        """
+        return self.flows.prover.if_defined or self._nonzero(divisor)
 
     def _nonzero(self, divisor: Term) -> bool:
         """Whether a divisor is never zero while the domain holds."""
-        if self.flows.prover.if_defined:
-            return True
         context = [*self.motion.state.facts, self.motion.domain]
         return self.flows.prover.valid(context, Compare("!=", divisor, ZERO))
 
@@ -324,6 +329,14 @@ class _Search:
                 self.samples = Samples(())
         return self.samples.reject(formula)
 
+    def _has_values(self, formula: Formula, share: float) -> bool:
+        """Whether all terms have values at every instant. Rules take that for granted: they keep one of
+        `p > 0 | p <= 0` whatever p is, and neither is true where it has no value.
+        """
+        return is_total(formula) or self.flows.prover.valid(
+            self.context, conjunction(domains(formula)), share
+        )
+
     def _tried(self, formula: Formula, share: float) -> bool:
         if formula == TRUE or formula in self.proved or not (symbols(formula) & self.motion.rates.keys()):
             return True
@@ -331,7 +344,7 @@ class _Search:
             return False
         prover = self.flows.prover
         initial = self.motion.initially(formula)
-        if not prover.valid(self.motion.state.facts, initial, share):
+        if not prover.valid(self.motion.state.facts, initial, share) or not self._has_values(formula, share):
             return False
         for part in (share * FIRST, share):
             known = instant(self.motion, self.curves)

@@ -28,7 +28,7 @@ from dl2c.verify.execution import Execution, Goal, split
 from dl2c.verify.flows import Flows
 from dl2c.verify.refute import Refutation, examined
 from dl2c.verify.report import Answer, Attempt, Invariants, Obligation, Report, better, joined
-from dl2c.verify.states import Names, State, Unsupported, partial
+from dl2c.verify.states import Event, Names, State, Unsupported, partial
 from dl2c.verify.theorem import Theorem, assumptions, conclusions, theorem_of
 
 FINAL = ("proved", "refuted", "not checked")
@@ -312,16 +312,16 @@ class Proof:
         execution = self._executed(invariants, effort)
         found: dict[tuple[str, int, str], Obligation] = {}
         lost: set[tuple[Span, int]] = set()
-        left: set[int] = set()
+        left: set[tuple[Event, ...]] = set()
         broken = {gap.loop for gap in execution.gaps if gap.kind == "step"}
         for goal in (part for g in execution.goals for part in split(g)):
             key = goal.kind, goal.loop, goal.predicate
-            if goal.ending and _safe_with(found.get(key), id(goal.state) in left or goal.loop in broken):
+            if goal.ending and _safe_with(found.get(key), goal.state.trail in left or goal.loop in broken):
                 continue
             one = self._answered(goal)
             if one.answer != "proved" and goal.kind in ("initially", "step"):
                 lost.add((execution.loops[goal.loop - 1].span, goal.part))
-                left.add(id(goal.state))
+                left.add(goal.state.trail)
             found[key] = joined(found[key], one) if key in found else one
             if not whole and one.answer != "proved":
                 break

@@ -141,7 +141,7 @@ class _Noted(Run):
     def follow(self, program: tree.Program) -> None:
         if program is self.head:
             self.begun = dict(self.values), len(self.taken)
-        if program == self.until and len(self.taken) == len(self.decisions):
+        if program is self.until and len(self.taken) == len(self.decisions):
             assert isinstance(program, tree.ODESystem)
             if truth(program.domain, self.values):
                 self.stopped = dict(self.values)

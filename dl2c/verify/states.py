@@ -4,12 +4,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, TypeAlias
 
+from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import conjuncts, folded, holds, operands, rewritten, symbols, with_operands
 from dl2c.ir.model import Compare, Formula, Number, Symbol, Term, Truth
 from dl2c.lower.terms import lower_formula, lower_term
 from dl2c.parse import tree
 from dl2c.resolve.symbols import nodes
 from dl2c.source import Span
+from dl2c.verify.arithmetic.total import is_total
 
 Event: TypeAlias = tuple[Literal["choice", "value", "duration", "again"], int | Symbol]
 """A decision of a run: an alternative, 0 or 1; a value of `x := *`; a duration; how often a loop has run."""
@@ -51,6 +53,25 @@ class State:
         """With further decisions."""
         return replace(self, trail=(*self.trail, *events))
 
+    def recalling(self, before: "State") -> "State":
+        """With the same names for earlier values as another state."""
+        present = {x: value for x, value in self.store.items() if not _is_earlier(x)}
+        earlier = {x: value for x, value in before.store.items() if _is_earlier(x)}
+        return replace(self, store={**present, **earlier})
+
+
+def earlier_values(state: State) -> dict[str, Term]:
+    """The values of all names in a state, as those of `old(x)`."""
+    return {_earlier(x): value for x, value in state.store.items() if not _is_earlier(x)}
+
+
+def _earlier(name: str) -> str:
+    return f"old({name})"
+
+
+def _is_earlier(name: str) -> bool:
+    return name.startswith("old(")
+
 
 @dataclass(slots=True)
 class Names:
@@ -81,6 +102,8 @@ def _check(node: tree.Term | tree.Formula) -> None:
         match part:
             case tree.Loop(span=span) | tree.Dual(span=span) | tree.ProgramConst(span=span):
                 raise Unsupported("a program inside a condition", span)
+            case tree.Assign(_, _, True, span=span) | tree.AssignAny(_, True, span=span):
+                raise Unsupported("an assignment to a differential", span)
             case (
                 tree.DifferentialSymbol(span=span)
                 | tree.Differential(span=span)
@@ -110,7 +133,7 @@ def without_old(node: tree.Formula, inside: bool = False) -> tree.Formula:
             case tree.DifferentialSymbol(name) if not inside:
                 return tree.Variable(f"{name}'", span=part.span)
             case tree.Variable(name) if inside:
-                return tree.Variable(f"old({name})", span=part.span)
+                return tree.Variable(_earlier(name), span=part.span)
             case _:
                 pass
         found: dict[str, Any] = {}
@@ -145,6 +168,17 @@ def partial(formula: tree.Formula) -> bool:
     return any(map(_may_be_undefined, nodes(formula)))
 
 
+def has_values(formula: tree.Formula, state: State) -> bool:
+    """Whether all terms of a formula have values in a state, as far as its text and the store tell."""
+    values = (state.store.get(n.name) for n in nodes(formula) if isinstance(n, tree.Variable))
+    return not partial(formula) and all(is_total(v) for v in values if v is not None)
+
+
+def has_one_reading(formula: tree.Formula, state: State) -> bool:
+    """Whether eliminating quantifiers makes it a formula about one reading of undefined terms."""
+    return (quantified(formula) or has_program(formula)) and not has_values(formula, state)
+
+
 def _may_be_undefined(node: object) -> bool:
     match node:
         case tree.Divide(_, tree.Number(value)):
@@ -154,7 +188,7 @@ def _may_be_undefined(node: object) -> bool:
         case tree.Divide() | tree.Power():
             return True
         case tree.FuncOf(name):
-            return name not in ("abs", "min", "max")
+            return name not in FUNCTIONS or FUNCTIONS[name].domain is not None
         case _:
             return False
 

@@ -18,7 +18,7 @@ from dl2c.verify.arithmetic.polynomials import Ring
 from dl2c.verify.arithmetic.products import scripts
 from dl2c.verify.arithmetic.prover import Prover
 from dl2c.verify.arithmetic.quotients import cleared, positive_symbols
-from dl2c.verify.arithmetic.total import totalised
+from dl2c.verify.arithmetic.total import totalised, without_cases
 from dl2c.verify.field import Field
 from dl2c.verify.invariance import Chains, Invariance
 from dl2c.verify.invention import invented
@@ -168,6 +168,14 @@ def test_divisors_are_cleared_only_where_positive() -> None:
     plain = formula("x/a >= y")
     assert cleared(plain, positive_symbols([formula("a >= 0")])) == plain
     assert cleared(plain, positive_symbols([formula("a > 0")])) == formula("(-1)*a*y + x >= 0")
+
+
+def test_terms_without_values_do_not_cancel() -> None:
+    roots = formula("(sqrt(x) - sqrt(x) + y)/a >= 0")
+    assert cleared(roots, positive_symbols([formula("a > 0")])) == roots
+    partial, total = formula("max(1/x, y) >= y"), formula("max(x, y) >= y")
+    assert without_cases(partial) == partial
+    assert without_cases(total) != total
 
 
 def test_a_case_that_does_not_move_is_assumed_away(prover: Prover) -> None:

@@ -105,3 +105,12 @@ def test_runs_that_are_not_followed_to_their_end_leave_it_open(solvers: Portfoli
     game = "x = 0 -> [{x' = 1 & x <= 1}^@] x >= 0"
     said = report("x <= 1", game, solvers)
     assert safety(said).answer != "proved"
+
+
+def test_a_step_that_leaves_the_invariant_under_universal_assumptions(
+    solvers: Portfolio,
+) -> None:
+    """What these say of known values is added to a state each time that it is asked about."""
+    assumed = "x = 0 & (\\forall t (t^5 + t > 2 -> t + v > 1)) & t^5 + t > 2"
+    said = report("x <= 1", f"{assumed} -> [{{x := x + 2;}}*@invariant(x <= 1)] t + v > 1", solvers)
+    assert safety(said).answer != "proved"

@@ -45,6 +45,13 @@ ASSUMED = (
         definitions="/* @const: bound=[0.5:2] */ Real c;",
     ),
     Trap(
+        "bound of a name under a quantifier",
+        "y = 0 -> \\forall x [y := x;] y <= 10",
+        "the quantifier is about every number",
+        state={"x": 11},
+        variables=BOUNDED,
+    ),
+    Trap(
         "bound of an input",
         "y = 0 -> [{x := *; y := x;}*] y <= 10",
         "`x := *` takes any real number",

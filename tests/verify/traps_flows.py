@@ -390,4 +390,74 @@ DIFFERENTIAL = (
     ),
 )
 
-TRAPS = SOLUTIONS + CUTS + DIFFERENTIAL
+DOMAINS = (
+    Trap(
+        "a domain that the vertex would touch",
+        "x = 0 & y = 2 -> [{x' = y, y' = -2 & x != 1}] y > 0.5",
+        "x is 1 at t = 1 only, and the flow comes near",
+        state={"y": 2},
+        decisions=[lasting("3/4")],
+    ),
+    Trap(
+        "a domain of degree 3 that is touched",
+        "x = 0 & y = 1 -> [{x' = y, y' = 0 & (x - 1)^2*(x - 3) <= 0}] x <= 1",
+        "the domain holds at x = 1 and beyond",
+        state={"y": 1},
+        decisions=[lasting(2)],
+    ),
+    Trap(
+        "a domain that another alternative takes over",
+        "x = 0 & y = 0 -> [{x' = y, y' = y + 1 & x <= 0 | y >= 0}] y <= 0",
+        "x leaves its alternative at once, and y has entered its own",
+        decisions=[MOMENT],
+    ),
+    Trap(
+        "a domain that is kept to the second order",
+        "x = 0 & y = 0 & z = 0 -> [{x' = y*z, y' = x + 1, z' = -1 & x <= 0}] y <= 0",
+        "x falls with the third power of time",
+        decisions=[MOMENT],
+    ),
+    Trap(
+        "a domain that is left at once",
+        "x = 0 & y = 0 -> [{x' = y^2 - x^3, y' = x + y - 1 & y = 0}] x > 0",
+        "a flow may last no time",
+        decisions=[lasting(0)],
+    ),
+    Trap(
+        "a domain with a quantifier",
+        "x = 0 -> [{x' = 1 & \\exists z (z = x & z <= 1)}] x <= 0.5",
+        "the domain is x <= 1",
+        argument="x = 3/4 after 3/4",
+        polynomial=False,
+    ),
+    Trap(
+        "a rate that begins later",
+        "x = 0 & y = -1 -> [{x' = max(y, 0), y' = 1}] x <= 0",
+        "x moves from t = 1 on",
+        argument="y = t - 1, so that x = (t - 1)^2/2 from t = 1 on",
+        polynomial=False,
+    ),
+    Trap(
+        "a form that is not conserved",
+        "x = 1 & y = 0 -> [{x' = y, y' = -x}] x^2 + 2*y^2 <= 1",
+        "x^2 + y^2 is",
+        state={"x": 1},
+        decisions=[MOMENT],
+    ),
+    Trap(
+        "a pendulum that turns back",
+        "x = 0 & y = 1 -> [{x' = y, y' = -sin(x)}] y >= 0",
+        "its energy does not let it pass the top",
+        argument="y^2/2 - cos(x) = -1/2, so that y is 0 where cos(x) = 1/2, and then negative",
+        polynomial=False,
+    ),
+    Trap(
+        "an inner derivative",
+        "x = 0 & y = 0 -> [{x' = 1, y' = cos(2*x)}] y = sin(2*x)",
+        "the integral is half of that",
+        argument="y = sin(2*t)/2",
+        polynomial=False,
+    ),
+)
+
+TRAPS = SOLUTIONS + CUTS + DIFFERENTIAL + DOMAINS

@@ -439,4 +439,82 @@ CONTROL = (
     ),
 )
 
-TRAPS = NAMES + IMPLICATIONS + MODALITIES + GAMES + CONTROL
+BOUND = (
+    Trap(
+        "a bound value under a quantifier of the same name",
+        "(\\forall x [y := x;] \\exists x (x > y)) -> [z := 1;] z = 2",
+        "y is the x of the outer quantifier, the greater one that of the inner",
+        argument="for every number there is a greater one, so that the assumption is true",
+        polynomial=False,
+    ),
+    Trap(
+        "a bound value under a quantifier of the same name, in a test",
+        "x = 0 -> [z := 1; ?\\forall x [y := x;] \\exists x (x > y);] z = 2",
+        "the test is passed: there is no greatest number",
+        argument="for every number there is a greater one, so that the test is passed, and z is 1",
+        polynomial=False,
+    ),
+    Trap(
+        "an assignment to a differential in P",
+        "x = 0 & !([x' := 5;] x = 5) -> [y := 1;] y = 2",
+        "`x' := 5` does not change x",
+        argument="x is 0 after x' := 5, so that the assumption is true, and y is 1",
+        polynomial=False,
+    ),
+    Trap(
+        "a quantified domain of an assumption about runs",
+        "x = 0 & y = 1 & z >= 0 & z = 100 & [{x' = 1 & \\exists t (t/y = 1 & x <= 1)}] x <= 3"
+        " -> [x := 10;] x = 11",
+        "the assumption is about runs inside of its domain, up to x = 1",
+        argument="t = 1 satisfies t/1 = 1, so that the domain is x <= 1, and 1 <= 3",
+        polynomial=False,
+    ),
+)
+
+CALLS = (
+    Trap(
+        "the earlier value of a loop that is called twice",
+        "x = 0 -> [a; x := -1; a;] 2*x >= -1",
+        "the second loop begins at -1",
+        decisions=[STOP, STOP],
+        definitions="HP a ::= { {x := x + 1;}*@invariant(x >= old(x)) };",
+    ),
+    Trap(
+        "the earlier value of a loop that is called in a loop",
+        "x = 0 -> [{a; x := x - 1;}*@invariant(x >= old(x))] x >= 0",
+        "the loop inside may run not at all",
+        decisions=once(STOP),
+        definitions="HP a ::= { {x := x + 1;}*@invariant(x >= old(x)) };",
+    ),
+    Trap(
+        "an argument under a quantifier of the same name",
+        "x = 5 -> [x := 1;] p(x)",
+        "the argument is 1",
+        argument="the only number that is 1 is not above 2",
+        polynomial=False,
+        definitions="Bool p(Real y) <-> \\exists x (x = y & x > 2);",
+    ),
+    Trap(
+        "a condition or a program",
+        "x = 1 -> (!(x = 1) | [x := 2;] x = 1)",
+        "the condition is false, and the program ends at 2",
+        argument="x is 1, then 2",
+        polynomial=False,
+    ),
+    Trap(
+        "programs on both sides of an equivalence",
+        "x = 0 -> ([x := 1;] x = 1 <-> [x := 2;] x = 1)",
+        "the left side is true, the right one is not",
+        argument="x is 1 after the left program, 2 after the right one",
+        polynomial=False,
+    ),
+    Trap(
+        "a state that some run reaches",
+        "(<{x' = 1 & x <= 2}> x = 2) -> [y := x;] y = 2",
+        "the assumption is about the end of a run",
+        argument="from x = 0 a run reaches 2, and y is 0",
+        polynomial=False,
+    ),
+)
+
+TRAPS = CALLS + BOUND + NAMES + IMPLICATIONS + MODALITIES + GAMES + CONTROL

@@ -348,4 +348,19 @@ LOOPS = (
     ),
 )
 
-TRAPS = DARBOUX + BARRIERS + SETS + LOOPS
+EARLIER = (
+    Trap(
+        "the earlier value of an inner loop",
+        "x = 0 -> [{{y := y;}*@invariant(x = old(x)) x := x + 1;}*@invariant(x <= old(x) + 1)] x <= 1",
+        "`old(x)` of the outer loop is x before all of its iterations, wherever an inner loop begins",
+        decisions=[AGAIN, STOP, AGAIN, STOP, STOP],
+    ),
+    Trap(
+        "the earlier value of an inner loop after a flow",
+        "x = 0 -> [{{x' = 1} {x := x;}*@invariant(x = old(x))}*@invariant(x <= old(x))] x <= 0",
+        "the inner loop begins after the flow, the outer one before it",
+        decisions=[AGAIN, lasting(1), STOP, STOP],
+    ),
+)
+
+TRAPS = DARBOUX + BARRIERS + SETS + LOOPS + EARLIER

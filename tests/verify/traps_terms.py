@@ -137,6 +137,112 @@ UNDEFINED = (
     ),
 )
 
+CONDITIONS = (
+    Trap(
+        "a condition without a value beside a program",
+        "y = 0 -> (1/y > 0 | [x := 1;] x = 2)",
+        "where the condition has no value the program must do what it should",
+        argument="1/0 > 0 is not true, and x is 1; under the other reading 1/0 may be -1",
+        polynomial=False,
+    ),
+    Trap(
+        "conditions without a value that exclude each other, beside a program",
+        "y = 0 -> (1/y > 0 | (1/y <= 0 | [x := 1;] x = 2))",
+        "1/0 is neither positive nor not",
+        argument="both conditions are about 1/0, so that neither is true, and x is 1",
+        polynomial=False,
+    ),
+    Trap(
+        "cases without a value that are all cases",
+        "y = -1 & x = 0 -> [{x' = 1}] (sqrt(y) > 1 | sqrt(y) <= 1 | x = 0)",
+        "x = 0 satisfies the claim where x begins; sqrt(-1) is neither above 1 nor not",
+        state={"y": -1},
+        decisions=[lasting(1)],
+        polynomial=False,
+    ),
+    Trap(
+        "a cut without a value",
+        "y = 0 & x = 0 -> [{x' = 1 - x}@invariant(1/y > 0 | x = 0) z := 1/y;] x = 0",
+        "x = 0 satisfies the cut where x begins, and it does not stay so",
+        argument="x = 1 - exp(-t)",
+        polynomial=False,
+    ),
+    Trap(
+        "a cut with a root without a value",
+        "y = -1 & x = 0 -> [{x' = x + 1}@invariant(sqrt(y) > 0 | x = 0) z := 1/y;] x = 0",
+        "x = 0 satisfies the cut where x begins, and it does not stay so",
+        argument="x = exp(t) - 1",
+        polynomial=False,
+    ),
+    Trap(
+        "a domain without a value, of an invented cut",
+        "y = 0 & x = 0 & z = 0 -> [{x' = 1 - x, z' = z & (1/y > 0 | x >= 0)}] x = 0",
+        "x >= 0 satisfies the domain, and x grows",
+        argument="x = 1 - exp(-t)",
+        polynomial=False,
+    ),
+    Trap(
+        "a cut with a divisor that becomes zero",
+        "y = 1 -> [{y' = -y - 1}@invariant(1/y > 0)] 1/y > 0",
+        "the inverse of y grows until y is 0",
+        argument="y = 2*exp(-t) - 1, which is negative from t = 1 on",
+        polynomial=False,
+    ),
+    Trap(
+        "roots that cancel in a quotient",
+        "b > 0 & y >= 0 -> [z := x;] (sqrt(z) - sqrt(z) + y)/b >= 0",
+        "sqrt(-1) has no value, nor has a sum in which it occurs",
+        state={"b": 1, "x": -1},
+        polynomial=False,
+        variables="Real x; Real y; Real z; Real b;",
+    ),
+    Trap(
+        "a quotient under a quantifier that is not about it",
+        "x = 0 -> [y := 1/x; ?\\forall z (z^2 + y^2 >= 0);] x = 1",
+        "if 1/0 is some number, the test is passed",
+        argument="1/0 may be 1, and squares are not negative",
+        polynomial=False,
+        undefined=True,
+    ),
+    Trap(
+        "a quotient in a domain with a quantifier",
+        "x = 0 -> [y := 1/x; {x' = 1 & \\forall z (z^2 + y^2 >= 0)}] x = 0",
+        "if 1/0 is some number, the domain is true",
+        argument="1/0 may be 1, and squares are not negative",
+        polynomial=False,
+        undefined=True,
+    ),
+    Trap(
+        "a quotient in a test about runs",
+        "x = 0 -> [y := 1/x; ?<z := *;> z = y;] x = 1",
+        "if 1/0 is some number, z may be that",
+        argument="1/0 may be 1, and then z := 1",
+        polynomial=False,
+        undefined=True,
+    ),
+    Trap(
+        "a whole power of a negative number",
+        "x^2 = 2 & x < 0 & x^65 <= 0 & (y/y = 1 | y = 0) -> [y := 1/(1 + z^2);] y = 2",
+        "it has a value for every base, however large the exponent",
+        argument="the odd power of a negative number is negative, and y is at most 1",
+        polynomial=False,
+    ),
+    Trap(
+        "a power whose exponent is a variable",
+        "x^2 = 2 & x < 0 & y = 2 & x^y = 2 -> [y := 1;] y = 2",
+        "where the exponent is 2, the base may be negative",
+        argument="the square of the negative root of 2 is 2",
+        polynomial=False,
+    ),
+    Trap(
+        "an odd root of zero",
+        "x^2 = 2 & y = 0 & y^(1/3) >= 0 -> [y := 1;] y = 2",
+        "the third root of 0 is 0",
+        argument="x is a root of 2, and y is 1",
+        polynomial=False,
+    ),
+)
+
 FUNCTIONS = (
     Trap(
         "pi as a double",
@@ -297,7 +403,52 @@ FUNCTIONS = (
     ),
 )
 
+PARTS = (
+    Trap(
+        "nothing times a root without a value",
+        "x = -1 -> [y := x;] 0*sqrt(y) = 0",
+        "sqrt(-1) has no value",
+        state={"x": -1},
+        polynomial=False,
+    ),
+    Trap(
+        "the smaller of a number and a root without a value",
+        "x = -1 -> [y := x;] min(sqrt(y), 3) <= 3",
+        "sqrt(-1) has no value",
+        state={"x": -1},
+        polynomial=False,
+    ),
+    Trap(
+        "the larger of a number and a quotient without a value",
+        "x <= 3 & y = 1 -> [z := y;] max(1/x, z) >= z",
+        "1/0 has no value",
+        state={"y": 1},
+        polynomial=False,
+    ),
+    Trap(
+        "a quotient of constants along a flow",
+        "x = 1 & y = 0 -> [{x' = -x}] x*y/y >= 0",
+        "0/0 has no value",
+        state={"x": 1},
+        decisions=[lasting(0)],
+        polynomial=False,
+    ),
+    Trap(
+        "a power of a power",
+        "x = 2 -> [y := x^2^(-1);] y = 1/4",
+        "it is the root of 2",
+        state={"x": 2},
+        polynomial=False,
+    ),
+)
+
 READING = (
+    Trap(
+        "a minus inside a product",
+        "x = 2 -> [y := 2*-x^2;] y = 8",
+        "it is -8",
+        state={"x": 2},
+    ),
     Trap(
         "a minus before a power",
         "x = 1 -> [y := -x^2;] y = 1",
@@ -348,4 +499,4 @@ READING = (
     ),
 )
 
-TRAPS = UNDEFINED + FUNCTIONS + READING
+TRAPS = UNDEFINED + CONDITIONS + PARTS + FUNCTIONS + READING

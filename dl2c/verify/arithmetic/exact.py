@@ -19,7 +19,7 @@ from dl2c.lower.terms import lower_formula
 from dl2c.parse import tree
 from dl2c.resolve.symbols import nodes
 from dl2c.verify.arithmetic.roots import sign_vectors
-from dl2c.verify.states import Event, has_program
+from dl2c.verify.states import Event, has_program, partial
 
 Values: TypeAlias = Mapping[str, Fraction]
 
@@ -130,6 +130,8 @@ def truth(formula: tree.Formula, values: Values, negated: bool = False) -> bool:
 
 def _without_quantifiers(formula: tree.Formula, values: Values) -> bool:
     """The truth of a formula with quantifiers or programs, by eliminating them."""
+    if partial(formula):
+        raise Inexact("a quantifier or a program over terms that may be undefined")
     scope: dict[str, Term] = {name: Number(value) for name, value in values.items()}
     try:
         found = lower_formula(formula, scope)

@@ -11,6 +11,7 @@ from typing import TypeAlias
 from dl2c.ir.logic import rewritten, substituted, subterms
 from dl2c.ir.model import ZERO, Add, Call, Compare, Div, Formula, Mul, Neg, Number, Pow, Sub, Symbol, Term
 from dl2c.verify.arithmetic.polynomials import NotPolynomial, Polynomial, Ring, TooLarge
+from dl2c.verify.arithmetic.total import is_total
 
 Quotient: TypeAlias = tuple[Polynomial, Polynomial]
 """Numerator and divisor."""
@@ -41,11 +42,17 @@ def cleared(formula: Formula, positive: set[Symbol]) -> Formula:
         if not any(isinstance(t, Div) and not isinstance(t.right, Number) for t in subterms(a)):
             return a
         try:
-            return _Clearing(positive, a).result()
+            found = _Clearing(positive, a).result()
         except (NotPolynomial, TooLarge):
             return a
+        return found if _partial_calls(a) <= _partial_calls(found) else a
 
     return rewritten(formula, atom)
+
+
+def _partial_calls(formula: Formula) -> set[Term]:
+    """The functions that may be undefined: a formula where they cancel each other says nothing of that."""
+    return {t for t in subterms(formula) if isinstance(t, Call) and not is_total(t)}
 
 
 @dataclass(slots=True)

@@ -6,9 +6,10 @@ undefined terms are taken to be, as long as atoms of the goal also say that thei
 makes the goal stronger than under either reading of undefined terms, and the hypotheses weaker.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import TypeAlias
 
 from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import conjunction, disjunction, negation, operands, rewritten, subterms, with_operands
@@ -44,6 +45,10 @@ LARGEST_ROOT = 6
 """Of powers with rational exponents that become roots."""
 
 
+Conditions: TypeAlias = Callable[[Formula], Iterable[Compare]]
+"""On the terms of an atom."""
+
+
 @dataclass(slots=True)
 class Totals:
     """Names of subterms, and the facts that hold of them."""
@@ -51,20 +56,15 @@ class Totals:
     names: dict[Term, Symbol] = field(default_factory=dict[Term, Symbol])
     facts: list[Formula] = field(default_factory=list[Formula])
 
-    def formula(self, formula: Formula, guarded: bool) -> Formula:
-        """The formula; where `guarded`, an atom with an undefined term is false."""
+    def formula(self, formula: Formula, conditions: Conditions) -> Formula:
+        """The formula, in which an atom holds only under conditions on its terms."""
 
         def atom(a: Compare) -> Formula:
             plain = Compare(a.op, self.term(a.left), self.term(a.right), span=a.span)
-            defined = (d for side in (a.left, a.right) for d in self.defined(side)) if guarded else ()
+            defined = (Compare(d.op, self.term(d.left), self.term(d.right)) for d in conditions(a))
             return conjunction([*defined, plain])
 
         return rewritten(formula, atom)
-
-    def defined(self, term: Term) -> Iterator[Formula]:
-        """The conditions under which all parts of a term have values."""
-        for part in domains(term):
-            yield Compare(part.op, self.term(part.left), self.term(part.right))
 
     def term(self, term: Term) -> Term:
         """The term as a polynomial of symbols and names."""
@@ -172,19 +172,40 @@ def _facts_of_power(value: Symbol, base: Term, exponent: Term) -> Iterator[Formu
 def domains(*parts: Term | Formula) -> Iterator[Compare]:
     """The conditions under which all terms have values, over the reals."""
     for term in dict.fromkeys(subterms(*parts)):
+        yield from _own_domain(term)
+
+
+def _own_domain(term: Term) -> Iterator[Compare]:
+    """Where a term has a value if its parts have."""
+    match term:
+        case Div(_, Number(value)) if value:
+            pass
+        case Div(_, right):
+            yield Compare("!=", right, ZERO)
+        case Call("sqrt", (Number(value),)) if value >= 0:
+            pass
+        case Call("pow", (Number(value), _)) if value > 0:
+            pass
+        case Call(function, args) if (domain := FUNCTIONS[function].domain) is not None:
+            yield from domain(*args)
+        case _:
+            pass
+
+
+def needed(*parts: Term | Formula) -> Iterator[Compare]:
+    """Conditions that hold wherever all terms have values. They are those of `domains` but for powers, which
+    have values for some bases that are not positive: whole powers, and where the exponent is no number.
+    """
+    for term in dict.fromkeys(subterms(*parts)):
         match term:
-            case Div(_, Number(value)) if value:
-                pass
-            case Div(_, right):
-                yield Compare("!=", right, ZERO)
-            case Call("sqrt", (Number(value),)) if value >= 0:
-                pass
-            case Call("pow", (Number(value), _)) if value > 0:
-                pass
-            case Call(function, args) if (domain := FUNCTIONS[function].domain) is not None:
-                yield from domain(*args)
+            case Call("pow", (base, exponent)):
+                value = exponent.value if isinstance(exponent, Number) else Fraction(0)
+                if not value.denominator % 2:
+                    yield Compare(">=", base, ZERO)
+                if value < 0:
+                    yield Compare("!=", base, ZERO)
             case _:
-                pass
+                yield from _own_domain(term)
 
 
 def is_total(*parts: Term | Formula) -> bool:
@@ -201,19 +222,25 @@ def totalised(
     their terms are defined.
     """
     totals = Totals()
-    given = [totals.formula(h, guarded=if_defined) for h in hypotheses]
-    wanted = totals.formula(goal, guarded=True)
+    given = [totals.formula(h, needed if if_defined else _nothing) for h in hypotheses]
+    wanted = totals.formula(goal, domains)
     return [*given, *totals.facts], wanted
+
+
+def _nothing(_: Formula) -> Iterable[Compare]:
+    return ()
 
 
 # abs, min and max as cases ----------------------------------------------------------
 
 
 def without_cases(formula: Formula) -> Formula:
-    """An equivalent formula without abs, min and max where a comparison has one of them as a side."""
+    """An equivalent formula without abs, min and max where a comparison has one of them as a side, and all of
+    its terms have values: a case may do without those that have none.
+    """
 
     def atom(a: Compare) -> Formula:
-        if not any(isinstance(side, Call) for side in (a.left, a.right)):
+        if not any(isinstance(side, Call) for side in (a.left, a.right)) or not is_total(a):
             return a
         found = first_case(a)
         return a if found is None else without_cases(found)
