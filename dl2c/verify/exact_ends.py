@@ -14,7 +14,8 @@ from dl2c.ir.model import TRUE, ZERO, Compare, Formula, Sub, Symbol
 from dl2c.ir.polynomial import polynomial
 from dl2c.parse import tree
 from dl2c.verify.arithmetic.total import is_total
-from dl2c.verify.flows import Curves, Flows, Motion, instant, replaced
+from dl2c.verify.flows import Flows
+from dl2c.verify.motion import Curves, Motion, instant, replaced
 from dl2c.verify.states import Names, State, Unsupported, formula_in, has_one_reading, term_in
 
 MOST = 8

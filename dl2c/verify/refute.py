@@ -25,8 +25,9 @@ from dl2c.verify.arithmetic.polynomials import NotPolynomial, TooLarge
 from dl2c.verify.arithmetic.prover import OutOfTime, Prover
 from dl2c.verify.execution import Execution, Goal, Kind, split
 from dl2c.verify.field import Field
-from dl2c.verify.flows import Flows, Motion, motion_formula
+from dl2c.verify.flows import Flows
 from dl2c.verify.invariance import Chains
+from dl2c.verify.motion import Motion, motion_formula
 from dl2c.verify.report import Attempt, Counterexample, Obligation, Step
 from dl2c.verify.states import Event, Names, State, Unsupported, evaluated, has_program
 from dl2c.verify.theorem import Theorem, ending_in, obligation

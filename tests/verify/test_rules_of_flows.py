@@ -11,6 +11,7 @@ from dl2c.lower.terms import lower_formula, lower_term
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive, parse_formula, parse_term
 from dl2c.parse.printer import print_formula as print_tree
+from dl2c.parse.tree import Box, ODESystem
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source
 from dl2c.verify.arithmetic.cases import Signs
@@ -20,10 +21,12 @@ from dl2c.verify.arithmetic.prover import Prover
 from dl2c.verify.arithmetic.quotients import cleared, positive_symbols
 from dl2c.verify.arithmetic.total import totalised, without_cases
 from dl2c.verify.field import Field
+from dl2c.verify.flows import Flows
 from dl2c.verify.invariance import Chains, Invariance
 from dl2c.verify.invention import invented
+from dl2c.verify.motion import facts_until_now
 from dl2c.verify.prove import Limits, prove
-from dl2c.verify.states import Names, evaluated
+from dl2c.verify.states import Names, State, evaluated
 from dl2c.verify.theorem import theorem_of
 
 SCOPE = {name: Symbol(name, "variable") for name in ("x", "y", "z", "u", "a", "b")}
@@ -282,6 +285,17 @@ def test_a_guard_for_the_worst_case_is_used_at_every_instant() -> None:
 
     assert answer("(A/b + 1)*(A/2*ep^2 + ep*v)", 40.0) == "proved"
     assert answer("(A/b + 1)*(A/2*ep^2)", 8.0) != "proved"
+
+
+def test_facts_of_the_whole_time_are_said_of_the_time_that_has_passed(prover: Prover) -> None:
+    box = parse_formula("[{x' = y, z' = 1 & z <= a & u >= b}] true")
+    assert isinstance(box, Box) and isinstance(box.program, ODESystem)
+    facts = [formula(f) for f in ("a > 0", "x + a*y + a^2 <= b | x > 2*a", "x <= y")]
+    motion = Flows(prover).motion(box.program, State(SCOPE, tuple(facts)), Names())
+    assert motion is not None
+    clock = motion.moved["z"]
+    wanted = lower_formula(parse_formula("x + t*y + t^2 <= b | x > 2*t"), SCOPE | {"t": clock})
+    assert facts_until_now(motion) == [wanted]
 
 
 def test_a_tactic_may_say_that_something_keeps_its_value() -> None:
