@@ -148,16 +148,9 @@ class Expander:
                     formula, left=self.term(left, values, bound), right=self.term(right, values, bound)
                 )
             case tree.PredOf(name, args):
-                declaration = self.symbols.declarations[name]
-                actual = tuple(self.term(a, values, bound) for a in args)
-                if declaration.body is None:
-                    self._undefined(name, formula)
-                    return replace(formula, args=actual)
-                self._check_use(declaration, formula, bound)
-                with self._definition(bound):
-                    return self.formula(
-                        _formula_body(declaration), bound_parameters(declaration, actual), NONE
-                    )
+                return self._called_formula(
+                    name, tuple(self.term(a, values, bound) for a in args), formula, bound
+                )
             case tree.Not(child) | tree.DifferentialFormula(child):
                 return replace(formula, child=self.formula(child, values, bound))
             case tree.Connective():
@@ -179,6 +172,17 @@ class Expander:
                 return replace(formula, program=program, child=child)
             case _:
                 assert_never(formula)
+
+    def _called_formula(
+        self, name: str, args: tuple[tree.Term, ...], use: tree.PredOf, bound: Names
+    ) -> tree.Formula:
+        declaration = self.symbols.declarations[name]
+        if declaration.body is None:
+            self._undefined(name, use)
+            return replace(use, args=args)
+        self._check_use(declaration, use, bound)
+        with self._definition(bound):
+            return self.formula(_formula_body(declaration), bound_parameters(declaration, args), NONE)
 
     def _bound_name(self, name: str, child: tree.Formula, values: dict[str, tree.Term]) -> str:
         """What a quantifier may call its variable: no name that arguments mention, and to run none of
