@@ -30,6 +30,8 @@ enum { DL2C_LANES_OF_BOXES = 8, DL2C_MOST_WIDTH = 256, DL2C_MOST_LAYERS = 12, DL
 #define DL2C_FOR_LANES
 #endif
 
+#define DL2C_INLINE static inline __attribute__((always_inline))
+
 #define DL2C_EACH_LANE for (int k = 0; k < DL2C_LANES_OF_BOXES; k++)
 
 #define DL2C_ENLARGED (1.0 + 0x1p-39)
@@ -226,7 +228,7 @@ DL2C_FOR_LANES static void dl2c_sums(const dl2c_network *n, const dl2c_layer *la
 }
 
 /* Lines below and above max(0, z) for z between `low` and `high`. */
-static void dl2c_lines_of_relu(dl2c_lines *l, int i, int k, double low, double high)
+DL2C_INLINE void dl2c_lines_of_relu(dl2c_lines *l, int i, int k, double low, double high)
 {
   const double chord = low >= 0.0 ? 1.0 : high <= 0.0 ? 0.0 : high / (high - low);
   const bool bent = low < 0.0 && high > 0.0;
@@ -238,7 +240,7 @@ static void dl2c_lines_of_relu(dl2c_lines *l, int i, int k, double low, double h
 }
 
 /* Of tanh: a slope that is nowhere larger than the function's, so that tanh(z) - slope * z grows. */
-static void dl2c_lines_of_tanh(dl2c_lines *l, int i, int k, double low, double high)
+DL2C_INLINE void dl2c_lines_of_tanh(dl2c_lines *l, int i, int k, double low, double high)
 {
   const double first = tanh(low), last = tanh(high);
   const double flattest = dl2c_greater(fabs(first), fabs(last));
@@ -249,7 +251,7 @@ static void dl2c_lines_of_tanh(dl2c_lines *l, int i, int k, double low, double h
 }
 
 /* What the activation of a layer makes of its sums; fills in the lines. */
-static void dl2c_activated(const dl2c_network *n, const dl2c_layer *layer, dl2c_forms *f, dl2c_lines *l)
+DL2C_FOR_LANES static void dl2c_activated(const dl2c_network *n, const dl2c_layer *layer, dl2c_forms *f, dl2c_lines *l)
 {
   for (int i = 0; i < layer->rows; i++)
     DL2C_EACH_LANE

@@ -38,7 +38,7 @@ DL2C_FOR_LANES static void dl2c_row_times(const dl2c_layer *layer, dl2c_lane *ro
  * `row * (slope * z + offset)` with the line above where the row is positive, else the one below, and z is
  * a sum of the layer before. Errors of a layer are multiples of its `scope`.
  */
-static void dl2c_bounded(const dl2c_network *n, dl2c_workspace *w, const dl2c_output *output, double sign,
+DL2C_FOR_LANES static void dl2c_bounded(const dl2c_network *n, dl2c_workspace *w, const dl2c_output *output, double sign,
                          dl2c_linear *bound)
 {
   const dl2c_layer *last = n->layer + n->layers - 1;

@@ -12,6 +12,8 @@ DL2C_EXPORT int dl2c_search_judge(const dl2c_question *q, const double *boxes, i
                                   uint8_t *verdicts, uint8_t *splits, int threads);
 DL2C_EXPORT int dl2c_search_linear(const dl2c_question *q, const double *box, double *linear);
 DL2C_EXPORT int dl2c_search_middle(const dl2c_question *q, const double *box, double *point);
+DL2C_EXPORT int dl2c_search_ranges(const dl2c_question *q, const double *boxes, int64_t count, double *ranges);
+DL2C_EXPORT int64_t dl2c_search_inside(const dl2c_question *q, const double *boxes, int64_t count);
 
 int dl2c_search_judge(const dl2c_question *q, const double *boxes, int64_t count, uint8_t *verdicts,
                       uint8_t *splits, int threads)
@@ -27,4 +29,14 @@ int dl2c_search_linear(const dl2c_question *q, const double *box, double *linear
 int dl2c_search_middle(const dl2c_question *q, const double *box, double *point)
 {
   return dl2c_middle(q, box, point) ? 1 : 0;
+}
+
+int dl2c_search_ranges(const dl2c_question *q, const double *boxes, int64_t count, double *ranges)
+{
+  return dl2c_ranges(q, boxes, count, ranges) ? 1 : 0;
+}
+
+int64_t dl2c_search_inside(const dl2c_question *q, const double *boxes, int64_t count)
+{
+  return dl2c_inside(q, boxes, count);
 }

@@ -191,6 +191,14 @@ static uint8_t dl2c_split_along(const dl2c_question *q, const dl2c_workspace *w,
   return best < 0 ? 255 : (uint8_t)best;
 }
 
+/* Put one dimension of a box into a lane: its middle, and how far it reaches from there. */
+static void dl2c_place(dl2c_workspace *w, int lane, int dimension, double low, double high)
+{
+  const double middle = low + 0.5 * (high - low);
+  w->middle[dimension][lane] = middle;
+  w->half[dimension][lane] = dl2c_greater(dl2c_add_up(high, -middle), dl2c_add_up(middle, -low));
+}
+
 /* Judge up to DL2C_LANES_OF_BOXES boxes that are not outside. `given` are the boxes before contraction. */
 static void dl2c_judge_lanes(const dl2c_question *q, dl2c_workspace *w, int count,
                              dl2c_span boxes[][DL2C_MOST_SYMBOLS], const double *const *given,
@@ -199,11 +207,7 @@ static void dl2c_judge_lanes(const dl2c_question *q, dl2c_workspace *w, int coun
   DL2C_EACH_LANE
   {
     const dl2c_span *box = boxes[k < count ? k : count - 1];
-    for (int d = 0; d < q->network.dimensions; d++) {
-      const double middle = box[d].low + 0.5 * (box[d].high - box[d].low);
-      w->middle[d][k] = middle;
-      w->half[d][k] = dl2c_greater(dl2c_add_up(box[d].high, -middle), dl2c_add_up(middle, -box[d].low));
-    }
+    for (int d = 0; d < q->network.dimensions; d++) dl2c_place(w, k, d, box[d].low, box[d].high);
   }
   dl2c_bounds(&q->network, w);
   for (int k = 0; k < count; k++) {
@@ -318,12 +322,7 @@ static bool dl2c_linear_bounds(const dl2c_question *q, const double *box, double
   dl2c_workspace *w = calloc(1, sizeof *w);
   if (w == NULL) return false;
   const int dimensions = q->network.dimensions;
-  for (int d = 0; d < dimensions; d++) {
-    const double low = box[2 * d], high = box[2 * d + 1], middle = low + 0.5 * (high - low);
-    DL2C_EACH_LANE w->middle[d][k] = middle;
-    const double half = dl2c_greater(dl2c_add_up(high, -middle), dl2c_add_up(middle, -low));
-    DL2C_EACH_LANE w->half[d][k] = half;
-  }
+  for (int d = 0; d < dimensions; d++) DL2C_EACH_LANE dl2c_place(w, k, d, box[2 * d], box[2 * d + 1]);
   dl2c_bounds(&q->network, w);
   for (int o = 0; o < q->network.outputs; o++)
     for (int side = 0; side < 2; side++) {
@@ -335,6 +334,41 @@ static bool dl2c_linear_bounds(const dl2c_question *q, const double *box, double
   const bool known = w->known[0];
   free(w);
   return known;
+}
+
+/* The outputs on each box, low and high: what the network contributes to verdicts, by itself. */
+static bool dl2c_ranges(const dl2c_question *q, const double *boxes, int64_t count, double *ranges)
+{
+  dl2c_workspace *w = calloc(1, sizeof *w);
+  if (w == NULL) return false;
+  const int dimensions = q->network.dimensions;
+  for (int64_t first = 0; first < count; first += DL2C_LANES_OF_BOXES) {
+    const int lanes = count - first < DL2C_LANES_OF_BOXES ? (int)(count - first) : DL2C_LANES_OF_BOXES;
+    DL2C_EACH_LANE
+    {
+      const double *box = boxes + 2 * dimensions * (first + (k < lanes ? k : 0));
+      for (int d = 0; d < dimensions; d++) dl2c_place(w, k, d, box[2 * d], box[2 * d + 1]);
+    }
+    dl2c_bounds(&q->network, w);
+    for (int k = 0; k < lanes; k++)
+      for (int o = 0; o < q->network.outputs; o++) {
+        const dl2c_span range = dl2c_output_range(q, w, k, o, -1);
+        *ranges++ = range.low;
+        *ranges++ = range.high;
+      }
+  }
+  free(w);
+  return true;
+}
+
+/* How many boxes have states of the hypothesis, as far as contraction tells. */
+static int64_t dl2c_inside(const dl2c_question *q, const double *boxes, int64_t count)
+{
+  double point[DL2C_MOST_DIMENSIONS];
+  int64_t inside = 0;
+  for (int64_t i = 0; i < count; i++)
+    inside += dl2c_middle(q, boxes + 2 * q->network.dimensions * i, point);
+  return inside;
 }
 
 #endif

@@ -59,6 +59,8 @@ int dl2c_search_judge(const dl2c_question *q, const double *boxes, int64_t count
                       uint8_t *splits, int threads);
 int dl2c_search_linear(const dl2c_question *q, const double *box, double *linear);
 int dl2c_search_middle(const dl2c_question *q, const double *box, double *point);
+int dl2c_search_ranges(const dl2c_question *q, const double *boxes, int64_t count, double *ranges);
+int64_t dl2c_search_inside(const dl2c_question *q, const double *boxes, int64_t count);
 """
 """The interface of the library: the structures of its headers."""
 
@@ -134,6 +136,22 @@ class Judge:
             self._ffi.from_buffer("double[]", linear),
         )
         return linear if known else None
+
+    def ranges(self, boxes: Doubles) -> Doubles:
+        """The outputs on boxes (n, dimensions, 2), scaled as requests: (n, outputs, 2), low and high."""
+        given = np.ascontiguousarray(boxes, np.float64)
+        found = np.empty((len(given), self.outputs, 2))
+        boxes_in, ranges_out = (self._ffi.from_buffer("double[]", a) for a in (given, found))
+        if not self._lib.dl2c_search_ranges(self._question, boxes_in, len(given), ranges_out):
+            raise MemoryError
+        return found
+
+    def inside(self, boxes: Doubles) -> int:
+        """How many of boxes (n, dimensions, 2) have states of the hypothesis, as far as contraction tells."""
+        given = np.ascontiguousarray(boxes, np.float64)
+        return self._lib.dl2c_search_inside(
+            self._question, self._ffi.from_buffer("double[]", given), len(given)
+        )
 
     def _array(self, kind: str, rows: Any) -> Any:
         """An array of C that lives as long as this."""
