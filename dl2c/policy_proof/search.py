@@ -196,6 +196,8 @@ def _balanced(boxes: Doubles, splits: Bytes, widths: Doubles, counts: np.ndarray
     """The dimensions along which boxes are split: of those that count the widest, instead of one that is much
     narrower.
     """
+    if not counts.any():
+        return splits
     shares = (boxes[:, :, 1] - boxes[:, :, 0]) / widths
     shares[:, (widths <= np.finfo(float).tiny) | ~counts] = 0.0
     widest = shares.argmax(axis=1)

@@ -136,3 +136,5 @@ def test_boxes_do_not_become_much_narrower_in_one_dimension() -> None:
     assert _balanced(box, splits, widths, two).tolist() == [2]
     assert _balanced(box, splits, widths, np.array([False, True, False])).tolist() == [1]
     assert _balanced(box, np.array([2], np.uint8), widths, every).tolist() == [2]
+    none = np.empty((1, 0, 2)), np.array([255], np.uint8), np.empty(0), np.empty(0, np.bool_)
+    assert _balanced(*none).tolist() == [255]
