@@ -6,7 +6,6 @@ in which the claim is violated, and boxes that the search left open, are drawn t
 Imports torch: import it only where training happens.
 """
 
-import copy
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -80,10 +79,10 @@ def teach_saved(
 
     Raises what `taught` and reading the folder raise.
     """
-    _, learner = load_learner(folder / POLICY)
+    (_, learner), (_, before) = load_learner(folder / POLICY), load_learner(folder / POLICY)
     with output_folder(folder / UNPROVED) as fresh:
         write_policy(_data(learner, env), fresh)
-    found = taught(learner, env, verify, note, seed, idle)
+    found = taught(learner, before.policy, env, verify, note, seed, idle)
     (folder / CERTIFICATE).unlink(missing_ok=True)
     with output_folder(folder) as fresh:
         learner.save(fresh / POLICY)
@@ -95,10 +94,10 @@ def teach_saved(
 
 
 def taught(
-    learner: Any, env: Dl2cVecEnv, verify: Verify, note: Note, seed: int, idle: Sequence[str]
+    learner: Any, before: Any, env: Dl2cVecEnv, verify: Verify, note: Note, seed: int, idle: Sequence[str]
 ) -> Taught:
-    """Change the policy of a learner of PPO until it is proved, or until all rounds are done. It is made to
-    ignore `idle` names, which a step overwrites.
+    """Change the policy of a learner of PPO until it is proved, or until all rounds are done. `before` is a
+    copy of the policy, which stays. It is made to ignore `idle` names, which a step overwrites.
 
     Raises what `verify` raises, and `NotCovered` where there is too much to decide at once.
     """
@@ -107,7 +106,7 @@ def taught(
     topics = [Topic(Teacher(question, rng)) for question in report.questions]
     places = tuple(k for k, o in enumerate(env.manifest.observations) if o.name in idle)
     pupil = Pupil(learner.policy, topics[0].teacher, rng, places)
-    before = replace(pupil, policy=copy.deepcopy(learner.policy))
+    example = replace(pupil, policy=before)
     for number in range(ROUNDS):
         note(f"round {number}: {report.answer}, {report.share:.2%} decided")
         if report.answer == "proved":
@@ -116,7 +115,7 @@ def taught(
             topic.note(found)
         first, last = MARGINS
         margin = first * (last / first) ** (number / (ROUNDS - 1))
-        _round(pupil, before, topics, _seen(learner, env, rng, seed + number), margin)
+        _round(pupil, example, topics, _seen(learner, env, rng, seed + number), margin)
         report = verify(_data(learner, env))
     note(f"round {ROUNDS}: {report.answer}, {report.share:.2%} decided")
     return Taught(report, ROUNDS)

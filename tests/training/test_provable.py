@@ -60,9 +60,11 @@ def test_a_policy_is_taught_and_proved(tmp_path: Path, capsys: Any, monkeypatch:
 
 
 def test_the_zip_file_is_the_policy_that_is_proved(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
+    """Also with exploration that depends on the state."""
     make_small(monkeypatch)
     model, folder = files(tmp_path)
-    code, _, err = dl2c(capsys, monkeypatch, "train", model, "--provable", *FEW, "-o", str(folder))
+    given = ("train", model, "--provable", *FEW, "--hyper", "use_sde=true", "-o", str(folder))
+    code, _, err = dl2c(capsys, monkeypatch, *given)
     assert code == 0, err
     from dl2c.env.opening import source_of
     from dl2c.env.sb3 import Dl2cVecEnv
