@@ -33,6 +33,9 @@ ROUNDS = 10
 MARGINS = (0.002, 0.02)
 """In the first round and in the last, as a share of the bounds."""
 
+MOST_LOST = 0.03
+"""Of the reward, as a share of what it was: otherwise a policy that is proved is taught on."""
+
 ENVIRONMENTS, STEPS = 64, 400
 """In which states are met, and for how many steps each."""
 
@@ -96,8 +99,9 @@ def teach_saved(
 def taught(
     learner: Any, before: Any, env: Dl2cVecEnv, verify: Verify, note: Note, seed: int, idle: Sequence[str]
 ) -> Taught:
-    """Change the policy of a learner of PPO until it is proved, or until all rounds are done. `before` is a
-    copy of the policy, which stays. It is made to ignore `idle` names, which a step overwrites.
+    """Change the policy of a learner of PPO until it is proved and earns nearly what it did, or until all
+    rounds are done. `before` is a copy of the policy, which stays. It is made to ignore `idle` names, which a
+    step overwrites.
 
     Raises what `verify` raises, and `NotCovered` where there is too much to decide at once.
     """
@@ -107,18 +111,50 @@ def taught(
     places = tuple(k for k, o in enumerate(env.manifest.observations) if o.name in idle)
     pupil = Pupil(learner.policy, topics[0].teacher, rng, places)
     example = replace(pupil, policy=before)
-    for number in range(ROUNDS):
-        note(f"round {number}: {report.answer}, {report.share:.2%} decided")
+    seen, first = _seen(learner, env, rng, seed)
+    kept, reward, failed, number = _Kept(), first, 0, 0
+    while True:
+        note(f"round {number}: {report.answer}, {report.share:.2%} decided, {reward:.3g} a step")
         if report.answer == "proved":
-            return Taught(report, number)
+            kept.offer(Taught(report, number), reward, learner.policy)
+            if reward >= first - MOST_LOST * abs(first):
+                break
+        if number == ROUNDS:
+            break
+        number += 1
         for topic, found in zip(topics, report.found, strict=False):
             topic.note(found)
-        first, last = MARGINS
-        margin = first * (last / first) ** (number / (ROUNDS - 1))
-        _round(pupil, example, topics, _seen(learner, env, rng, seed + number), margin)
+        _round(pupil, example, topics, seen, _margin(failed))
         report = verify(_data(learner, env))
-    note(f"round {ROUNDS}: {report.answer}, {report.share:.2%} decided")
-    return Taught(report, ROUNDS)
+        failed += report.answer != "proved"
+        seen, reward = _seen(learner, env, rng, seed)
+    return kept.restored(learner.policy) or Taught(report, number)
+
+
+def _margin(failed: int) -> float:
+    """After so many rounds without a proof."""
+    first, last = MARGINS
+    return first * (last / first) ** (failed / (ROUNDS - 1))
+
+
+@dataclass(slots=True)
+class _Kept:
+    """Of policies that are proved the one with the largest reward."""
+
+    taught: Taught | None = None
+    reward: float = -np.inf
+    state: Any = None
+
+    def offer(self, taught: Taught, reward: float, policy: Any) -> None:
+        if reward > self.reward:
+            state = {name: values.clone() for name, values in policy.state_dict().items()}
+            self.taught, self.reward, self.state = taught, reward, state
+
+    def restored(self, policy: Any) -> Taught | None:
+        """What is known of it, if there is one, as which the policy then acts."""
+        if self.taught is not None:
+            policy.load_state_dict(self.state)
+        return self.taught
 
 
 def _data(learner: Any, env: Dl2cVecEnv) -> NetworkPolicy:
@@ -181,15 +217,19 @@ class Topic:
         self.wrong = np.concatenate([self.wrong, states])[-MOST_KEPT:]
 
 
-def _seen(learner: Any, env: Dl2cVecEnv, rng: np.random.Generator, seed: int) -> Doubles:
-    """Observations (n, nobs) that the policy meets, some of all in many episodes."""
+def _seen(learner: Any, env: Dl2cVecEnv, rng: np.random.Generator, seed: int) -> tuple[Doubles, float]:
+    """Observations (n, nobs) that the policy meets, some of all in many episodes, and the mean reward of a
+    step.
+    """
     env.seed(seed)
     observations = env.reset()
     found: list[Doubles] = []
+    rewards: list[float] = []
     for _ in range(STEPS):
         found.append(observations.astype(np.float64))
         actions, _ = learner.predict(observations, deterministic=True)
         env.step_async(actions)
-        observations = env.step_wait()[0]
+        observations, reward = env.step_wait()[:2]
+        rewards.append(float(reward.mean()))
     every = np.concatenate(found)
-    return every[rng.choice(len(every), SEEN, replace=False)]
+    return every[rng.choice(len(every), SEEN, replace=False)], float(np.mean(rewards))
