@@ -48,7 +48,7 @@ OWNERS = {
 EXTRAS = {"matplotlib", "stable_baselines3", "sb3_contrib", "torch", "ray", "pyarrow", "yaml", "onnx"}
 EXTRAS_ARE_NEEDED = {
     *("env/sb3.py", "report/callback.py"),
-    *("training/learning.py", "training/callbacks.py", "training/standardised.py"),
+    *("training/learning.py", "training/callbacks.py", "training/standardised.py", "training/teaching.py"),
 }
 """Optional libraries, and the modules that are of no use without them: others import these lazily."""
 

@@ -1,12 +1,13 @@
 """Trained policies: read, held against the model that they are for, and what is proved of them."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+import numpy as np
 from rich.console import Console
 from rich.text import Text
 
@@ -119,18 +120,48 @@ class Asked:
 
 def report_on(model: str, asked: Asked, options: Mapping[str, Any]) -> "PolicyReport":
     """Everything that is found out. Raises `CommandError`, `CompileError`, `PolicyError`, `NativeError`."""
-    from dl2c.policy_proof.search import Limits
-    from dl2c.policy_proof.verdict import verified
-
     with working(f"verifying {asked.path}") as note:
         entry, claim, policy = _prepared(model, asked, options)
-        limits = Limits(asked.seconds, asked.threads, note)
-        report = verified(claim, policy, limits, (claim.model.name, str(asked.path)))
-        if report.answer == "proved":
-            report = replace(report, onward=_onward(entry, claim, asked, report.seconds))
+        report = _verified(entry, claim, policy, asked, note)
     if asked.certificate is not None and report.answer == "proved":
         write_output(asked.certificate, report.certificate)
     return report
+
+
+def _verified(
+    entry: "Entry", claim: "Claim", policy: "Acting", asked: Asked, note: Callable[[str], None]
+) -> "PolicyReport":
+    from dl2c.policy_proof.search import Limits
+    from dl2c.policy_proof.verdict import verified
+
+    limits = Limits(asked.seconds, asked.threads, note)
+    report = verified(claim, policy, limits, (claim.model.name, str(asked.path)))
+    if report.answer != "proved":
+        return report
+    return replace(report, onward=_onward(entry, claim, asked, report.seconds))
+
+
+def verifier(
+    model: str, asked: Asked, options: Mapping[str, Any]
+) -> "Callable[[NetworkPolicy], PolicyReport]":
+    """What verifies one policy after another of a model. Raises what `report_on` raises, as far as no policy
+    is needed for that.
+    """
+    from dl2c.policy.network import Layer, Network
+    from dl2c.policy_proof.acting import acting
+    from dl2c.policy_proof.build import questions
+
+    found = compilation_of(model, options)
+    claim, interface = _claim(found, asked), interface_of(_manifest(model, options))
+    size = interface.outputs, len(interface.observations)
+    blank = Layer(np.zeros(size), np.zeros(size[0]), "relu")
+    questions(claim, acting(interface, Network((), (blank,))))
+
+    def verify(policy: NetworkPolicy) -> "PolicyReport":
+        acts = acting(policy.interface, policy.network)
+        return _verified(found.parsed.entry, claim, acts, asked, lambda _: None)
+
+    return verify
 
 
 def checked_certificate(model: str, asked: Asked, options: Mapping[str, Any], path: Path) -> "Checked":
@@ -157,15 +188,8 @@ def _onward(entry: "Entry", claim: "Claim", asked: Asked, seconds: float) -> "On
 
 @budgeted()
 def _prepared(model: str, asked: Asked, options: Mapping[str, Any]) -> "tuple[Entry, Claim, Acting]":
-    from dl2c.ir.model import TRUE
-    from dl2c.lower.invariant import invariant
     from dl2c.policy_proof.acting import acting
-    from dl2c.policy_proof.build import Claim, outside_of
-    from dl2c.policy_proof.question import Arithmetic, NotCovered
 
-    arithmetics: dict[str, Arithmetic] = {name: name for name in get_args(Arithmetic)}
-    if asked.arithmetic not in arithmetics:
-        raise CommandError(f"no arithmetic {asked.arithmetic!r}; there is {', '.join(arithmetics)}")
     if asked.outputs or asked.inputs:
         found = compilation_of(model, options)
         policy = _mapped(found, asked)
@@ -173,6 +197,19 @@ def _prepared(model: str, asked: Asked, options: Mapping[str, Any]) -> "tuple[En
         trained, options = policy_for(model, asked.path, options)
         found = compilation_of(model, options)
         policy = acting(trained.interface, trained.network)
+    return found.parsed.entry, _claim(found, asked), policy
+
+
+def _claim(found: "Compilation", asked: Asked) -> "Claim":
+    """What is claimed of any policy of a model."""
+    from dl2c.ir.model import TRUE
+    from dl2c.lower.invariant import invariant
+    from dl2c.policy_proof.build import Claim, outside_of
+    from dl2c.policy_proof.question import Arithmetic, NotCovered
+
+    arithmetics: dict[str, Arithmetic] = {name: name for name in get_args(Arithmetic)}
+    if asked.arithmetic not in arithmetics:
+        raise CommandError(f"no arithmetic {asked.arithmetic!r}; there is {', '.join(arithmetics)}")
     problem = found.resolved.problem
     if _uses_pi(found):
         raise NotCovered("it mentions pi or e, which are not exact numbers here")
@@ -183,8 +220,7 @@ def _prepared(model: str, asked: Asked, options: Mapping[str, Any]) -> "tuple[En
         raise NotCovered("its loop invariant cannot be evaluated")
     outside = outside_of(_formula(found, asked.outside)) if asked.outside else TRUE
     fixed = _fixed(found, asked.fixed)
-    claim = Claim(lowered, proved or TRUE, outside, fixed, arithmetics[asked.arithmetic])
-    return found.parsed.entry, claim, policy
+    return Claim(lowered, proved or TRUE, outside, fixed, arithmetics[asked.arithmetic])
 
 
 def _uses_pi(found: "Compilation") -> bool:

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -13,10 +14,11 @@ from dl2c.commands.completion import models, words
 from dl2c.commands.failures import CommandError, to_json
 from dl2c.commands.flags import Json
 from dl2c.commands.verbosity import quiet
-from dl2c.commands.waiting import progress
+from dl2c.commands.waiting import progress, working
 from dl2c.training.run import ALGORITHMS, Algorithm, Run, Settings
 
 if TYPE_CHECKING:
+    from dl2c.training.provable import Taught, Verify
     from dl2c.training.run import Evaluation
 
 OUTPUT = Path("build/train")
@@ -59,6 +61,14 @@ CheckpointEvery = Annotated[int | None, typer.Option(min=0, help="Steps between 
 TensorBoard = Annotated[
     Path | None, typer.Option(metavar="FOLDER", help="Log for TensorBoard, if that is installed.")
 ]
+Provable = Annotated[
+    bool,
+    typer.Option(
+        "--provable",
+        help="Then teach the policy until `verify --policy` proves it, with proof.json and certificate.json. "
+        "Exit code 3 where that does not succeed.",
+    ),
+]
 Output = Annotated[
     Path | None, typer.Option("-o", "--output", help=f"Folder for the results; default {OUTPUT}.")
 ]
@@ -92,6 +102,7 @@ def train(
     checkpoint_every: CheckpointEvery = None,
     resume: Resume = None,
     tensorboard: TensorBoard = None,
+    provable: Provable = False,
     output: Output = None,
     json: Json = False,
     *,
@@ -115,8 +126,55 @@ def train(
         "tensorboard": tensorboard,
     }
     wanted = _wanted({k: v for k, v in given.items() if v is not None}, hyper or [], config, resume, options)
+    if provable:
+        raise typer.Exit(_provable(wanted, json))
+    _present(wanted, _trained(wanted), json)
+
+
+# Policies that are proved --------------------------------------------------------------------------
+
+SMALL = {"net_arch": [32, 32], "activation": "relu"}
+"""Networks that are quickly proved, and of relu, for which certificates can be checked."""
+
+
+def _provable(wanted: Wanted, json: bool) -> int:
+    """Train a policy and teach it until it is proved; the exit code."""
+    from dl2c.commands.policy import Asked, show, verifier
+    from dl2c.commands.verify import UNDECIDED
+
+    if wanted.algo != "ppo" or wanted.settings.normalize:
+        raise CommandError("--provable is for ppo without --normalize")
+    verify = verifier(wanted.model, Asked(wanted.output), wanted.options)
+    wanted = replace(wanted, settings=replace(wanted.settings, hyper=SMALL | dict(wanted.settings.hyper)))
     run = _trained(wanted)
-    _present(wanted, run, json)
+    if run.interrupted:
+        _present(wanted, run, json)
+        return UNDECIDED
+    found = _taught(wanted, verify)
+    _present(wanted, run, json, {"proof": found.to_json()})
+    if not json and not quiet():
+        show(found.report)
+    return 0 if found.report.answer == "proved" else UNDECIDED
+
+
+def _taught(wanted: Wanted, verify: "Verify") -> "Taught":
+    """Teach the policy in the folder of a training, and write it back with its proof."""
+    from dl2c.env.opening import compilation_of, source_of
+    from dl2c.env.sb3 import Dl2cVecEnv
+    from dl2c.ir.liveness import overwritten
+    from dl2c.training.provable import ENVIRONMENTS, teach_saved
+
+    model = compilation_of(wanted.model, wanted.options).unbounded
+    body = (*model.lead, *model.body)
+    idle = [v.name for v in model.variables if overwritten(body, v.name, model.flows)]
+    env = Dl2cVecEnv(source_of(wanted.model), ENVIRONMENTS, **wanted.options)
+    with working("teaching the policy") as note:
+        found = teach_saved(wanted.output, env, verify, note, wanted.seed, idle)
+    env.close()
+    return found
+
+
+# Plain trainings -----------------------------------------------------------------------------------
 
 
 def _wanted(
@@ -188,7 +246,7 @@ def _trained(wanted: Wanted) -> Run:
         )
 
 
-def _present(wanted: Wanted, run: Run, json: bool) -> None:
+def _present(wanted: Wanted, run: Run, json: bool, more: Mapping[str, Any] = MappingProxyType({})) -> None:
     from dl2c.training.evaluation import evaluate
     from dl2c.training.plots import plot_curves
 
@@ -199,7 +257,7 @@ def _present(wanted: Wanted, run: Run, json: bool) -> None:
     if run.interrupted and not quiet():
         steps = run.curve[-1].steps if run.curve else 0
         print(f"stopped after {steps} steps; --resume {wanted.output} goes on", file=sys.stderr)
-    data = {"policy": str(run.policy), "interrupted": run.interrupted} | asdict(found)
+    data = {"policy": str(run.policy), "interrupted": run.interrupted} | asdict(found) | dict(more)
     print(to_json(data) if json else f"{run.policy}: {_sentence(found)}")
 
 

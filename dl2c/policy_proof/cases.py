@@ -4,9 +4,9 @@ A conclusion compares requests with numbers, at which its truth may change: the 
 clipped, 0 where it divides by one. So there is a case for each such number and for what lies between two.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 
 import numpy as np
 
@@ -14,7 +14,9 @@ from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import (
     atoms,
     conjunction,
+    conjuncts,
     disjunction,
+    fold,
     folded,
     holds,
     operands,
@@ -24,13 +26,29 @@ from dl2c.ir.logic import (
     with_operands,
     with_sides,
 )
-from dl2c.ir.model import ZERO, Call, Compare, Div, Formula, Model, Number, Symbol, Term, Truth
+from dl2c.ir.model import (
+    ZERO,
+    Call,
+    Compare,
+    Comparison,
+    Div,
+    Formula,
+    Model,
+    Number,
+    Or,
+    Symbol,
+    Term,
+    Truth,
+)
 from dl2c.paths.enumerate import Draft, decisions_of
 from dl2c.paths.path import Decision
 from dl2c.policy_proof.acting import Acting
 from dl2c.policy_proof.question import Arithmetic, Case, NotCovered, Premise, Request
 
 MOST_CASES = 4096
+
+MOST_ALTERNATIVES = 40
+"""Of which pairs are looked at."""
 
 HALF = Fraction(1, 2)
 
@@ -93,10 +111,10 @@ def _discrete(
         raise NotCovered("its choices are not those of the model")
     for taken, winners in vectors:
         chosen = {d.key: k for d, k in zip(keys, taken, strict=True) if k >= 0}
-        paths = [conjunction([d.tests, *_defined(d)]) for d in drafts if _agrees(d, chosen)]
+        paths = [conjunction([d.tests, *_assigned(d)]) for d in drafts if _agrees(d, chosen)]
         pairs = tuple((w, o) for w, g in zip(winners, groups, strict=True) for o in g if o != w)
         about = ", ".join(f"{key}={k}" for key, k in chosen.items())
-        yield Case((), pairs, observed(disjunction(paths)), about)
+        yield Case((), pairs, exhausted(observed(disjunction(paths))), about)
 
 
 def _requests(policy: Acting, arithmetic: Arithmetic) -> tuple[Request, ...]:
@@ -132,7 +150,7 @@ def _possible(
             values[value] = request.symbol
         else:
             equalities.append(Compare("=", request.symbol, value))
-    found = conjunction([draft.tests, *_defined(draft), *equalities])
+    found = conjunction([draft.tests, *_assigned(draft), *equalities])
     free = {s for s in symbols(found) if s.kind == "input" and s.name in draft.inputs} - {*values}
     if free:
         name = min(s.name for s in free).removeprefix("assign_")
@@ -140,11 +158,16 @@ def _possible(
     return substituted(found, values)
 
 
-def _defined(draft: Draft) -> Iterator[Formula]:
+def _assigned(draft: Draft) -> Iterator[Formula]:
     """That every value that a path assigns is there."""
-    for term in subterms(*(value for _, value in draft.updates)):
+    return _defined(value for _, value in draft.updates)
+
+
+def _defined(terms: Iterable[Term]) -> Iterator[Formula]:
+    """That terms have a value."""
+    for term in subterms(*terms):
         if isinstance(term, Div):
-            yield Compare("!=", term.right, ZERO)
+            yield _decided(Compare("!=", term.right, ZERO))
         if isinstance(term, Call) and (domain := FUNCTIONS[term.function].domain) is not None:
             yield from domain(*term.args)
 
@@ -209,7 +232,7 @@ def _known(formula: Formula, known: Mapping[Symbol, Premise]) -> Formula:
                 return _compared(atom, premise, atom.left.value, True)
         return atom
 
-    return rewritten(substituted(formula, values), simplified)
+    return exhausted(rewritten(substituted(formula, values), simplified))
 
 
 def _compared(atom: Compare, premise: Premise, number: Fraction, turned: bool) -> Formula:
@@ -219,6 +242,60 @@ def _compared(atom: Compare, premise: Premise, number: Fraction, turned: bool) -
         return atom
     middle = (premise.low + premise.high) / 2
     return Truth(holds(atom.op, number, middle) if turned else holds(atom.op, middle, number))
+
+
+SIGNS: dict[Comparison, frozenset[int]] = {
+    "<": frozenset({-1}),
+    "<=": frozenset({-1, 0}),
+    "=": frozenset({0}),
+    "!=": frozenset({-1, 1}),
+    ">": frozenset({1}),
+    ">=": frozenset({0, 1}),
+}
+"""Of the difference of both sides."""
+
+
+def exhausted(formula: Formula) -> Formula:
+    """The formula, alternatives that leave no case out, such as `a <= b | a > b`, replaced by what it takes
+    for a and b to have a value; also where both stand beside the same conditions.
+    """
+    return fold(formula, Truth, lambda atom: atom, conjunction, _alternatives)
+
+
+def _alternatives(formulas: Iterable[Formula]) -> Formula:
+    joined = disjunction(formulas)
+    parts = list(joined.children) if isinstance(joined, Or) else [joined]
+    while len(parts) <= MOST_ALTERNATIVES and (pair := _complementary(parts)) is not None:
+        first, second, merged = pair
+        parts = [merged, *(p for k, p in enumerate(parts) if k not in (first, second))]
+    return disjunction(parts)
+
+
+def _complementary(parts: Sequence[Formula]) -> tuple[int, int, Formula] | None:
+    """The places of two alternatives that differ in one comparison each, and what they say together where
+    that is less.
+    """
+    for (i, first), (j, second) in combinations(enumerate(map(conjuncts, parts)), 2):
+        own = [c for c in first if c not in second]
+        other = [c for c in second if c not in first]
+        if len(own) == len(other) == 1 and (both := _either(own[0], other[0])) is not None:
+            return i, j, conjunction([*(c for c in first if c in second), both])
+    return None
+
+
+def _either(one: Formula, other: Formula) -> Formula | None:
+    """What it takes that one of two comparisons of the same terms holds, if that is one condition."""
+    if not isinstance(one, Compare) or not isinstance(other, Compare):
+        return None
+    sides, signs = (one.left, one.right), SIGNS[other.op]
+    if sides == (other.right, other.left):
+        signs = frozenset(-sign for sign in signs)
+    elif sides != (other.left, other.right):
+        return None
+    either = SIGNS[one.op] | signs
+    if len(either) == 3:
+        return conjunction(_defined(sides))
+    return next(Compare(op, *sides) for op, known in SIGNS.items() if known == either)
 
 
 # Substitution --------------------------------------------------------------------------------------

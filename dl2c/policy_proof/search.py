@@ -13,6 +13,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from dl2c.ir.logic import symbols
 from dl2c.native.boxes import NO_SPLIT, OPEN, OUTSIDE, PROVED, SUSPECT, Bytes, Doubles, Judge
 from dl2c.policy_proof.exact import Violation, violation
 from dl2c.policy_proof.leaves import ask
@@ -29,6 +30,9 @@ MOST_BOXES = 2_000_000
 """Of one level."""
 
 MOST_LEVELS = 200
+
+MOST_UNEQUAL = 32.0
+"""How much wider than others a box may be in one dimension, as a share of all, before that one is split."""
 
 FIRST_LEAVES, EACH_LEVELS, MOST_LEAVES = 24, 4, 64
 """From which level on, how often and of how many boxes Z3 is asked."""
@@ -83,6 +87,7 @@ class _Search:
     def run(self) -> Found:
         level = box_of(self.question)[None]
         self.oracle.total = min(LEAVES_SECONDS, self.limits.seconds)
+        counts = _that_count(self.question)
         widths = np.maximum(level[0, :, 1] - level[0, :, 0], np.finfo(float).tiny)
         for number in range(MOST_LEVELS):
             share = f"{self.decided:.2%} decided, {len(level)} boxes open"
@@ -93,6 +98,7 @@ class _Search:
                 return self._found("refuted", level, found)
             if len(verdicts) < len(level):
                 return self._found("unknown", level, reason=f"after {self.limits.seconds:g} seconds")
+            splits = _balanced(level, splits, widths, counts)
             codes = np.where(verdicts == PROVED, BY_BOUNDS, np.where(verdicts == OUTSIDE, NO_STATE, splits))
             left = np.flatnonzero((verdicts == OPEN) | (verdicts == SUSPECT))
             if number >= FIRST_LEAVES and number % EACH_LEVELS == 0 and len(left) <= MOST_LEAVES:
@@ -184,6 +190,29 @@ def _volume(boxes: Doubles, widths: Doubles) -> float:
     """The volume of boxes (n, dimensions, 2), as a share."""
     shares = np.where(widths > np.finfo(float).tiny, (boxes[:, :, 1] - boxes[:, :, 0]) / widths, 1.0)
     return float(np.prod(shares, axis=1).sum())
+
+
+def _balanced(boxes: Doubles, splits: Bytes, widths: Doubles, counts: np.ndarray) -> Bytes:
+    """The dimensions along which boxes are split: of those that count the widest, instead of one that is much
+    narrower.
+    """
+    if not counts.any():
+        return splits
+    shares = (boxes[:, :, 1] - boxes[:, :, 0]) / widths
+    shares[:, (widths <= np.finfo(float).tiny) | ~counts] = 0.0
+    widest = shares.argmax(axis=1)
+    rows = np.arange(len(boxes))
+    chosen = shares[rows, np.minimum(splits, len(widths) - 1)]
+    unequal = (splits != NO_SPLIT) & (shares[rows, widest] > MOST_UNEQUAL * chosen)
+    return np.where(unequal, widest, splits).astype(np.uint8)
+
+
+def _that_count(question: Question) -> np.ndarray:
+    """Which dimensions the network or a condition depends on."""
+    weights = question.layers[0].weight
+    seen = {o.value for k, o in enumerate(question.observed) if weights[:, k].any()}
+    used = seen | symbols(question.hypothesis, *(c.conclusion for c in question.cases))
+    return np.array([s in used for s in question.dimensions], np.bool_)
 
 
 def _halves(boxes: Doubles, along: np.ndarray) -> Doubles:

@@ -5,6 +5,8 @@
 - `model.kyx` is the model's text, and `run.json` says what was asked for, with the learning curve, the
   evaluations and the versions used;
 - `replay_buffer.pkl` is SAC's memory, in the last state only;
+- `proof.json` and `certificate.json` are what was proved of the policy with `--provable`, `unproved/` is the
+  policy before it was taught;
 - `best/` is the state that did best in an evaluation, `checkpoints/<steps>/` those saved in between.
 
 Reading zip and pkl files executes code that they contain. Imports torch when called.
