@@ -23,7 +23,7 @@
 
 enum { DL2C_LANES_OF_BOXES = 8, DL2C_MOST_WIDTH = 256, DL2C_MOST_LAYERS = 12, DL2C_MOST_DIMENSIONS = 12 };
 
-/* Functions over lanes exist for several instruction sets, all of which compute the same bits. */
+/* Functions over lanes exist for several instruction sets. */
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(DL2C_NO_TARGET_CLONES)
 #define DL2C_FOR_LANES __attribute__((target_clones("arch=x86-64-v3", "default")))
 #else
@@ -72,14 +72,34 @@ typedef struct dl2c_network {
   double unit, tiny, largest, library;
 } dl2c_network;
 
+/* Sums of products may be rounded after each product or not: bounds hold for both. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define DL2C_FUSED __attribute__((optimize("fp-contract=fast")))
+#pragma GCC diagnostic ignored "-Wpsabi" /* vectors are returned by functions that are always inlined */
+#else
+#define DL2C_FUSED
+#endif
+
 typedef double dl2c_lane[DL2C_LANES_OF_BOXES];
 
-/* Half of the lanes as one value, and how many sums are made together. */
+/* Half of the lanes as one value, a truth value for each, and how many sums are made together. */
 typedef double dl2c_four __attribute__((vector_size(32), aligned(8), may_alias));
-enum { DL2C_TOGETHER = 4 };
+typedef int64_t dl2c_four_truths __attribute__((vector_size(32), aligned(8), may_alias));
+enum { DL2C_TOGETHER = 4, DL2C_HALVES = 2 };
 
-#define DL2C_FIRST_FOUR(lane) (((dl2c_four *)(lane))[0])
-#define DL2C_OTHER_FOUR(lane) (((dl2c_four *)(lane))[1])
+#define DL2C_HALF(lane, half) (((dl2c_four *)(lane))[half])
+#define DL2C_FIRST_FOUR(lane) DL2C_HALF(lane, 0)
+#define DL2C_OTHER_FOUR(lane) DL2C_HALF(lane, 1)
+
+DL2C_INLINE dl2c_four dl2c_four_of(double x) { return (dl2c_four){x, x, x, x}; }
+
+DL2C_INLINE dl2c_four dl2c_four_if(dl2c_four_truths chosen, dl2c_four a, dl2c_four b)
+{
+  return (dl2c_four)((chosen & (dl2c_four_truths)a) | (~chosen & (dl2c_four_truths)b));
+}
+
+DL2C_INLINE dl2c_four dl2c_four_greater(dl2c_four a, dl2c_four b) { return dl2c_four_if(a > b, a, b); }
+DL2C_INLINE dl2c_four dl2c_four_size(dl2c_four a) { return dl2c_four_if(a < 0.0, -a, a); }
 
 /* Numbers of one layer. `part` 0 is the value at the middle, part 1 + d the slope along dimension d;
  * `size` is a bound of the magnitude. */
@@ -166,7 +186,7 @@ static void dl2c_observe(const dl2c_network *n, dl2c_workspace *w)
 }
 
 /* Add weight * given to `sums`, for rows `first` on; of the sizes of weights where `sizes`. */
-static inline __attribute__((always_inline)) void dl2c_add_rows(const dl2c_layer *layer, int first, int rows,
+DL2C_INLINE DL2C_FUSED void dl2c_add_rows(const dl2c_layer *layer, int first, int rows,
                                                                 dl2c_lane *given, bool sizes,
                                                                 dl2c_lane *sums)
 {
@@ -194,7 +214,7 @@ static inline __attribute__((always_inline)) void dl2c_add_rows(const dl2c_layer
 }
 
 /* The sums `weight * given + bias` of a layer, as forms. */
-DL2C_FOR_LANES static void dl2c_sums(const dl2c_network *n, const dl2c_layer *layer,
+DL2C_FOR_LANES DL2C_FUSED static void dl2c_sums(const dl2c_network *n, const dl2c_layer *layer,
                                      dl2c_forms *given, dl2c_forms *made, dl2c_lines *lines)
 {
   const double terms = (double)(layer->columns + 8);
@@ -227,62 +247,84 @@ DL2C_FOR_LANES static void dl2c_sums(const dl2c_network *n, const dl2c_layer *la
   }
 }
 
-/* Lines below and above max(0, z) for z between `low` and `high`. */
-DL2C_INLINE void dl2c_lines_of_relu(dl2c_lines *l, int i, int k, double low, double high)
+/* Four lines below and four above an activation: slope[0] * z + offset[0] <= f(z) <= slope[1] * z + offset[1]. */
+typedef struct dl2c_four_lines {
+  dl2c_four slope[2], offset[2];
+} dl2c_four_lines;
+
+/* Of max(0, z) for z between `low` and `high`: a line through 0 below, the chord above. */
+DL2C_INLINE dl2c_four_lines dl2c_lines_of_relu(dl2c_four low, dl2c_four high)
 {
-  const double chord = low >= 0.0 ? 1.0 : high <= 0.0 ? 0.0 : high / (high - low);
-  const bool bent = low < 0.0 && high > 0.0;
-  const double above = dl2c_greater(-chord * low, (1.0 - chord) * high);
-  l->slope[0][i][k] = bent ? (high > -low ? 1.0 : 0.0) : chord;
-  l->offset[0][i][k] = 0.0;
-  l->slope[1][i][k] = chord;
-  l->offset[1][i][k] = bent ? above * (1.0 + 0x1p-49) + high * 0x1p-50 + DBL_MIN : 0.0;
+  const dl2c_four zero = dl2c_four_of(0.0), one = dl2c_four_of(1.0);
+  const dl2c_four above = dl2c_four_greater(high, zero), width = above + dl2c_four_greater(-low, zero);
+  const dl2c_four chord = above / dl2c_four_greater(width, dl2c_four_of(DBL_MIN));
+  const dl2c_four raised = dl2c_four_greater(-chord * low, (one - chord) * high);
+  const dl2c_four rounded = raised * (1.0 + 0x1p-49) + above * 0x1p-50 + DBL_MIN;
+  return (dl2c_four_lines){{dl2c_four_if(high > -low, one, zero), chord},
+                           {zero, dl2c_four_if(raised > zero, rounded, zero)}};
 }
 
 /* Of tanh: a slope that is nowhere larger than the function's, so that tanh(z) - slope * z grows. */
-DL2C_INLINE void dl2c_lines_of_tanh(dl2c_lines *l, int i, int k, double low, double high)
+DL2C_INLINE dl2c_four_lines dl2c_lines_of_tanh(dl2c_four low, dl2c_four high)
 {
-  const double first = tanh(low), last = tanh(high);
-  const double flattest = dl2c_greater(fabs(first), fabs(last));
-  const double slope = dl2c_greater(0.0, (1.0 - flattest * flattest) - 0x1p-45) * (1.0 - 0x1p-45);
-  l->slope[0][i][k] = l->slope[1][i][k] = slope;
-  l->offset[0][i][k] = first - slope * low - (1.0 + slope * fabs(low)) * 0x1p-49;
-  l->offset[1][i][k] = last - slope * high + (1.0 + slope * fabs(high)) * 0x1p-49;
+  dl2c_four first, last;
+  for (int k = 0; k < DL2C_LANES_OF_BOXES / DL2C_HALVES; k++) {
+    first[k] = tanh(low[k]);
+    last[k] = tanh(high[k]);
+  }
+  const dl2c_four flattest = dl2c_four_greater(dl2c_four_size(first), dl2c_four_size(last));
+  const dl2c_four steep = (1.0 - flattest * flattest) - 0x1p-45;
+  const dl2c_four slope = dl2c_four_greater(dl2c_four_of(0.0), steep) * (1.0 - 0x1p-45);
+  return (dl2c_four_lines){
+    {slope, slope},
+    {first - slope * low - (1.0 + slope * dl2c_four_size(low)) * 0x1p-49,
+     last - slope * high + (1.0 + slope * dl2c_four_size(high)) * 0x1p-49}};
+}
+
+DL2C_INLINE dl2c_four_lines dl2c_lines_of(int32_t activation, dl2c_four low, dl2c_four high)
+{
+  const dl2c_four zero = dl2c_four_of(0.0), one = dl2c_four_of(1.0);
+  if (activation == DL2C_RELU) return dl2c_lines_of_relu(low, high);
+  if (activation == DL2C_HYPERBOLIC) return dl2c_lines_of_tanh(low, high);
+  return (dl2c_four_lines){{one, one}, {zero, zero}};
 }
 
 /* What the activation of a layer makes of its sums; fills in the lines. */
-DL2C_FOR_LANES static void dl2c_activated(const dl2c_network *n, const dl2c_layer *layer, dl2c_forms *f, dl2c_lines *l)
+DL2C_FOR_LANES static void dl2c_activated(const dl2c_network *n, const dl2c_layer *layer, dl2c_forms *f,
+                                          dl2c_lines *l)
 {
+  const bool hyperbolic = layer->activation == DL2C_HYPERBOLIC;
+  const double after = hyperbolic ? n->library : 0.0;
   for (int i = 0; i < layer->rows; i++)
-    DL2C_EACH_LANE
-    {
-      double reach = f->radius[i][k];
-      for (int d = 0; d < n->dimensions; d++) reach += fabs(f->part[1 + d][i][k]);
-      reach = (reach + fabs(f->part[0][i][k]) * 0x1p-50) * DL2C_ENLARGED + DBL_MIN;
-      const double low = f->part[0][i][k] - reach, high = f->part[0][i][k] + reach;
-      const double extent = fabs(f->part[0][i][k]) + reach;
-      l->after[i][k] = 0.0;
-      l->extent[i][k] = extent * DL2C_ENLARGED;
-      if (layer->activation == DL2C_RELU) {
-        dl2c_lines_of_relu(l, i, k, low, high);
-      } else if (layer->activation == DL2C_HYPERBOLIC) {
-        dl2c_lines_of_tanh(l, i, k, low, high);
-        l->after[i][k] = n->library;
-      } else {
-        l->slope[0][i][k] = l->slope[1][i][k] = 1.0;
-        l->offset[0][i][k] = l->offset[1][i][k] = 0.0;
+    for (int h = 0; h < DL2C_HALVES; h++) {
+      const dl2c_four middle = DL2C_HALF(f->part[0][i], h), radius = DL2C_HALF(f->radius[i], h);
+      dl2c_four reach = radius;
+      for (int d = 0; d < n->dimensions; d++) reach += dl2c_four_size(DL2C_HALF(f->part[1 + d][i], h));
+      reach = (reach + dl2c_four_size(middle) * 0x1p-50) * DL2C_ENLARGED + DBL_MIN;
+      const dl2c_four extent = dl2c_four_size(middle) + reach;
+      const dl2c_four_lines lines = dl2c_lines_of(layer->activation, middle - reach, middle + reach);
+      const dl2c_four slope = lines.slope[1], above = lines.offset[1];
+      const dl2c_four below = hyperbolic ? lines.offset[0] : dl2c_four_of(0.0);
+      const dl2c_four rounding =
+        (slope * extent + dl2c_four_size(above) + dl2c_four_size(below)) * 0x1p-49 + DBL_MIN;
+      const dl2c_four gap = dl2c_four_greater(dl2c_four_of(0.0), above - below);
+      const dl2c_four center = slope * middle + 0.5 * (above + below);
+      const dl2c_four around = (slope * radius + 0.5 * gap + rounding + after) * DL2C_ENLARGED;
+      dl2c_four size = dl2c_four_size(center) + around;
+      for (int d = 0; d < n->dimensions; d++) {
+        const dl2c_four part = slope * DL2C_HALF(f->part[1 + d][i], h);
+        DL2C_HALF(f->part[1 + d][i], h) = part;
+        size += dl2c_four_size(part);
       }
-      const double slope = l->slope[1][i][k];
-      const double above = l->offset[1][i][k];
-      const double below = layer->activation == DL2C_HYPERBOLIC ? l->offset[0][i][k] : 0.0;
-      const double rounding = (slope * extent + fabs(above) + fabs(below)) * 0x1p-49 + DBL_MIN;
-      f->part[0][i][k] = slope * f->part[0][i][k] + 0.5 * (above + below);
-      for (int d = 0; d < n->dimensions; d++) f->part[1 + d][i][k] *= slope;
-      const double gap = dl2c_greater(0.0, above - below);
-      f->radius[i][k] = (slope * f->radius[i][k] + 0.5 * gap + rounding + l->after[i][k]) * DL2C_ENLARGED;
-      double size = fabs(f->part[0][i][k]) + f->radius[i][k];
-      for (int d = 0; d < n->dimensions; d++) size += fabs(f->part[1 + d][i][k]);
-      f->size[i][k] = size * DL2C_ENLARGED;
+      DL2C_HALF(f->part[0][i], h) = center;
+      DL2C_HALF(f->radius[i], h) = around;
+      DL2C_HALF(f->size[i], h) = size * DL2C_ENLARGED;
+      DL2C_HALF(l->extent[i], h) = extent * DL2C_ENLARGED;
+      DL2C_HALF(l->after[i], h) = dl2c_four_of(after);
+      for (int side = 0; side < 2; side++) {
+        DL2C_HALF(l->slope[side][i], h) = lines.slope[side];
+        DL2C_HALF(l->offset[side][i], h) = lines.offset[side];
+      }
     }
 }
 

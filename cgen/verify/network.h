@@ -12,7 +12,7 @@
 #include "forms.h"
 
 /* row * weight, added up for each column. */
-DL2C_FOR_LANES static void dl2c_row_times(const dl2c_layer *layer, dl2c_lane *row, dl2c_lane *made)
+DL2C_FOR_LANES DL2C_FUSED static void dl2c_row_times(const dl2c_layer *layer, dl2c_lane *row, dl2c_lane *made)
 {
   const size_t columns = (size_t)layer->columns, rows = (size_t)layer->rows;
   for (size_t first = 0; first < columns; first += DL2C_TOGETHER) {

@@ -21,7 +21,7 @@ from dl2c.native.describe import manifest_of
 from dl2c.native.manifest import Manifest
 from dl2c.outputs import write_output
 from dl2c.policy.files import read_policy
-from dl2c.policy.network import NetworkPolicy, PolicyError, checked, mismatch
+from dl2c.policy.network import Interface, Layer, Network, NetworkPolicy, PolicyError, checked, mismatch
 from dl2c.policy.onnx_files import read_onnx
 from dl2c.training.saved import found_policy, load_policy
 from dl2c.work import budgeted
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from dl2c.policy_proof.build import Claim
     from dl2c.policy_proof.certificate import Checked
     from dl2c.policy_proof.onward import Onward
+    from dl2c.policy_proof.question import Question
     from dl2c.policy_proof.verdict import PolicyReport
 
 INTERFACE = (
@@ -147,15 +148,11 @@ def verifier(
     """What verifies one policy after another of a model. Raises what `report_on` raises, as far as no policy
     is needed for that.
     """
-    from dl2c.policy.network import Layer, Network
     from dl2c.policy_proof.acting import acting
-    from dl2c.policy_proof.build import questions
 
     found = compilation_of(model, options)
-    claim, interface = _claim(found, asked), interface_of(_manifest(model, options))
-    size = interface.outputs, len(interface.observations)
-    blank = Layer(np.zeros(size), np.zeros(size[0]), "relu")
-    questions(claim, acting(interface, Network((), (blank,))))
+    claim = _claim(found, asked)
+    questions_of(model, asked, options, _blank)
 
     def verify(policy: NetworkPolicy) -> "PolicyReport":
         acts = acting(policy.interface, policy.network)
@@ -164,15 +161,41 @@ def verifier(
     return verify
 
 
+def _blank(interface: Interface) -> Network:
+    """A network that always gives zeros."""
+    size = interface.outputs, len(interface.observations)
+    return Network((), (Layer(np.zeros(size), np.zeros(size[0]), "relu"),))
+
+
+def questions_of(
+    model: str,
+    asked: Asked,
+    options: Mapping[str, Any],
+    network: Callable[[Interface], Network] | None = None,
+) -> "tuple[str, tuple[Question, ...]]":
+    """The model's name and what is asked of the policy, or of a network that is made for the model. Raises
+    what `report_on` raises.
+    """
+    from dl2c.policy_proof.acting import acting
+    from dl2c.policy_proof.build import questions
+
+    if network is None:
+        _, claim, acts = _prepared(model, asked, options)
+    else:
+        interface = interface_of(_manifest(model, options))
+        claim = _claim(compilation_of(model, options), asked)
+        acts = acting(interface, network(interface))
+    return claim.model.name, questions(claim, acts)
+
+
 def checked_certificate(model: str, asked: Asked, options: Mapping[str, Any], path: Path) -> "Checked":
     """How much of a certificate there is, all of which is right. Raises `CertificateError`, and what
     `report_on` raises.
     """
-    from dl2c.policy_proof.build import questions
     from dl2c.policy_proof.certificate import check
 
     with working(f"checking {path}"):
-        return check(path, questions(*_prepared(model, asked, options)[1:]))
+        return check(path, questions_of(model, asked, options)[1])
 
 
 def _onward(entry: "Entry", claim: "Claim", asked: Asked, seconds: float) -> "Onward":

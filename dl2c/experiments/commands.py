@@ -8,7 +8,7 @@ import typer
 
 from dl2c.cli import app, main
 from dl2c.commands.arguments import Model
-from dl2c.commands.failures import to_json
+from dl2c.commands.failures import CommandError, to_json
 from dl2c.commands.flags import Json, model_options
 from dl2c.commands.verbosity import talkative
 from dl2c.commands.waiting import working
@@ -30,19 +30,31 @@ def bench(
     plot: Annotated[
         Path | None, typer.Option(metavar="PNG", help="Draw the table, and how speed grows.")
     ] = None,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Measure the search for proofs about a policy instead.")
+    ] = False,
+    policy: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE|DIR", help="With --verify: this policy, not random numbers."),
+    ] = None,
     json: Json = False,
     *,
     options: Mapping[str, Any],
 ) -> None:
     """Compare the speed of a model in C with scipy's solve_ivp and others, as ratios."""
-    from dl2c.experiments.bench.command import compare, comparison_data, draw_comparison, show_comparison
+    from dl2c.experiments.bench import command
 
+    if policy is not None and not verify:
+        raise CommandError("--policy goes with --verify")
     with working(f"measuring {model}") as note:
-        comparison = compare(model, options, seconds, require or (), note, plot is not None)
-    print(to_json(comparison_data(comparison))) if json else show_comparison(comparison)
+        if verify:
+            found = command.compare_boxes(model, policy, options, seconds, require or ())
+        else:
+            found = command.compare(model, options, seconds, require or (), note, plot is not None)
+    print(to_json(command.comparison_data(found))) if json else command.show_comparison(found)
     if plot is not None:
-        draw_comparison(comparison, plot)
-    if not all(map(comparison.met, comparison.requirements)):
+        command.draw_comparison(found, plot)
+    if not all(map(found.met, found.requirements)):
         raise typer.Exit(1)
 
 

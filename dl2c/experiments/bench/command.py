@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -44,15 +44,18 @@ class Comparison:
     """One run. `deviation` is how far Python and C differ over some steps, infinite if they disagree;
     `growth` how much faster a batch's environment step is than that of the smallest batch, by size;
     `sizes` how much longer one takes in larger models, by number of variables, where that was asked for.
+    `counted` is what rows do, compared with the row `baseline`.
     """
 
     model: str
     results: tuple["Result", ...]
     growth: Mapping[int, float]
     sizes: Mapping[int, float]
-    deviation: float
+    deviation: float | None
     notes: tuple[str, ...]
     requirements: tuple[Requirement, ...]
+    counted: str = "environment step"
+    baseline: str = BASELINE
 
     def met(self, requirement: Requirement) -> bool:
         """Whether a required ratio was reached."""
@@ -84,13 +87,9 @@ def compare(
     from dl2c.experiments.bench.rows import deviation, rows, subject
     from dl2c.experiments.bench.sizes import size_growth
 
-    requirements = tuple(map(_requirement, required))
     what = subject(source_of(model), options)
     found, notes = rows(what)
-    for requirement in requirements:
-        keys = [row.key for row in found]
-        if unknown := [key for key in (requirement.key, requirement.of) if key not in keys]:
-            raise CommandError(f"no row `{unknown[0]}` here; there is {', '.join(keys)}")
+    requirements = _requirements(required, [row.key for row in found], BASELINE)
     furthest = deviation(what)
     results = measure(found, seconds, note=note)
     sizes = size_growth(seconds / 10, note) if with_sizes else {}
@@ -98,11 +97,33 @@ def compare(
     return Comparison(name, tuple(results), growth(results), sizes, furthest, tuple(notes), requirements)
 
 
-def _requirement(text: str) -> Requirement:
+def compare_boxes(
+    model: str, policy: Path | None, options: Mapping[str, Any], seconds: float, required: Iterable[str]
+) -> Comparison:
+    """Measure how fast boxes of states are judged for the proof of a policy. Raises `CommandError` where that
+    cannot be done as asked, and what verifying raises.
+    """
+    from dl2c.experiments.bench.boxes import BASELINE as NUMPY
+    from dl2c.experiments.bench.boxes import measured
+
+    name, results = measured(model, policy, options, seconds)
+    requirements = _requirements(required, [r.key for r in results], NUMPY)
+    return Comparison(name, tuple(results), {}, {}, None, (), requirements, "box of states", NUMPY)
+
+
+def _requirements(texts: Iterable[str], keys: Sequence[str], baseline: str) -> tuple[Requirement, ...]:
+    found = tuple(_requirement(text, baseline) for text in texts)
+    for requirement in found:
+        if unknown := [key for key in (requirement.key, requirement.of) if key not in keys]:
+            raise CommandError(f"no row `{unknown[0]}` here; there is {', '.join(keys)}")
+    return found
+
+
+def _requirement(text: str, baseline: str) -> Requirement:
     keys, _, least = text.partition("=")
     key, _, of = keys.partition("/")
     try:
-        return Requirement(key, of or BASELINE, float(least))
+        return Requirement(key, of or baseline, float(least))
     except ValueError:
         raise CommandError(
             f"--require takes ROW=RATIO or ROW/ROW=RATIO, such as gym=100, not {text!r}"
@@ -114,22 +135,24 @@ def show_comparison(comparison: Comparison) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=PIPED_WIDTH)
-    title = f"{comparison.model}: environment steps per CPU second"
+    title = f"{comparison.model}: CPU time of a {comparison.counted}"
     table = Table(title=title, title_justify="left", box=None)
     table.add_column("row")
     table.add_column("what")
-    for column in ("ns per step", "times solve_ivp", "lowest", "highest"):
+    for column in ("ns each", f"times {comparison.baseline}", "lowest", "highest"):
         table.add_column(column, justify="right")
     for r in comparison.results:
         ratios = (f"{value:,.4g}" if value < 1000 else f"{value:,.0f}" for value in (r.ratio, r.low, r.high))
         table.add_row(r.key, r.title, f"{1e9 / r.rate:,.0f}", *ratios)
     console.print(table)
-    sizes = ", ".join(f"n = {n}: {times:.2f}" for n, times in comparison.growth.items())
-    print(f"\nsteps per second of a batch in C, times those of n = 1: {sizes}")
+    if comparison.growth:
+        sizes = ", ".join(f"n = {n}: {times:.2f}" for n, times in comparison.growth.items())
+        print(f"\nsteps per second of a batch in C, times those of n = 1: {sizes}")
     if comparison.sizes:
         times = ", ".join(f"{n} variables: {longer:.2f}" for n, longer in comparison.sizes.items())
         print(f"time of a step in models of growing size, times that of the smallest: {times}")
-    print(_agreement(comparison.deviation))
+    if comparison.deviation is not None:
+        print(_agreement(comparison.deviation))
     for text in comparison.notes:
         print(f"note: {text}")
     for requirement in comparison.requirements:
@@ -150,8 +173,10 @@ def draw_comparison(comparison: Comparison, path: Path) -> None:
     from dl2c.training.plots import speeds
 
     rows = [(r.title, r.ratio, r.low, r.high) for r in comparison.results]
-    title = f"{comparison.model}: environment steps per second, times solve_ivp"
-    growths = [("environments of a batch", "speed, times that of one", comparison.growth)]
+    title = f"{comparison.model}: speed of a {comparison.counted}, times {comparison.baseline}"
+    growths: list[tuple[str, str, Mapping[int, float]]] = []
+    if comparison.growth:
+        growths.append(("environments of a batch", "speed, times that of one", comparison.growth))
     if comparison.sizes:
         growths.append(("variables of a model", "time, times the smallest's", comparison.sizes))
     save(speeds(rows, title, growths), path)
@@ -175,7 +200,7 @@ def comparison_data(comparison: Comparison) -> dict[str, Any]:
         ],
         "growth": {str(n): times for n, times in comparison.growth.items()},
         "sizes": {str(n): longer for n, longer in comparison.sizes.items()},
-        "deviation": None if math.isinf(comparison.deviation) else comparison.deviation,
+        "deviation": None if comparison.deviation in (None, math.inf) else comparison.deviation,
         "notes": list(comparison.notes),
         "requirements": [
             {
