@@ -6,6 +6,7 @@ They prove nothing and refute nothing. What is dropped for them by mistake is a 
 import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
@@ -53,7 +54,7 @@ def samples(
 ) -> Samples:
     """States on motions that begin at `example`, where `facts` hold, and near it."""
     names = symbols(*facts, *start.values(), *rates.values(), domain) - start.keys()
-    first = {s: _float(example.get(s.name, "0")) for s in names}
+    first = _consistent({s: _float(example.get(s.name, "0")) for s in names}, facts)
     states: list[Values] = []
     for values in _near(first, facts):
         try:
@@ -71,9 +72,25 @@ def _float(value: Fraction | str) -> float:
         return 0.0
 
 
+def _consistent(values: Mapping[Symbol, float], facts: Sequence[Formula]) -> dict[Symbol, float]:
+    """The values, of which solvers know functions by some of their properties only: where a fact says that a
+    symbol equals a term, it gets the value of that.
+    """
+    found = dict(values)
+    for fact in facts:
+        match fact:
+            case Compare("=", Symbol() as symbol, term) | Compare("=", term, Symbol() as symbol):
+                with suppress(ArithmeticError, ValueError):
+                    found[symbol] = _value(term, found)
+            case _:
+                pass
+    return found
+
+
 def _near(first: dict[Symbol, float], facts: Sequence[Formula]) -> Iterator[dict[Symbol, float]]:
-    """The state, and others where the facts hold, with other values of what no equation is about."""
-    yield first
+    """The state, if the facts hold there, and others with other values of what no equation is about."""
+    if all(_holds(f, first, TOLERANCE) for f in facts):
+        yield first
     chance = random.Random(0)
     tied = symbols(*(f for f in facts if isinstance(f, Compare) and f.op == "="))
     free = sorted(first.keys() - tied, key=str)
