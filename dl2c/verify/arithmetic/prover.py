@@ -15,7 +15,7 @@ from dl2c.verify.arithmetic.cases import Signs, cases_of, disjunctions
 from dl2c.verify.arithmetic.products import scripts
 from dl2c.verify.arithmetic.quotients import cleared, positive_symbols
 from dl2c.verify.arithmetic.squares import implied, with_known
-from dl2c.verify.arithmetic.total import totalised, without_cases
+from dl2c.verify.arithmetic.total import is_total, totalised, without_cases
 from dl2c.verify.states import connected
 
 PROVED = Outcome("unsat", "")
@@ -143,7 +143,12 @@ class Prover:
         found = self.portfolio.ask(text, quick, names)
         if found.verdict != "unknown" or quick == seconds:
             return found
-        in_cases, wanted = self._posed([without_cases(f) for f in facts], without_cases(goal))
+        positive = positive_symbols(facts)
+
+        def total(atom: Compare) -> bool:
+            return is_total(cleared(atom, positive))
+
+        in_cases, wanted = self._posed([without_cases(f, total) for f in facts], without_cases(goal, total))
         known = [c for f in (*in_cases, negation(wanted)) for c in conjuncts(f)]
         search = _Cases(self.portfolio, Signs(sorted(symbols(*known), key=str)), symbols(wanted), until)
         found = search.decided(known, MOST_SPLITS)

@@ -234,16 +234,16 @@ def _nothing(_: Formula) -> Iterable[Compare]:
 # abs, min and max as cases ----------------------------------------------------------
 
 
-def without_cases(formula: Formula) -> Formula:
+def without_cases(formula: Formula, total: Callable[[Compare], bool] = is_total) -> Formula:
     """An equivalent formula without abs, min and max where a comparison has one of them as a side, and all of
-    its terms have values: a case may do without those that have none.
+    its terms have values, as `total` says: a case may do without those that have none.
     """
 
     def atom(a: Compare) -> Formula:
-        if not any(isinstance(side, Call) for side in (a.left, a.right)) or not is_total(a):
+        if not any(isinstance(side, Call) for side in (a.left, a.right)) or not total(a):
             return a
         found = first_case(a)
-        return a if found is None else without_cases(found)
+        return a if found is None else without_cases(found, total)
 
     return rewritten(formula, atom)
 
