@@ -1,6 +1,7 @@
 """What the prover may use of the rest: nothing that restricts or relaxes what an environment does."""
 
 import ast
+import re
 from pathlib import Path
 
 VERIFY = Path(__file__).resolve().parents[2] / "dl2c" / "verify"
@@ -63,8 +64,11 @@ def test_the_prover_knows_nothing_of_environments() -> None:
 
 def test_flows_are_solved_by_their_equations_alone() -> None:
     """A `Flow` is made for `solve`, with neither domain nor horizon."""
-    text = (VERIFY / "flows.py").read_text(encoding="utf-8")
-    assert text.count("Flow(") == 1
+    texts = {path.name: path.read_text(encoding="utf-8") for path in MODULES}
+    assert {name: n for name, t in texts.items() if (n := len(re.findall(r"\bFlow\(", t)))} == {
+        "motion.py": 1
+    }
+    text = texts["motion.py"]
     assert "Flow(equations, TRUE, TRUE, (), None)" in text
 
 
