@@ -29,7 +29,7 @@ from dl2c.verify.flows import Flows
 from dl2c.verify.refute import Refutation, examined
 from dl2c.verify.report import Answer, Attempt, Invariants, Obligation, Report, better, joined
 from dl2c.verify.states import Event, Names, State, Unsupported, partial
-from dl2c.verify.theorem import Theorem, assumptions, conclusions, theorem_of
+from dl2c.verify.theorem import Theorem, assumptions, conclusions, loops_of, theorem_of
 
 FINAL = ("proved", "refuted", "not checked")
 """Answers that no further search makes better: with the last all that is checked is proved."""
@@ -171,7 +171,7 @@ class Proof:
     loops: list[tree.Loop] = field(default_factory=list[tree.Loop])
 
     def __post_init__(self) -> None:
-        self.loops = [n for n in nodes(self.theorem.formula) if isinstance(n, tree.Loop)]
+        self.loops = list(loops_of(self.theorem.formula))
 
     @property
     def one_step(self) -> bool:

@@ -238,3 +238,12 @@ def conclusions(formula: tree.Formula) -> Iterator[tree.Formula]:
     for node in nodes(formula):
         if isinstance(node, tree.Modal) and not has_program(node.child):
             yield node.child
+
+
+def loops_of(formula: tree.Formula) -> Iterator[tree.Loop]:
+    """The loops that need invariants: all but those of diamonds, unless these are negated boxes."""
+    parts = list(nodes(formula))
+    negated = [n.child for n in parts if isinstance(n, tree.Not)]
+    diamonds = [n for n in parts if isinstance(n, tree.Diamond) and not any(n is other for other in negated)]
+    left_out = {loop.span for d in diamonds for loop in nodes(d.program) if isinstance(loop, tree.Loop)}
+    yield from (n for n in parts if isinstance(n, tree.Loop) and n.span not in left_out)

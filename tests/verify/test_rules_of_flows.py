@@ -11,6 +11,7 @@ from dl2c.lower.terms import lower_formula, lower_term
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive, parse_formula, parse_term
 from dl2c.parse.printer import print_formula as print_tree
+from dl2c.parse.printer import print_program
 from dl2c.parse.tree import Box, ODESystem
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source
@@ -27,7 +28,7 @@ from dl2c.verify.invention import invented
 from dl2c.verify.motion import facts_until_now
 from dl2c.verify.prove import Limits, prove
 from dl2c.verify.states import Names, State, evaluated
-from dl2c.verify.theorem import theorem_of
+from dl2c.verify.theorem import loops_of, theorem_of
 
 SCOPE = {name: Symbol(name, "variable") for name in ("x", "y", "z", "u", "a", "b")}
 
@@ -306,3 +307,8 @@ def test_a_tactic_may_say_that_something_keeps_its_value() -> None:
     )
     theorem = theorem_of(parse_archive(Source("c.kyx", text))[0].entries[0], {})
     assert [print_tree(f) for f in theorem.hints.flows] == ["x^2 + y^2 = old(x^2 + y^2)"]
+
+
+def test_loops_of_diamonds_need_no_invariant_unless_they_are_negated() -> None:
+    found = loops_of(parse_formula("[{x := 1;}*](<{x := 2;}*> x > 0 & !<{x := 3;}*> x < 0)"))
+    assert [print_program(loop.child) for loop in found] == ["x := 1;", "x := 3;"]
