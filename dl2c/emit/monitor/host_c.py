@@ -6,6 +6,9 @@ from dl2c.emit.monitor.copied import copied
 from dl2c.emit.monitor.monitor_h import Unit, title_of
 from dl2c.monitor.check import Check
 
+POLICY = ("policy", "asks")
+"""Lines about a policy: what is done under the monitor, and what it asks for."""
+
 
 def main_c(unit: Unit, policy: bool = False) -> str:
     """The whole file; with a policy beside the monitor."""
@@ -20,8 +23,9 @@ def main_c(unit: Unit, policy: bool = False) -> str:
     if controller is not None:
         choices = len(controller.decisions)
         functions += [_reading(unit, "input", inputs), _printing(unit, states)]
+        functions += [_asking(unit, inputs, choices)] if policy else []
         functions.append(_controlling(unit, choices, policy))
-        answered = ["fallback", "run", *(["policy"] if policy else [])]
+        answered = ["fallback", "run", *(POLICY if policy else ())]
         lines |= {kind: ["state", "parameters", "input"] for kind in answered}
     counts = {k: sum(sizes[p] for p in parts) + choices * (k == "run") for k, parts in lines.items()}
     listed = {"state": states, "parameters": parameters, "input": inputs}
@@ -90,20 +94,21 @@ def _asked(stem: str, check: Check) -> list[str]:
 def _controlling(unit: Unit, decisions: int, policy: bool) -> str:
     """A function that answers lines about controllers."""
     stem = unit.stem
-    known = ["!run", 'strcmp(word, "fallback") != 0', *(["!policy"] if policy else [])]
+    known = ["!run", 'strcmp(word, "fallback") != 0', *(f"!{word}" for word in POLICY if policy)]
     lines = [
         f"{stem}_state state, post;",
         f"{stem}_parameters parameters;",
         f"{stem}_input input;",
         f"int choices[{max(1, decisions)}] = {{0}};",
         'const bool run = strcmp(word, "run") == 0;',
-        *(['const bool policy = strcmp(word, "policy") == 0;'] if policy else []),
+        *(f'const bool {word} = strcmp(word, "{word}") == 0;' for word in POLICY if policy),
         f"if ({' && '.join(known)})",
         "  return false;",
         "from = read_state(&state, from);",
         "from = read_parameters(&parameters, from);",
         "from = read_input(&input, from);",
         "post = state;",
+        *(["if (asks) {", "  print_asked(state, &parameters, &input);", "  return true;", "}"] * policy),
         "if (run) {",
         *([f"  for (int k = 0; k < {decisions}; k++)"] if decisions else []),
         *(["    choices[k] = (int)from[k];"] if decisions else []),
@@ -117,6 +122,26 @@ def _controlling(unit: Unit, decisions: int, policy: bool) -> str:
         "return true;",
     ]
     return function("static bool controls(const char *word, const real *from)", lines)
+
+
+def _asking(unit: Unit, inputs: list[str], decisions: int) -> str:
+    """A function that prints the outputs of the policy, and what it asks for."""
+    stem, upper = unit.stem, unit.stem.upper()
+    lines = [
+        f"{unit.real} observation[{upper}_OBSERVATIONS], output[{upper}_OUTPUTS];",
+        f"int choices[{upper}_CHOICES];",
+        f"{stem}_input asked;",
+        f"{stem}_policy_observe(state, parameters, input, observation);",
+        f"{stem}_policy_outputs(observation, output);",
+        f"{stem}_policy_asks(state, parameters, input, &asked, choices);",
+        f"for (int k = 0; k < {upper}_OUTPUTS; k++)",
+        '  printf("%.17g ", (double)output[k]);',
+        *(f'printf("%.17g ", (double)asked.{name});' for name in inputs),
+        *([f"for (int k = 0; k < {decisions}; k++)", '  printf("%d ", choices[k]);'] if decisions else []),
+        'puts("");',
+    ]
+    given = f"{stem}_state state, const {stem}_parameters *parameters, const {stem}_input *input"
+    return function(f"static void print_asked({given})", lines)
 
 
 def _policy(unit: Unit) -> list[str]:

@@ -27,6 +27,7 @@ from dl2c.policy.network import NetworkPolicy
 ABOUT = {
     "observe": "What the policy observes.",
     "outputs": "What its network makes of that.",
+    "asks": "What it asks for: values of inputs, and an alternative of each choice.",
     "ctrl": "What the policy does, whether or not the monitor accepts it.",
     "monitored": "What the policy does where the monitor accepts it, else the fallback.",
 }
@@ -48,6 +49,7 @@ def declarations_of_policy(unit: Unit) -> dict[str, str]:
     return {
         "observe": f"void {stem}_policy_observe({called}, {observed})",
         "outputs": f"void {stem}_policy_outputs(const {observed}, {unit.real} output[{upper}_OUTPUTS])",
+        "asks": f"void {stem}_policy_asks({called}, {stem}_input *asked, int choices[{upper}_CHOICES])",
         "ctrl": f"{stem}_state {stem}_policy_ctrl({called})",
         "monitored": f"{stem}_state {stem}_policy_monitored({called})",
     }
@@ -56,6 +58,10 @@ def declarations_of_policy(unit: Unit) -> dict[str, str]:
 def _header(unit: Unit, policy: NetworkPolicy) -> str:
     stem, upper, io = unit.stem, unit.stem.upper(), policy.interface
     listed = ", ".join(n for n, *_ in io.observations) or "nothing"
+    controller = unit.monitor.controller
+    assert controller is not None
+    sizes = {"OBSERVATIONS": len(io.observations), "OUTPUTS": io.outputs}
+    sizes["CHOICES"] = max(1, len(controller.decisions))
     about = f"A policy trained on this model. It observes {listed}, and gives {_meaning(policy)}."
     return "\n".join(
         [
@@ -64,7 +70,8 @@ def _header(unit: Unit, policy: NetworkPolicy) -> str:
             f'#include "{stem}_monitor.h"\n',
             BEFORE,
             comment(about),
-            f"enum {{ {upper}_OBSERVATIONS = {len(io.observations)}, {upper}_OUTPUTS = {io.outputs} }};\n",
+            *wrapped(f"enum {{ {', '.join(f'{upper}_{name} = {n}' for name, n in sizes.items())} }};"),
+            "",
             *(
                 f"{comment(ABOUT[name])}\n{wrapped_head(head)};\n"
                 for name, head in declarations_of_policy(unit).items()
@@ -175,9 +182,16 @@ def _acting(unit: Unit, policy: NetworkPolicy) -> Iterator[str]:
         f"real output[{stem.upper()}_OUTPUTS];",
         f"{stem}_policy_observe(curr, params, input, observation);",
         f"{stem}_policy_outputs(observation, output);",
-        f"{stem}_state post = curr;",
+        "*asked = *input;",
         *_decided(unit, policy, controller),
-        f"(void){stem}_run(curr, params, {'&asked' if io.inputs else 'input'}, choices, &post);",
+    ]
+    yield function(heads["asks"], lines)
+    lines = [
+        f"{stem}_input asked;",
+        f"int choices[{stem.upper()}_CHOICES];",
+        f"{stem}_state post = curr;",
+        f"{stem}_policy_asks(curr, params, input, &asked, choices);",
+        f"(void){stem}_run(curr, params, &asked, choices, &post);",
         "return post;",
     ]
     yield function(heads["ctrl"], lines)
@@ -228,28 +242,28 @@ def _mask(unit: Unit, policy: NetworkPolicy, controller: Controller) -> str:
 
 
 def _decided(unit: Unit, policy: NetworkPolicy, controller: Controller) -> list[str]:
-    """`choices`, and in `asked` values of inputs, as the outputs say."""
+    """Statements that set `choices`, and in `asked` values of inputs, as the outputs say."""
     io = policy.interface
     masked = policy.masked and io.kind in ("choice", "choices", "runs")
     lines = [f"bool open[{sum(io.counts)}];", "mask(curr, params, input, open);"] if masked else []
     opened = "open" if masked else "0"
     match io.kind:
         case "none":
-            return ["(void)output;", "const int choices[1] = {0};"]
+            return ["(void)output;", "choices[0] = 0;"]
         case "choice":
-            return [*lines, f"const int choices[1] = {{largest(output, {opened}, {io.counts[0]})}};"]
+            return [*lines, f"choices[0] = largest(output, {opened}, {io.counts[0]});"]
         case "choices":
-            offsets = [sum(io.counts[:k]) for k in range(len(io.counts))]
-            calls = [
-                f"largest(output + {o}, {f'open + {o}' if masked else '0'}, {n})"
-                for o, n in zip(offsets, io.counts, strict=True)
-            ]
-            return [*lines, *wrapped(f"const int choices[{len(calls)}] = {{{', '.join(calls)}}};")]
+            for k, n in enumerate(io.counts):
+                first = sum(io.counts[:k])
+                own = f"open + {first}" if masked else "0"
+                lines.append(f"choices[{k}] = largest(output + {first}, {own}, {n});")
+            return lines
         case "runs":
             if masked:
                 lines += _open_paths(io.runs)
             call = f"largest(output, {'whole' if masked else '0'}, {len(io.runs)})"
-            return [*lines, f"const int *choices = PATHS[{call}];"]
+            lines.append(f"const int *path = PATHS[{call}];")
+            return [*lines, f"for (int c = 0; c < {len(io.counts)}; c++)", "  choices[c] = path[c];"]
         case "box":
             return _asked(unit, policy, controller)
 
@@ -277,14 +291,13 @@ def _asked(unit: Unit, policy: NetworkPolicy, controller: Controller) -> list[st
         if policy.network.bounded:
             given = f"{first} + (output[{k}] + 1) / 2 * ({last} - {first})"
         values.append(f"clipped({given}, {first}, {last})")
-    lines = [f"{unit.stem}_input asked = *input;"] if io.inputs else []
+    lines: list[str] = []
     known = {i.key for i in controller.inputs}
     for key, value in zip(io.inputs, values, strict=False):
         if key not in known:
             continue
-        lines += wrapped(f"asked.{unit.field(key)} = {value};")
-    choices: list[str] = []
-    for value, count in zip(values[len(io.inputs) :], io.counts, strict=True):
+        lines += wrapped(f"asked->{unit.field(key)} = {value};")
+    for c, (value, count) in enumerate(zip(values[len(io.inputs) :], io.counts, strict=True)):
         scaled = f"({value} + 1) / 2 * {count - 1}" if io.squash else value
-        choices.append(f"(int)rint{'f' if unit.single else ''}({scaled})")
-    return [*lines, *wrapped(f"const int choices[{max(1, len(choices))}] = {{{', '.join(choices) or '0'}}};")]
+        lines += wrapped(f"choices[{c}] = (int)rint{'f' if unit.single else ''}({scaled});")
+    return lines if io.counts else [*lines, "choices[0] = 0;"]
