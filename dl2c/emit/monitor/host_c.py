@@ -1,5 +1,7 @@
 """A program for the host around an exported monitor: reads lines of numbers, prints what they lead to."""
 
+from collections.abc import Sequence
+
 from dl2c.emit import names
 from dl2c.emit.cfile import function
 from dl2c.emit.monitor.copied import copied
@@ -16,19 +18,20 @@ def main_c(unit: Unit, policy: bool = False) -> str:
     states = [names.member(v.name) for v in model.variables]
     parameters = [names.member(c.name) for c in unit.parameters]
     inputs = [unit.field(i.key) for i in controller.inputs] if controller is not None else []
+    taken = [unit.measured(d) for d in controller.measured] if controller is not None else []
     functions = [_reading(unit, "state", states), _reading(unit, "parameters", parameters)]
-    sizes = {"state": len(states), "parameters": len(parameters), "input": len(inputs)}
+    sizes = {"state": len(states), "parameters": len(parameters), "input": len(inputs) + len(taken)}
     lines = {c.kind: ["state"] * (1 + c.transition) + ["parameters"] for c in unit.monitor.checks}
     choices = 0
     if controller is not None:
         choices = len(controller.decisions)
-        functions += [_reading(unit, "input", inputs), _printing(unit, states)]
+        functions += [_reading(unit, "input", inputs, taken), _printing(unit, states)]
         functions += [_asking(unit, inputs, choices)] if policy else []
         functions.append(_controlling(unit, choices, policy))
         answered = ["fallback", "run", *(POLICY if policy else ())]
         lines |= {kind: ["state", "parameters", "input"] for kind in answered}
     counts = {k: sum(sizes[p] for p in parts) + choices * (k == "run") for k, parts in lines.items()}
-    listed = {"state": states, "parameters": parameters, "input": inputs}
+    listed = {"state": states, "parameters": parameters, "input": inputs + taken}
     usage = [_line(kind, parts, listed, choices * (kind == "run")) for kind, parts in lines.items()]
     return "\n".join(
         [
@@ -161,8 +164,12 @@ def _printing(unit: Unit, states: list[str]) -> str:
     return function(f"static void print_state(const {unit.stem}_state *state)", lines)
 
 
-def _reading(unit: Unit, kind: str, members: list[str]) -> str:
-    """A function that takes the numbers of a struct and returns what follows them."""
-    lines = [f"{kind}->{name} = *from++;" for name in members] or [f"{kind}->none = 0;"]
+def _reading(unit: Unit, kind: str, members: list[str], whole: Sequence[str] = ()) -> str:
+    """A function that takes the numbers of a struct, those that are `whole` at its end, and returns what
+    follows them.
+    """
+    lines = [f"{kind}->{name} = *from++;" for name in members]
+    lines += [f"{kind}->{name} = (int)*from++;" for name in whole]
+    lines = lines or [f"{kind}->none = 0;"]
     signature = f"static const real *read_{kind}({unit.stem}_{kind} *{kind}, const real *from)"
     return function(signature, [*lines, "return from;"])

@@ -4,7 +4,7 @@ What the policy asks for goes through `<model>_run`, so that values become admis
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 
 import numpy as np
@@ -19,9 +19,11 @@ from dl2c.emit.monitor.monitor_c import RUNTIME, builder_of, grouped, order_of
 from dl2c.emit.monitor.monitor_h import AFTER, BEFORE, Unit, title_of, wrapped_head
 from dl2c.emit.monitor.network_c import network_functions
 from dl2c.emit.monitor.own_names import with_own_names
-from dl2c.ir.model import Model, Symbol, Term
+from dl2c.ir.model import TRUE, Model, Term
 from dl2c.monitor.check import Controller
-from dl2c.paths.enumerate import control_drafts
+from dl2c.monitor.control import leading_drafts
+from dl2c.paths.enumerate import Draft
+from dl2c.paths.path import END
 from dl2c.policy.network import NetworkPolicy
 
 ABOUT = {
@@ -126,18 +128,70 @@ LIBRARY = rf"\b({MATH}|expm1|rint)f?\(|\bisfinite\("
 
 
 def _observe(unit: Unit, policy: NetworkPolicy, leaves: Leaves) -> str:
-    values = _shown(unit.monitor.model)
+    """One way through the leading statements after the other, the last where it is none of the others."""
+    read = reading(unit, "input->", "curr.", "params->")
+    drafts = _leads(unit.monitor.model)
+    lines: list[str] = []
+    for k, draft in enumerate(drafts):
+        shown = _shown(unit, policy, leaves, dict(draft.updates), k)
+        if k + 1 == len(drafts):
+            lines += shown
+            break
+        told = all(_excluded(draft, other) for other in drafts if other is not draft)
+        tests = TRUE if told else draft.tests
+        guard = leaves.condition(f"lead{k}", tests, "Whether the step begins like this.", read)
+        taken = " && ".join([*_measured(unit, draft), *([guard] if tests != TRUE else [])])
+        lines += [*wrapped(f"if ({taken}) {{"), *(f"  {line}" for line in shown), "  return;", "}"]
+    return function(declarations_of_policy(unit)["observe"], lines)
+
+
+def _leads(model: Model) -> tuple[Draft, ...]:
+    """The ways through the leading statements. Raises `CompileError` where one has no end."""
+    drafts = leading_drafts(model)
+    if endless := [d for d in drafts if d.target != END]:
+        title = "a policy for this model cannot be exported"
+        label = "the environment executes a while loop here before the policy observes"
+        advice = "write the loop's result as an assignment, or its iterations as choices"
+        raise CompileError(error("policy-observation", title, endless[0].span, label, advice))
+    return drafts
+
+
+def _alternatives(draft: Draft) -> dict[str, int]:
+    return {key: alternative for key, alternative, _ in draft.line.decisions}
+
+
+def _excluded(draft: Draft, other: Draft) -> bool:
+    """Whether some decision of the environment tells one way from the other."""
+    taken, others = _alternatives(draft), _alternatives(other)
+    return any(taken[key] != others[key] for key in taken.keys() & others.keys())
+
+
+def _measured(unit: Unit, draft: Draft) -> list[str]:
+    """That the environment took the alternatives of a way."""
+    assert unit.monitor.controller is not None
+    known = {d.key: d for d in unit.monitor.controller.measured}
+    return [f"input->{unit.measured(known[key])} == {a}" for key, a in _alternatives(draft).items()]
+
+
+def _shown(
+    unit: Unit, policy: NetworkPolicy, leaves: Leaves, updates: Mapping[str, Term], number: int
+) -> list[str]:
+    """Statements that show what leading statements make of each name."""
+    model = unit.monitor.model
+    values: dict[str, Term] = {q.name: q.symbol for q in (*model.variables, *model.constants)}
+    values |= updates
     read = reading(unit, "input->", "curr.", "params->")
     lines: list[str] = []
     for k, (name, low, high) in enumerate(policy.interface.observations):
-        value = leaves.term(f"shown_{name}", values[name], f"{name} as it is observed.", read)
+        leaf = f"shown_{name}" + (f"_{number}" if number else "")
+        value = leaves.term(leaf, values[name], f"{name} as it is observed.", read)
         narrowed = policy.interface.dtype == "float32" and not unit.single
         if narrowed:
             value = f"(real)(float){grouped(value)}"
         if narrowed or np.isfinite([low, high]).any():
             value = f"clipped({value}, {_end(unit, low)}, {_end(unit, high)})"
         lines += wrapped(f"observation[{k}] = {value};")
-    return function(declarations_of_policy(unit)["observe"], lines)
+    return lines
 
 
 def _end(unit: Unit, end: float) -> str:
@@ -145,21 +199,6 @@ def _end(unit: Unit, end: float) -> str:
     largest = float(np.finfo(np.float32).max)
     bounded = float(np.clip(end, -largest, largest))
     return unit.literal(Fraction(bounded))
-
-
-def _shown(model: Model) -> dict[str, Term]:
-    """What an observation shows of each name: what the environment's first decisions make of it."""
-    shown: dict[str, Term] = {v.name: Symbol(v.name, "variable") for v in model.variables}
-    shown |= {c.name: Symbol(c.name, "constant") for c in model.constants}
-    if not model.lead:
-        return shown
-    drafts = control_drafts(model, model.lead)
-    if len(drafts) != 1:
-        title = "a policy for this model cannot be exported"
-        label = "the environment decides here before the policy observes, and its state does not show what"
-        advice = "let it give values to variables instead: `x := *`"
-        raise CompileError(error("policy-observation", title, drafts[0].span, label, advice))
-    return shown | dict(drafts[0].updates)
 
 
 # Actions -------------------------------------------------------------------------------------------
