@@ -43,9 +43,12 @@ INTERFACE = (
 """Options on which it depends what a policy sees and how it acts."""
 
 
-def policy_for(model: str, path: Path, options: Mapping[str, Any]) -> tuple[NetworkPolicy, Mapping[str, Any]]:
+def policy_for(
+    model: str, path: Path, options: Mapping[str, Any], *, trusted: bool = False
+) -> tuple[NetworkPolicy, Mapping[str, Any]]:
     """The policy at a path, and the options of the environment that it acts in: those given over those it
-    was trained with. Raises `PolicyError`, `OSError`, and what checking the model raises.
+    was trained with. Where it is `trusted`, nothing warns of code that loading it executes. Raises
+    `PolicyError`, `OSError`, and what checking the model raises.
     """
     file, statistics = found_policy(path)
     if file.suffix == ".onnx":
@@ -57,7 +60,8 @@ def policy_for(model: str, path: Path, options: Mapping[str, Any]) -> tuple[Netw
         options = saved | dict(options)
         manifest = _manifest(model, options)
     else:
-        _warn(file, statistics)
+        if not trusted:
+            _warn(file, statistics)
         manifest = _manifest(model, options)
         policy = load_policy(file, statistics, manifest)
     if problem := mismatch(policy, manifest.name, interface_of(manifest)):
@@ -358,5 +362,7 @@ def show(report: "PolicyReport") -> None:
             + (f" ({found.about})" if found.requests and found.about else "")
         )
         console.print("which no control path admits")
+    if (said := report.confirmation) is not None:
+        console.print(f"{'confirmed' if said.confirmed else 'not confirmed'}: {said.text}")
     for warning in report.warnings:
         console.print(f"warning: {warning}")

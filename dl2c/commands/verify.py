@@ -1,7 +1,8 @@
 """`dl2c verify`: prove or refute the theorem that a model states, or a claim about a trained policy."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,9 +16,15 @@ from dl2c.commands.failures import CommandError, to_json
 from dl2c.commands.flags import Json
 from dl2c.commands.verbosity import quiet
 from dl2c.commands.waiting import working
+from dl2c.diagnostics import CompileError
 
 if TYPE_CHECKING:
+    from dl2c.commands.policy import Asked
+    from dl2c.emit.monitor.monitor_h import Real
     from dl2c.options import Options
+    from dl2c.policy_proof.confirm import Confirmation
+    from dl2c.policy_proof.verdict import PolicyReport
+    from dl2c.report.episode import Episode
     from dl2c.source import Source
     from dl2c.verify.prove import Limits
     from dl2c.verify.report import Counterexample, Report
@@ -29,6 +36,9 @@ UNDECIDED = 3
 
 COLOURS = {"proved": "bold green", "refuted": "bold red"}
 
+
+REALS: dict[str, "Real"] = {"double": "double", "float32": "float"}
+"""Numbers of the exported C by the arithmetic that was judged."""
 
 Timeout = Annotated[float, typer.Option(min=0.1, help="Seconds for one question to the solvers.")]
 Total = Annotated[float, typer.Option("--total", "--seconds", min=0.5, help="Seconds for everything.")]
@@ -53,8 +63,8 @@ Output = Annotated[
         "-o",
         "--output",
         metavar="JSON",
-        help="File for the run that refutes the theorem, if the environment can follow it: an episode for "
-        "`dl2c replay`.",
+        help="File for the run, or the request of a policy, that refutes the claim, if the environment can "
+        "follow it: an episode for `dl2c replay`.",
     ),
 ]
 PANEL = "A trained policy"
@@ -149,10 +159,14 @@ def verify(
     given = {"arithmetic": arithmetic, "outside": except_, "fixed": fix, "inputs": takes, "outputs": gives}
     said = {n: v for n, v in (given | {"certificate": certificate}).items() if v is not None}
     if policy is not None:
-        if within_bounds or agree or smt2 is not None or output is not None:
-            raise CommandError("--within-bounds, --agree, --smt2 and -o are for theorems, not for --policy")
+        if within_bounds or agree or smt2 is not None:
+            raise CommandError("--within-bounds, --agree and --smt2 are for theorems, not for --policy")
         said |= {"seconds": total, "threads": jobs}
-        raise typer.Exit(_about_policy(model, policy, said, check, options, json))
+        if check is not None and output is not None:
+            raise CommandError("-o is for what a search finds, not for --check")
+        if check is not None:
+            raise typer.Exit(_checked(model, policy, said, check, options, json))
+        raise typer.Exit(_about_policy(model, policy, said, options, output, json))
     if said or check is not None:
         raise CommandError("what is said of a trained policy goes with --policy")
     from dl2c.verify.prove import Limits
@@ -178,41 +192,103 @@ def _theorem(
     if not json and not quiet():
         _show(report)
     saved = {} if output is None or report.interrupted else _saved(source, options, report, output)
-    if json:
-        print(to_json(report.to_json() | saved))
-    elif saved and not quiet():
-        path, reason = saved["episode"], saved["not_saved"]
-        print(f"replay it with `dl2c replay {path}`" if path else f"{output} is not written: {reason}")
+    _tell_saved(report.to_json(), saved, output, json)
     if report.interrupted:
         raise KeyboardInterrupt
     answer = report.within_bounds if within_bounds else report.answer
     return CODES.get(answer, UNDECIDED)
 
 
-def _about_policy(
+def _checked(
     model: str,
     path: Path,
     asked: Mapping[str, Any],
-    certificate: Path | None,
+    certificate: Path,
     options: Mapping[str, Any],
     json: bool,
 ) -> int:
-    """Verify a policy, or check a certificate; the exit code."""
-    from dl2c.commands.policy import Asked, checked_certificate, report_on, show
+    """Check a certificate; the exit code."""
+    from dl2c.commands.policy import Asked, checked_certificate
 
-    if certificate is not None:
-        found = checked_certificate(model, Asked(path, **asked), options, certificate)
-        if json:
-            print(to_json({"answer": "proved", "leaves": found.leaves, "leaves_by_z3": found.by_solver}))
-        elif not quiet():
-            print(f"{certificate}: proved, {found.leaves} leaves checked, {found.by_solver} of them by Z3")
-        return CODES["proved"]
-    report = report_on(model, Asked(path, **asked), options)
+    found = checked_certificate(model, Asked(path, **asked), options, certificate)
     if json:
-        print(to_json(report.to_json()))
+        print(to_json({"answer": "proved", "leaves": found.leaves, "leaves_by_z3": found.by_solver}))
     elif not quiet():
+        print(f"{certificate}: proved, {found.leaves} leaves checked, {found.by_solver} of them by Z3")
+    return CODES["proved"]
+
+
+def _about_policy(
+    model: str,
+    path: Path,
+    given: Mapping[str, Any],
+    options: Mapping[str, Any],
+    output: Path | None,
+    json: bool,
+) -> int:
+    """Verify a policy; the exit code."""
+    from dl2c.commands.policy import Asked, report_on, show
+
+    asked = Asked(path, **given)
+    report = _confirmed(model, asked, options, report_on(model, asked, options))
+    if not json and not quiet():
         show(report)
+    saved: Mapping[str, Any] = {}
+    if output is not None and report.violation is None:
+        saved = {"episode": None, "not_saved": "no request is refuted"}
+    elif output is not None:
+        saved = _saved_episode(lambda: _followed_request(model, asked, options, report), "this step", output)
+    _tell_saved(report.to_json(), saved, output, json)
     return CODES.get(report.answer, UNDECIDED)
+
+
+def _confirmed(
+    model: str, asked: "Asked", options: Mapping[str, Any], report: "PolicyReport"
+) -> "PolicyReport":
+    """The report with what the exported C says of its violation, if it has one. Raises `Contradiction` where
+    that computes something else, and what writing and compiling it raise.
+    """
+    if report.violated is None:
+        return report
+    with working("asking the exported C"):
+        return replace(report, confirmation=_confirmation(model, asked, options, report))
+
+
+def _confirmation(
+    model: str, asked: "Asked", options: Mapping[str, Any], report: "PolicyReport"
+) -> "Confirmation":
+    from dl2c.commands.monitor import unit_of
+    from dl2c.commands.policy import policy_for
+    from dl2c.policy_proof.confirm import Confirmation, confirmation
+
+    assert report.violated is not None
+    if asked.arithmetic not in REALS:
+        return Confirmation(False, "the exported C is not asked: it does not compute with real numbers")
+    if asked.inputs or asked.outputs:
+        return Confirmation(False, "the exported C is not asked: --takes and --gives are not exported")
+    policy, options = policy_for(model, asked.path, options, trusted=True)
+    try:
+        unit = unit_of(model, options, ("controller",), REALS[asked.arithmetic])
+        return confirmation(*report.violated, unit, policy)
+    except CompileError as refused:
+        title = refused.diagnostics[0].title
+        return Confirmation(False, f"the exported C is not asked: {title}")
+
+
+def _followed_request(
+    model: str, asked: "Asked", options: Mapping[str, Any], report: "PolicyReport"
+) -> "Episode":
+    """The step in which the policy asks for what is not admissible. Raises `CannotFollow`."""
+    from dl2c.commands.policy import policy_for
+    from dl2c.env.opening import source_of
+    from dl2c.report.refuted import CannotFollow
+    from dl2c.report.refuted_policy import requested
+
+    found, said = report.violation, report.confirmation
+    if found is None or said is None or said.state is None:
+        raise CannotFollow("the exported C was not asked")
+    policy, options = policy_for(model, asked.path, options, trusted=True)
+    return requested(source_of(model), options, policy, said.state, found.outputs)
 
 
 def _proved(model: str, source: "Source", options: "Options", limits: "Limits") -> "Report":
@@ -233,18 +309,34 @@ def _saved(
     source: "Source", options: Mapping[str, Any], report: "Report", path: Path
 ) -> dict[str, str | None]:
     """Write the run that refutes the theorem as an episode, if the environment can follow it; why not."""
-    from dl2c.report.episode import write_episode
-    from dl2c.report.refuted import CannotFollow, followed
+    from dl2c.report.refuted import followed
 
-    if report.counterexample is None:
+    if (run := report.counterexample) is None:
         return {"episode": None, "not_saved": "no run refutes the theorem"}
+    return _saved_episode(lambda: followed(source, options, run), "this run", path)
+
+
+def _saved_episode(follow: "Callable[[], Episode]", what: str, path: Path) -> dict[str, str | None]:
+    """Write the episode that is followed, if the environment can follow it; why not."""
+    from dl2c.report.episode import write_episode
+    from dl2c.report.refuted import CannotFollow
+
     try:
-        with working("following the run in the environment"):
-            episode = followed(source, options, report.counterexample)
+        with working(f"following {what} in the environment"):
+            episode = follow()
     except CannotFollow as reason:
-        return {"episode": None, "not_saved": f"the environment cannot follow this run: {reason}"}
+        return {"episode": None, "not_saved": f"the environment cannot follow {what}: {reason}"}
     write_episode(episode, path)
     return {"episode": str(path), "not_saved": None}
+
+
+def _tell_saved(report: Mapping[str, Any], saved: Mapping[str, Any], output: Path | None, json: bool) -> None:
+    """Print the report with what became of the episode, or what became of that alone."""
+    if json:
+        print(to_json({**report, **saved}))
+    elif saved and not quiet():
+        path, reason = saved["episode"], saved["not_saved"]
+        print(f"replay it with `dl2c replay {path}`" if path else f"{output} is not written: {reason}")
 
 
 def _show(report: "Report") -> None:

@@ -104,8 +104,8 @@ class Given:
 @dataclass(frozen=True, slots=True)
 class Run:
     """A control path. `case` is its place among the cases of the controller's check, `taken` the alternative
-    of each of the agent's decisions, -1 where it does not meet it; `updates` are over the state before
-    and its inputs.
+    of each of the agent's decisions, -1 where it does not meet it, `seen` that of each that is measured;
+    `updates` are over the state before and its inputs.
     """
 
     case: int
@@ -114,18 +114,21 @@ class Run:
     updates: tuple[tuple[str, Term], ...]
     about: str
     span: Span = NOWHERE
+    seen: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Controller:
     """All runs in program order, and the order in which a fallback tries them: those whose first decision
-    is marked `@fallback`, then program order. `decisions` are the agent's.
+    is marked `@fallback`, then program order. `decisions` are the agent's, `measured` those that the
+    environment takes before it.
     """
 
     inputs: tuple[Input, ...]
     decisions: tuple[Decision, ...]
     runs: tuple[Run, ...]
     preferred: tuple[int, ...]
+    measured: tuple[Decision, ...] = ()
 
     def field(self, key: str) -> str:
         """What an input is called: its variable, and a number where there are several of it."""

@@ -65,7 +65,7 @@ def control_paths(model: Model, steady: frozenset[str] | None = None) -> tuple[C
 
     Raises `CompileError` for loops whose iterations are not limited.
     """
-    program = tuple(_chosen(s) for s in (*model.lead, *model.body))
+    program = _all_chosen((*model.lead, *model.body))
     drafts = control_drafts(model, program)
     if endless := [d for d in drafts if d.flow is None and d.target != END]:
         raise CompileError(error(
@@ -76,6 +76,11 @@ def control_paths(model: Model, steady: frozenset[str] | None = None) -> tuple[C
             "write the loop's result as an assignment, or its iterations as choices",
         ))  # fmt: skip
     return tuple(_control(model, d, steady) for d in drafts)
+
+
+def leading_drafts(model: Model) -> tuple[Draft, ...]:
+    """Every way through the statements that a step begins with, before the agent decides."""
+    return control_drafts(model, _all_chosen(model.lead))
 
 
 def _chosen(statement: Statement) -> Statement:

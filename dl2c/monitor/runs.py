@@ -2,7 +2,8 @@
 
 Comes in: a model and its control paths. Goes out: the paths as runs, with what is known of the values of
 their inputs, in the order in which a fallback tries them. An input is what a test of a step makes of
-`x := *`: the agent asks for a value, and gets the nearest that passes; the environment's is measured.
+`x := *`: the agent asks for a value, and gets the nearest that passes; the environment's is measured, and so
+is which alternatives it took before the agent decides.
 
 Whether a value leaves later inputs of the agent some value is known by eliminating these from their
 tests. Where that has no answer, later tests are not looked at: the run may then be refused.
@@ -46,9 +47,10 @@ def controller_of(
     inputs = {i.key: i for i in input_limits(model, met, tests, default_bound or ANY)}
     decisions = tuple({d.key: d for d in decisions_of(program)}.values())
     agent = tuple(d for d in decisions if d.role == "agent")
-    runs = tuple(_run(k, c, inputs, agent, tolerance) for k, c in enumerate(controls))
+    measured = tuple({d.key: d for d in decisions_of(model.lead) if d.role != "agent"}.values())
+    runs = tuple(_run(k, c, inputs, agent, measured, tolerance) for k, c in enumerate(controls))
     first = sorted(range(len(controls)), key=lambda k: not _is_marked(controls[k], agent))
-    return Controller(tuple(inputs.values()), agent, runs, tuple(first))
+    return Controller(tuple(inputs.values()), agent, runs, tuple(first), measured)
 
 
 def _is_marked(control: Control, agent: tuple[Decision, ...]) -> bool:
@@ -61,11 +63,12 @@ def _run(
     control: Control,
     inputs: dict[str, Input],
     decisions: tuple[Decision, ...],
+    measured: tuple[Decision, ...],
     tolerance: Tolerance,
 ) -> Run:
     draft = control.draft
     chosen = {key: alternative for key, alternative, _ in draft.line.decisions}
-    taken = tuple(chosen.get(d.key, -1) for d in decisions)
+    taken, seen = (tuple(chosen.get(d.key, -1) for d in some) for some in (decisions, measured))
     own = [inputs[key] for key in draft.inputs]
     admitted = _admitted(draft.tests, [i for i in own if i.role == "agent"])
     given = tuple(
@@ -78,7 +81,7 @@ def _run(
         for i in own
     )
     names = ", ".join(f"{d.name or d.key}={k}" for d, k in zip(decisions, taken, strict=True) if k >= 0)
-    return Run(case, taken, given, draft.updates, names or "the only path", draft.span)
+    return Run(case, taken, given, draft.updates, names or "the only path", draft.span, seen)
 
 
 def _admitted(tests: Formula, own: list[Input]) -> dict[str, tuple[Formula, ...]]:

@@ -10,6 +10,7 @@ from dl2c.ir.printer import print_formula, print_number
 from dl2c.policy_proof.acting import Acting
 from dl2c.policy_proof.build import Claim, questions
 from dl2c.policy_proof.certificate import certificate
+from dl2c.policy_proof.confirm import Confirmation
 from dl2c.policy_proof.exact import Violation
 from dl2c.policy_proof.onward import Onward
 from dl2c.policy_proof.question import Question
@@ -29,6 +30,8 @@ class PolicyReport:
     seconds: float
     questions: tuple[Question, ...] = ()
     onward: Onward = Onward()
+    confirmation: Confirmation | None = None
+    """Of the violation, if there is one."""
 
     @property
     def certificate(self) -> str:
@@ -52,6 +55,12 @@ class PolicyReport:
         return next((f.violation for f in self.found if f.violation is not None), None)
 
     @property
+    def violated(self) -> tuple[Question, Violation] | None:
+        """The violation with the question that it answers."""
+        pairs = zip(self.questions, self.found, strict=False)
+        return next(((q, f.violation) for q, f in pairs if f.violation is not None), None)
+
+    @property
     def share(self) -> float:
         """The share of the volume that is decided, averaged over questions."""
         return sum(f.share for f in self.found) / len(self.found)
@@ -72,6 +81,7 @@ class PolicyReport:
             "reasons": [f.reason for f in self.found if f.reason],
             "open": [{n: list(ends) for n, ends in box.items()} for f in self.found for box in f.open_boxes],
             "counterexample": None if self.violation is None else _as_data(self.violation),
+            "confirmation": None if self.confirmation is None else self.confirmation.to_json(),
             "warnings": list(self.warnings),
         }
 

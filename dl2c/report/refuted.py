@@ -5,7 +5,7 @@ time, and with tolerances. So the exact run is tried out, step by step: of the a
 decisions, the one that leads to its next state. What counts is where the environment really comes.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
@@ -46,14 +46,10 @@ def followed(source: Source, given: Mapping[str, Any], run: Counterexample) -> E
         raise CannotFollow("the run ends before the first step")
     reason = ""
     for chosen in _choices(given, run):
+        env = opened(source, chosen)
         try:
-            env = Dl2cEnv(source, **chosen)
-        except CompileError as refused:
-            raise CannotFollow(refused.diagnostics[0].title) from None
-        except (NativeError, UnknownOption) as refused:
-            raise CannotFollow(str(refused)) from None
-        try:
-            return _checked(_Follower(env, run).episode())
+            episode = _Follower(env, run).episode()
+            return checked(episode, lambda again: violation(again, "postcondition", ()) > 0)
         except CannotFollow as failure:
             reason = str(failure)
         finally:
@@ -70,10 +66,35 @@ def _choices(given: Mapping[str, Any], run: Counterexample) -> Iterator[dict[str
     yield {"duration": "agent", **longest, **given, **form, "monitor_every_step": False}
 
 
-def _checked(episode: Episode) -> Episode:
-    """Raises `CannotFollow` for an episode that is another one when it is replayed."""
+def opened(source: Source, options: Mapping[str, Any]) -> Dl2cEnv:
+    """The environment that is to follow. Raises `CannotFollow` where there is none."""
+    try:
+        return Dl2cEnv(source, **options)
+    except CompileError as refused:
+        raise CannotFollow(refused.diagnostics[0].title) from None
+    except (NativeError, UnknownOption) as refused:
+        raise CannotFollow(str(refused)) from None
+
+
+def begun(env: Dl2cEnv, state: Mapping[str, float | Fraction]) -> Start:
+    """How the episode begins in a state, of which the environment needs what it does not fix. It has begun
+    then. Raises `CannotFollow`.
+    """
+    free = [q.name for q in (*env.manifest.variables, *env.manifest.constants) if q.value is None]
+    start = Start(0, 0, {name: float(state[name]) for name in free if name in state})
+    try:
+        begin(env, start)
+    except (ResetFailed, ValueError) as refused:
+        raise CannotFollow(f"the environment does not begin there: {refused}") from None
+    return start
+
+
+def checked(episode: Episode, violates: Callable[[Episode], bool]) -> Episode:
+    """The episode, which violates what it is about. Raises `CannotFollow` for one that is another when it is
+    replayed.
+    """
     again = replay(episode)
-    if difference(episode, again) or not violation(again, "postcondition", ()):
+    if difference(episode, again) or not violates(again):
         raise CannotFollow("the episode is not the same when it is replayed")
     return episode
 
@@ -87,11 +108,7 @@ class _Follower:
 
     def episode(self) -> Episode:
         """Raises `CannotFollow`."""
-        start = Start(0, 0, self._state())
-        try:
-            begin(self.env, start)
-        except (ResetFailed, ValueError) as refused:
-            raise CannotFollow(f"the environment does not begin there: {refused}") from None
+        start = begun(self.env, self.run.state)
         actions: list[Action] = []
         for number, step in enumerate(self.run.steps, 1):
             actions.append(self._next(number, step, number == len(self.run.steps)))
@@ -99,12 +116,6 @@ class _Follower:
         if not violation(episode, "postcondition", ()):
             raise CannotFollow("the postcondition holds within the environment's tolerance")
         return episode
-
-    def _state(self) -> dict[str, float]:
-        """The first state, of what the environment does not fix."""
-        manifest = self.env.manifest
-        free = [q.name for q in (*manifest.variables, *manifest.constants) if q.value is None]
-        return {name: float(self.run.state[name]) for name in free if name in self.run.state}
 
     def _next(self, number: int, step: Step, last: bool) -> Action:
         """An action that leads to the next state of the run; at its end one that violates the postcondition,

@@ -153,6 +153,7 @@ def controlling(unit: Unit, anything: bool) -> str:
             "int main(void)\n{",
             *given,
             *(f"  choices[{k}] = whole;" for k in decisions),
+            *(f"  input.{unit.measured(d)} = whole;" for d in controller.measured),
             f"  led = {stem}_monitored_ctrl{called}any, 0);",
             f"  led = {stem}_monitored_ctrl{called}0, any);",
             f"  found = {stem}_run{called}choices, &led);",

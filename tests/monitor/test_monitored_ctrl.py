@@ -121,7 +121,9 @@ def test_runs_give_inputs_the_values_of_the_simulator(example: str, action_map: 
 @pytest.mark.parametrize("sound", [False, True], ids=["plain", "sound"])
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_the_fallback_satisfies_the_monitor(example: str, sound: bool, programs: Any) -> None:
-    """From every state that the simulator reaches, whatever is asked for and measured there."""
+    """From every state that the simulator reaches, whatever is asked for and measured there. The environment
+    has decided already in these, and then takes its first alternatives.
+    """
     program = programs(example, sound=sound)
     model, controller = program.unit.monitor.model, program.unit.monitor.controller
     rng = random.Random(5)
@@ -133,6 +135,7 @@ def test_the_fallback_satisfies_the_monitor(example: str, sound: bool, programs:
         given = {
             i.key: rng.uniform(-30, 30) if i.role == "agent" else after[i.variable] for i in controller.inputs
         }
+        given |= dict.fromkeys((d.key for d in controller.measured), 0)
         rows.append([state, parameters])
         lines.append(f"fallback {numbers(state, parameters, given)}")
     posts = [dict(zip(rows[0][0], post, strict=True)) for post in states_of(program, lines)]

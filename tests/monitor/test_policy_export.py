@@ -12,6 +12,8 @@ import dl2c
 from dl2c.commands.monitor import unit_of
 from dl2c.commands.policy import policy_for
 from dl2c.emit.monitor.files import monitor_files
+from dl2c.env.state import read_drawn
+from dl2c.ir.liveness import written
 from dl2c.native.program import answers, compile_program
 
 sb3 = pytest.importorskip("stable_baselines3")
@@ -32,15 +34,36 @@ End.
 """
 
 
+BEFORE = """Definitions Real half(Real v) = v / 3; End.
+ProgramVariables
+  /* @var: bound=[-5:5] */ Real x;
+  /* @var: bound=[-5:5], role=env */ Real y;
+  /* @var: bound=[-20:20] */ Real seen;
+  /* @var: bound=[-20:20] */ Real w;
+End.
+Problem x = 0 & y = 0 & seen = 0 & w = 0 -> [{
+  y := *; ?-5 <= y & y <= 5;
+  if (y > x) { seen := half(y) - x; } else {
+    /* @choice: name="mode", role=env */ { seen := y * y / 7; ++ seen := x; w := y; }
+  }
+  { {?seen < 4; x := x / 2 + seen / 8; ++ x := x / 2;} }
+}*](x <= 50)
+End.
+"""
+
+
 @dataclass(frozen=True)
 class Kind:
-    """A policy to export: a model, how it is acted in, and how the policy is made."""
+    """A policy to export: a model, how it is acted in, and how the policy is made. `earlier` are variables
+    that have the value of others before the environment decides, since its second alternative copies them.
+    """
 
     model: str
     algorithm: str = "PPO"
     normalised: bool = False
     options: dict[str, Any] = field(default_factory=dict)
     arguments: dict[str, Any] = field(default_factory=dict)
+    earlier: dict[str, str] = field(default_factory=dict)
 
 
 KINDS = {
@@ -59,6 +82,11 @@ KINDS = {
         "example:pendulum", normalised=True, options={"action_map": "squash"}
     ),
     "choice-and-value": Kind("example:acc"),
+    "environment-choice": Kind("example:etcs", earlier={"m": "m0", "d": "d0"}),
+    "environment-choice-normalised": Kind(
+        "example:etcs", normalised=True, options={"obs_dtype": "float64"}, earlier={"m": "m0", "d": "d0"}
+    ),
+    "environment-branches": Kind(BEFORE, "MaskablePPO"),
     "choice-and-value-squash": Kind("example:acc", options={"action_map": "squash"}),
     "sde-squashed-output": Kind(
         "example:watertank", arguments={"use_sde": True, "policy_kwargs": {"squash_output": True}}
@@ -159,7 +187,8 @@ def test_the_network_is_that_of_stable_baselines(name: str, real: str, tmp_path:
     one = export(name, tmp_path, real, NETWORK)
     space, policy = one.env.observation_space, one.policy
     rng = np.random.default_rng(2)
-    low, high = np.maximum(space.low, -100), np.minimum(space.high, 100)
+    low = np.maximum(space.low, -100)
+    high = np.where(low < 100, np.minimum(space.high, 100), space.high)
     observations = rng.uniform(low, high, (COUNT, len(low))).astype(space.dtype)
     lines = [" ".join(map(repr, o.tolist())) for o in observations]
     found = np.array([list(map(float, text.split())) for text in answers(one.program, lines)])
@@ -190,32 +219,45 @@ STEPS = 300
 
 @pytest.mark.parametrize("name", KINDS)
 def test_the_monitored_policy_does_what_the_simulator_does(name: str, tmp_path: Path) -> None:
-    """Observations, masks, actions and values of inputs; and what is done instead of what is not possible."""
+    """Observations, masks, actions and values of inputs; and what is done instead of what is not possible.
+
+    States are shown when the environment has decided for the next step.
+    """
     one = export(name, tmp_path)
     model, unit = one.unit.monitor.model, one.unit
     moving = {
         x for flow in model.flows for x, rate in flow.equations if float(getattr(rate, "value", 1)) != 0
     }
-    still = [v.name for v in model.variables if v.name not in moving]
+    decided = written(model.lead, ())
+    still = [v.name for v in model.variables if v.name not in moving and v.name not in decided]
     lines: list[str] = []
     wanted: list[dict[str, float]] = []
+    outputs: list[Any] = []
     one.env.seed(5)
     observation = one.env.reset()
     for _ in range(STEPS):
         masks = one.env.action_masks() if one.policy.masked else None
         before = state_of(one.env)
-        action = one.predicted(observation, masks)
+        action, given = one.predicted(observation, masks), one.raw(observation)[0]
         observation, _, dones, _ = one.env.step(action)
         if dones[0] or (one.env.batch.blocked[0] and len(unit.monitor.controller.decisions) > 1):
             continue
-        inputs = " ".join("0" for _ in unit.monitor.controller.inputs)
+        decisions = read_drawn(one.env.manifest, one.env.batch)
+        drawn = {key: float(np.nan_to_num(value[0])) for key, value in decisions.items()}
+        if drawn.get("choice_0") == 1:
+            before |= {x: before[copy] for x, copy in KINDS[name].earlier.items()}
+        keys = [known.key for known in (*unit.monitor.controller.inputs, *unit.monitor.controller.measured)]
+        inputs = " ".join(repr(drawn.get(key, 0.0)) for key in keys)
         numbers = [before[v.name] for v in model.variables] + [before[c.name] for c in unit.parameters]
         lines.append(f"policy {' '.join(map(repr, numbers))} {inputs}")
         wanted.append(state_of(one.env))
+        outputs.append(given)
     assert len(lines) > 50
     names = [v.name for v in model.variables]
-    for text, after in zip(answers(one.program, lines), wanted, strict=True):
-        post = dict(zip(names, list(map(float, text.split()))[-len(names) :], strict=True))
+    for text, after, given in zip(answers(one.program, lines), wanted, outputs, strict=True):
+        found = list(map(float, text.split()))
+        assert np.abs(np.array(found[: -len(names)]) - given).max() <= 1e-5 * max(1, np.abs(given).max())
+        post = dict(zip(names, found[-len(names) :], strict=True))
         for x in still:
             assert math.isclose(post[x], after[x], rel_tol=2e-5, abs_tol=2e-5), (x, post, after)
 

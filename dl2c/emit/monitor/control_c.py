@@ -180,27 +180,39 @@ def _public(unit: Unit, controller: Controller) -> Iterable[str]:
     check = f"{stem}_check_{CHECK}(&pre, &curr, params)"
     yield function(heads["boundary_dist"], [f"return {check};"])
     yield function(heads["monitor_satisfied"], [f"return {check}.id == 0;"])
-    yield function(heads["run"], [*_requested(controller), "return false;"])
-    yield function(heads["fallback"], [f"{stem}_state post = curr;", *_fallback(controller), "return post;"])
+    yield function(heads["run"], [*_requested(unit, controller), "return false;"])
+    yield function(
+        heads["fallback"], [f"{stem}_state post = curr;", *_fallback(unit, controller), "return post;"]
+    )
     yield function(heads["decide"], copied_body("decide.h", "MODEL_decide", {"MODEL": stem}))
     called = f"{stem}_decide(curr, params, input, ctrl, fallback)"
     yield function(heads["monitored_ctrl"], [f"return {called}.post;"])
 
 
-def _requested(controller: Controller) -> list[str]:
+def measured(unit: Unit, run: Run) -> list[str]:
+    """That the environment took the alternatives of a run."""
+    assert unit.monitor.controller is not None
+    pairs = zip(unit.monitor.controller.measured, run.seen, strict=True)
+    return [f"input->{unit.measured(d)} == {a}" for d, a in pairs if a >= 0]
+
+
+def _requested(unit: Unit, controller: Controller) -> list[str]:
     lines = [f"if (!({USABLE}))", "  return false;"]
     for run in controller.runs:
         taken = [f"choices[{k}] == {a}" for k, a in enumerate(run.taken) if a >= 0]
-        tried = " && ".join([*taken, f"run{run.case}({PASSED}, post)"])
+        tried = " && ".join([*measured(unit, run), *taken, f"run{run.case}({PASSED}, post)"])
         lines += [*wrapped(f"if ({tried})"), "  return true;"]
     return lines
 
 
-def _fallback(controller: Controller) -> list[str]:
-    tried = [(f"  if (run{k}({PASSED}, &post))", "    return post;") for k in controller.preferred]
+def _fallback(unit: Unit, controller: Controller) -> list[str]:
+    tried: list[str] = []
+    for k in controller.preferred:
+        possible = " && ".join([*measured(unit, controller.runs[k]), f"run{k}({PASSED}, &post)"])
+        tried += [*(f"  {line}" for line in wrapped(f"if ({possible})")), "    return post;"]
     return [
         f"if ({USABLE}) {{",
-        *(line for pair in tried for line in pair),
+        *tried,
         "}",
         comment("Nothing is possible: what the first alternative would do."),
         f"(void)run{controller.preferred[0]}({PASSED}, &post);",

@@ -1,10 +1,15 @@
 """A program for the host around an exported monitor: reads lines of numbers, prints what they lead to."""
 
+from collections.abc import Sequence
+
 from dl2c.emit import names
 from dl2c.emit.cfile import function
 from dl2c.emit.monitor.copied import copied
 from dl2c.emit.monitor.monitor_h import Unit, title_of
 from dl2c.monitor.check import Check
+
+POLICY = ("policy", "asks")
+"""Lines about a policy: what is done under the monitor, and what it asks for."""
 
 
 def main_c(unit: Unit, policy: bool = False) -> str:
@@ -13,18 +18,20 @@ def main_c(unit: Unit, policy: bool = False) -> str:
     states = [names.member(v.name) for v in model.variables]
     parameters = [names.member(c.name) for c in unit.parameters]
     inputs = [unit.field(i.key) for i in controller.inputs] if controller is not None else []
+    taken = [unit.measured(d) for d in controller.measured] if controller is not None else []
     functions = [_reading(unit, "state", states), _reading(unit, "parameters", parameters)]
-    sizes = {"state": len(states), "parameters": len(parameters), "input": len(inputs)}
+    sizes = {"state": len(states), "parameters": len(parameters), "input": len(inputs) + len(taken)}
     lines = {c.kind: ["state"] * (1 + c.transition) + ["parameters"] for c in unit.monitor.checks}
     choices = 0
     if controller is not None:
         choices = len(controller.decisions)
-        functions += [_reading(unit, "input", inputs), _printing(unit, states)]
+        functions += [_reading(unit, "input", inputs, taken), _printing(unit, states)]
+        functions += [_asking(unit, inputs, choices)] if policy else []
         functions.append(_controlling(unit, choices, policy))
-        answered = ["fallback", "run", *(["policy"] if policy else [])]
+        answered = ["fallback", "run", *(POLICY if policy else ())]
         lines |= {kind: ["state", "parameters", "input"] for kind in answered}
     counts = {k: sum(sizes[p] for p in parts) + choices * (k == "run") for k, parts in lines.items()}
-    listed = {"state": states, "parameters": parameters, "input": inputs}
+    listed = {"state": states, "parameters": parameters, "input": inputs + taken}
     usage = [_line(kind, parts, listed, choices * (kind == "run")) for kind, parts in lines.items()]
     return "\n".join(
         [
@@ -90,20 +97,21 @@ def _asked(stem: str, check: Check) -> list[str]:
 def _controlling(unit: Unit, decisions: int, policy: bool) -> str:
     """A function that answers lines about controllers."""
     stem = unit.stem
-    known = ["!run", 'strcmp(word, "fallback") != 0', *(["!policy"] if policy else [])]
+    known = ["!run", 'strcmp(word, "fallback") != 0', *(f"!{word}" for word in POLICY if policy)]
     lines = [
         f"{stem}_state state, post;",
         f"{stem}_parameters parameters;",
         f"{stem}_input input;",
         f"int choices[{max(1, decisions)}] = {{0}};",
         'const bool run = strcmp(word, "run") == 0;',
-        *(['const bool policy = strcmp(word, "policy") == 0;'] if policy else []),
+        *(f'const bool {word} = strcmp(word, "{word}") == 0;' for word in POLICY if policy),
         f"if ({' && '.join(known)})",
         "  return false;",
         "from = read_state(&state, from);",
         "from = read_parameters(&parameters, from);",
         "from = read_input(&input, from);",
         "post = state;",
+        *(["if (asks) {", "  print_asked(state, &parameters, &input);", "  return true;", "}"] * policy),
         "if (run) {",
         *([f"  for (int k = 0; k < {decisions}; k++)"] if decisions else []),
         *(["    choices[k] = (int)from[k];"] if decisions else []),
@@ -117,6 +125,26 @@ def _controlling(unit: Unit, decisions: int, policy: bool) -> str:
         "return true;",
     ]
     return function("static bool controls(const char *word, const real *from)", lines)
+
+
+def _asking(unit: Unit, inputs: list[str], decisions: int) -> str:
+    """A function that prints the outputs of the policy, and what it asks for."""
+    stem, upper = unit.stem, unit.stem.upper()
+    lines = [
+        f"{unit.real} observation[{upper}_OBSERVATIONS], output[{upper}_OUTPUTS];",
+        f"int choices[{upper}_CHOICES];",
+        f"{stem}_input asked;",
+        f"{stem}_policy_observe(state, parameters, input, observation);",
+        f"{stem}_policy_outputs(observation, output);",
+        f"{stem}_policy_asks(state, parameters, input, &asked, choices);",
+        f"for (int k = 0; k < {upper}_OUTPUTS; k++)",
+        '  printf("%.17g ", (double)output[k]);',
+        *(f'printf("%.17g ", (double)asked.{name});' for name in inputs),
+        *([f"for (int k = 0; k < {decisions}; k++)", '  printf("%d ", choices[k]);'] if decisions else []),
+        'puts("");',
+    ]
+    given = f"{stem}_state state, const {stem}_parameters *parameters, const {stem}_input *input"
+    return function(f"static void print_asked({given})", lines)
 
 
 def _policy(unit: Unit) -> list[str]:
@@ -136,8 +164,12 @@ def _printing(unit: Unit, states: list[str]) -> str:
     return function(f"static void print_state(const {unit.stem}_state *state)", lines)
 
 
-def _reading(unit: Unit, kind: str, members: list[str]) -> str:
-    """A function that takes the numbers of a struct and returns what follows them."""
-    lines = [f"{kind}->{name} = *from++;" for name in members] or [f"{kind}->none = 0;"]
+def _reading(unit: Unit, kind: str, members: list[str], whole: Sequence[str] = ()) -> str:
+    """A function that takes the numbers of a struct, those that are `whole` at its end, and returns what
+    follows them.
+    """
+    lines = [f"{kind}->{name} = *from++;" for name in members]
+    lines += [f"{kind}->{name} = (int)*from++;" for name in whole]
+    lines = lines or [f"{kind}->none = 0;"]
     signature = f"static const real *read_{kind}({unit.stem}_{kind} *{kind}, const real *from)"
     return function(signature, [*lines, "return from;"])

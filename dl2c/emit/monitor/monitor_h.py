@@ -16,7 +16,7 @@ from dl2c.ir.logic import fixed_values, mapped, substituted
 from dl2c.ir.model import LARGEST_STATE, Bound, Constant, Formula, Variable
 from dl2c.ir.printer import print_formula, print_number
 from dl2c.monitor.check import OUT_OF_RANGE, Check, Condition, Controller, Monitor
-from dl2c.paths.path import Input
+from dl2c.paths.path import Decision, Input
 from dl2c.version import __version__
 
 Real: TypeAlias = Literal["double", "float"]
@@ -70,6 +70,10 @@ class Unit:
     def field(self, key: str) -> str:
         """The member for an input: the name of its variable, numbered where there are several."""
         return member(key.removeprefix("assign_"))
+
+    def measured(self, decision: Decision) -> str:
+        """The member for the alternative that the environment took."""
+        return member(f"{decision.key}_taken")
 
     def inward(self, low: Fraction, high: Fraction) -> tuple[str, str]:
         """The ends of a range as numbers inside of it, and in range."""
@@ -218,14 +222,13 @@ def _controller(unit: Unit, controller: Controller) -> str:
     model, stem = unit.monitor.model, unit.stem
     variables = {v.name: v for v in model.variables}
     fields = [_input_field(unit, i, variables[i.variable]) for i in controller.inputs]
-    asked = "What a controller is given for each `x := *`: what it measures, or what is asked of it. A "
-    asked += "value asked for becomes "
+    fields += [_measured_field(unit, d) for d in controller.measured]
+    asked = "What a controller is given for each `x := *`: what it measures, or what is asked of it"
+    asked += "; and which alternatives the environment took before." if controller.measured else "."
+    asked += " A value asked for becomes "
     asked += "that share of all that pass." if unit.squash else "the nearest that passes."
     signature = f"{stem}_state curr, const {stem}_parameters *params, const {stem}_input *input"
-    choices = [
-        f"{k}. {d.name or d.key}: " + ", ".join(f"{a} {text}" for a, text in enumerate(d.alternatives))
-        for k, d in enumerate(controller.decisions)
-    ]
+    choices = [f"{k}. {_alternatives(d)}" for k, d in enumerate(controller.decisions)]
     listed = " Of `choices`, " + "; ".join(choices) + "." if choices else " There are no `choices`."
     functions = [
         f"{comment(CONTROLLER[name] + listed * (name == 'run'))}\n{wrapped_head(head)};\n"
@@ -258,6 +261,15 @@ def _input_field(unit: Unit, given: Input, variable: Variable) -> str:
     kind = "measured" if given.role == "env" else "asked for, from -1 to 1" if unit.squash else "asked for"
     notes = [kind, variable.unit, variable.description]
     return f"{unit.real} {unit.field(given.key)}; {comment(', '.join(n for n in notes if n))}"
+
+
+def _measured_field(unit: Unit, decision: Decision) -> str:
+    return f"int {unit.measured(decision)}; {comment(f'measured, {_alternatives(decision)}')}"
+
+
+def _alternatives(decision: Decision) -> str:
+    listed = ", ".join(f"{a} {text}" for a, text in enumerate(decision.alternatives))
+    return f"{decision.name or decision.key}: {listed}"
 
 
 def _conditions(unit: Unit) -> str:

@@ -4,7 +4,7 @@ What the policy asks for goes through `<model>_run`, so that values become admis
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 
 import numpy as np
@@ -19,14 +19,17 @@ from dl2c.emit.monitor.monitor_c import RUNTIME, builder_of, grouped, order_of
 from dl2c.emit.monitor.monitor_h import AFTER, BEFORE, Unit, title_of, wrapped_head
 from dl2c.emit.monitor.network_c import network_functions
 from dl2c.emit.monitor.own_names import with_own_names
-from dl2c.ir.model import Model, Symbol, Term
+from dl2c.ir.model import TRUE, Model, Term
 from dl2c.monitor.check import Controller
-from dl2c.paths.enumerate import control_drafts
+from dl2c.monitor.control import leading_drafts
+from dl2c.paths.enumerate import Draft
+from dl2c.paths.path import END
 from dl2c.policy.network import NetworkPolicy
 
 ABOUT = {
     "observe": "What the policy observes.",
     "outputs": "What its network makes of that.",
+    "asks": "What it asks for: values of inputs, and an alternative of each choice.",
     "ctrl": "What the policy does, whether or not the monitor accepts it.",
     "monitored": "What the policy does where the monitor accepts it, else the fallback.",
 }
@@ -48,6 +51,7 @@ def declarations_of_policy(unit: Unit) -> dict[str, str]:
     return {
         "observe": f"void {stem}_policy_observe({called}, {observed})",
         "outputs": f"void {stem}_policy_outputs(const {observed}, {unit.real} output[{upper}_OUTPUTS])",
+        "asks": f"void {stem}_policy_asks({called}, {stem}_input *asked, int choices[{upper}_CHOICES])",
         "ctrl": f"{stem}_state {stem}_policy_ctrl({called})",
         "monitored": f"{stem}_state {stem}_policy_monitored({called})",
     }
@@ -56,6 +60,10 @@ def declarations_of_policy(unit: Unit) -> dict[str, str]:
 def _header(unit: Unit, policy: NetworkPolicy) -> str:
     stem, upper, io = unit.stem, unit.stem.upper(), policy.interface
     listed = ", ".join(n for n, *_ in io.observations) or "nothing"
+    controller = unit.monitor.controller
+    assert controller is not None
+    sizes = {"OBSERVATIONS": len(io.observations), "OUTPUTS": io.outputs}
+    sizes["CHOICES"] = max(1, len(controller.decisions))
     about = f"A policy trained on this model. It observes {listed}, and gives {_meaning(policy)}."
     return "\n".join(
         [
@@ -64,7 +72,8 @@ def _header(unit: Unit, policy: NetworkPolicy) -> str:
             f'#include "{stem}_monitor.h"\n',
             BEFORE,
             comment(about),
-            f"enum {{ {upper}_OBSERVATIONS = {len(io.observations)}, {upper}_OUTPUTS = {io.outputs} }};\n",
+            *wrapped(f"enum {{ {', '.join(f'{upper}_{name} = {n}' for name, n in sizes.items())} }};"),
+            "",
             *(
                 f"{comment(ABOUT[name])}\n{wrapped_head(head)};\n"
                 for name, head in declarations_of_policy(unit).items()
@@ -119,18 +128,70 @@ LIBRARY = rf"\b({MATH}|expm1|rint)f?\(|\bisfinite\("
 
 
 def _observe(unit: Unit, policy: NetworkPolicy, leaves: Leaves) -> str:
-    values = _shown(unit.monitor.model)
+    """One way through the leading statements after the other, the last where it is none of the others."""
+    read = reading(unit, "input->", "curr.", "params->")
+    drafts = _leads(unit.monitor.model)
+    lines: list[str] = []
+    for k, draft in enumerate(drafts):
+        shown = _shown(unit, policy, leaves, dict(draft.updates), k)
+        if k + 1 == len(drafts):
+            lines += shown
+            break
+        told = all(_excluded(draft, other) for other in drafts if other is not draft)
+        tests = TRUE if told else draft.tests
+        guard = leaves.condition(f"lead{k}", tests, "Whether the step begins like this.", read)
+        taken = " && ".join([*_measured(unit, draft), *([guard] if tests != TRUE else [])])
+        lines += [*wrapped(f"if ({taken}) {{"), *(f"  {line}" for line in shown), "  return;", "}"]
+    return function(declarations_of_policy(unit)["observe"], lines)
+
+
+def _leads(model: Model) -> tuple[Draft, ...]:
+    """The ways through the leading statements. Raises `CompileError` where one has no end."""
+    drafts = leading_drafts(model)
+    if endless := [d for d in drafts if d.target != END]:
+        title = "a policy for this model cannot be exported"
+        label = "the environment executes a while loop here before the policy observes"
+        advice = "write the loop's result as an assignment, or its iterations as choices"
+        raise CompileError(error("policy-observation", title, endless[0].span, label, advice))
+    return drafts
+
+
+def _alternatives(draft: Draft) -> dict[str, int]:
+    return {key: alternative for key, alternative, _ in draft.line.decisions}
+
+
+def _excluded(draft: Draft, other: Draft) -> bool:
+    """Whether some decision of the environment tells one way from the other."""
+    taken, others = _alternatives(draft), _alternatives(other)
+    return any(taken[key] != others[key] for key in taken.keys() & others.keys())
+
+
+def _measured(unit: Unit, draft: Draft) -> list[str]:
+    """That the environment took the alternatives of a way."""
+    assert unit.monitor.controller is not None
+    known = {d.key: d for d in unit.monitor.controller.measured}
+    return [f"input->{unit.measured(known[key])} == {a}" for key, a in _alternatives(draft).items()]
+
+
+def _shown(
+    unit: Unit, policy: NetworkPolicy, leaves: Leaves, updates: Mapping[str, Term], number: int
+) -> list[str]:
+    """Statements that show what leading statements make of each name."""
+    model = unit.monitor.model
+    values: dict[str, Term] = {q.name: q.symbol for q in (*model.variables, *model.constants)}
+    values |= updates
     read = reading(unit, "input->", "curr.", "params->")
     lines: list[str] = []
     for k, (name, low, high) in enumerate(policy.interface.observations):
-        value = leaves.term(f"shown_{name}", values[name], f"{name} as it is observed.", read)
+        leaf = f"shown_{name}" + (f"_{number}" if number else "")
+        value = leaves.term(leaf, values[name], f"{name} as it is observed.", read)
         narrowed = policy.interface.dtype == "float32" and not unit.single
         if narrowed:
             value = f"(real)(float){grouped(value)}"
         if narrowed or np.isfinite([low, high]).any():
             value = f"clipped({value}, {_end(unit, low)}, {_end(unit, high)})"
         lines += wrapped(f"observation[{k}] = {value};")
-    return function(declarations_of_policy(unit)["observe"], lines)
+    return lines
 
 
 def _end(unit: Unit, end: float) -> str:
@@ -138,21 +199,6 @@ def _end(unit: Unit, end: float) -> str:
     largest = float(np.finfo(np.float32).max)
     bounded = float(np.clip(end, -largest, largest))
     return unit.literal(Fraction(bounded))
-
-
-def _shown(model: Model) -> dict[str, Term]:
-    """What an observation shows of each name: what the environment's first decisions make of it."""
-    shown: dict[str, Term] = {v.name: Symbol(v.name, "variable") for v in model.variables}
-    shown |= {c.name: Symbol(c.name, "constant") for c in model.constants}
-    if not model.lead:
-        return shown
-    drafts = control_drafts(model, model.lead)
-    if len(drafts) != 1:
-        title = "a policy for this model cannot be exported"
-        label = "the environment decides here before the policy observes, and its state does not show what"
-        advice = "let it give values to variables instead: `x := *`"
-        raise CompileError(error("policy-observation", title, drafts[0].span, label, advice))
-    return shown | dict(drafts[0].updates)
 
 
 # Actions -------------------------------------------------------------------------------------------
@@ -175,9 +221,16 @@ def _acting(unit: Unit, policy: NetworkPolicy) -> Iterator[str]:
         f"real output[{stem.upper()}_OUTPUTS];",
         f"{stem}_policy_observe(curr, params, input, observation);",
         f"{stem}_policy_outputs(observation, output);",
-        f"{stem}_state post = curr;",
+        "*asked = *input;",
         *_decided(unit, policy, controller),
-        f"(void){stem}_run(curr, params, {'&asked' if io.inputs else 'input'}, choices, &post);",
+    ]
+    yield function(heads["asks"], lines)
+    lines = [
+        f"{stem}_input asked;",
+        f"int choices[{stem.upper()}_CHOICES];",
+        f"{stem}_state post = curr;",
+        f"{stem}_policy_asks(curr, params, input, &asked, choices);",
+        f"(void){stem}_run(curr, params, &asked, choices, &post);",
         "return post;",
     ]
     yield function(heads["ctrl"], lines)
@@ -228,28 +281,28 @@ def _mask(unit: Unit, policy: NetworkPolicy, controller: Controller) -> str:
 
 
 def _decided(unit: Unit, policy: NetworkPolicy, controller: Controller) -> list[str]:
-    """`choices`, and in `asked` values of inputs, as the outputs say."""
+    """Statements that set `choices`, and in `asked` values of inputs, as the outputs say."""
     io = policy.interface
     masked = policy.masked and io.kind in ("choice", "choices", "runs")
     lines = [f"bool open[{sum(io.counts)}];", "mask(curr, params, input, open);"] if masked else []
     opened = "open" if masked else "0"
     match io.kind:
         case "none":
-            return ["(void)output;", "const int choices[1] = {0};"]
+            return ["(void)output;", "choices[0] = 0;"]
         case "choice":
-            return [*lines, f"const int choices[1] = {{largest(output, {opened}, {io.counts[0]})}};"]
+            return [*lines, f"choices[0] = largest(output, {opened}, {io.counts[0]});"]
         case "choices":
-            offsets = [sum(io.counts[:k]) for k in range(len(io.counts))]
-            calls = [
-                f"largest(output + {o}, {f'open + {o}' if masked else '0'}, {n})"
-                for o, n in zip(offsets, io.counts, strict=True)
-            ]
-            return [*lines, *wrapped(f"const int choices[{len(calls)}] = {{{', '.join(calls)}}};")]
+            for k, n in enumerate(io.counts):
+                first = sum(io.counts[:k])
+                own = f"open + {first}" if masked else "0"
+                lines.append(f"choices[{k}] = largest(output + {first}, {own}, {n});")
+            return lines
         case "runs":
             if masked:
                 lines += _open_paths(io.runs)
             call = f"largest(output, {'whole' if masked else '0'}, {len(io.runs)})"
-            return [*lines, f"const int *choices = PATHS[{call}];"]
+            lines.append(f"const int *path = PATHS[{call}];")
+            return [*lines, f"for (int c = 0; c < {len(io.counts)}; c++)", "  choices[c] = path[c];"]
         case "box":
             return _asked(unit, policy, controller)
 
@@ -277,14 +330,13 @@ def _asked(unit: Unit, policy: NetworkPolicy, controller: Controller) -> list[st
         if policy.network.bounded:
             given = f"{first} + (output[{k}] + 1) / 2 * ({last} - {first})"
         values.append(f"clipped({given}, {first}, {last})")
-    lines = [f"{unit.stem}_input asked = *input;"] if io.inputs else []
+    lines: list[str] = []
     known = {i.key for i in controller.inputs}
     for key, value in zip(io.inputs, values, strict=False):
         if key not in known:
             continue
-        lines += wrapped(f"asked.{unit.field(key)} = {value};")
-    choices: list[str] = []
-    for value, count in zip(values[len(io.inputs) :], io.counts, strict=True):
+        lines += wrapped(f"asked->{unit.field(key)} = {value};")
+    for c, (value, count) in enumerate(zip(values[len(io.inputs) :], io.counts, strict=True)):
         scaled = f"({value} + 1) / 2 * {count - 1}" if io.squash else value
-        choices.append(f"(int)rint{'f' if unit.single else ''}({scaled})")
-    return [*lines, *wrapped(f"const int choices[{max(1, len(choices))}] = {{{', '.join(choices) or '0'}}};")]
+        lines += wrapped(f"choices[{c}] = (int)rint{'f' if unit.single else ''}({scaled});")
+    return lines if io.counts else [*lines, "choices[0] = 0;"]
