@@ -50,6 +50,7 @@ Trained = Annotated[
         "--policy", metavar="FILE|DIR", help="A trained policy to write too: policy.json, or SB3's zip."
     ),
 ]
+Onnx = Annotated[bool, typer.Option("--onnx", help="With --policy: write the policy as an ONNX file too.")]
 Trace = Annotated[
     Path | None, typer.Option("--check", metavar="CSV", help="Replay what `dl2c rollout --csv` wrote.")
 ]
@@ -63,6 +64,7 @@ def monitor(
     sound: Sound = False,
     eps: Eps = None,
     policy: Trained = None,
+    onnx: Onnx = False,
     prefix: Prefix = None,
     trace: Trace = None,
     json: Json = False,
@@ -75,6 +77,8 @@ def monitor(
     kinds = tuple(kind or ())
     if policy is not None and (output is None or (kinds and "controller" not in kinds)):
         raise CommandError("--policy needs -o, and the controller's check")
+    if onnx and policy is None:
+        raise CommandError("--onnx goes with --policy")
     trained = None
     if policy is not None:
         from dl2c.commands.policy import policy_for
@@ -83,7 +87,7 @@ def monitor(
     unit = replace(unit_of(model, options, kinds, real, sound, tuple(eps or ())), prefix=_checked(prefix))
     found: dict[str, Any] = {}
     if output is not None:
-        found |= _written(unit, output, trained)
+        found |= _written(unit, output, trained, onnx)
     failed = None
     if trace is not None:
         violations, found["steps"], found["unchecked"] = _replayed(unit, trace)
@@ -160,14 +164,18 @@ def _tolerance(eps: tuple[str, ...], names: set[str], single: bool) -> "Toleranc
 
 
 @budgeted()
-def _written(unit: "Unit", output: Path, policy: "NetworkPolicy | None") -> dict[str, Any]:
+def _written(unit: "Unit", output: Path, policy: "NetworkPolicy | None", onnx: bool) -> dict[str, Any]:
     from dl2c.emit.monitor.files import monitor_files
     from dl2c.outputs import output_folder
 
-    files = monitor_files(unit, policy)
+    files = {name: text.encode() for name, text in monitor_files(unit, policy).items()}
+    if policy is not None and onnx:
+        from dl2c.policy.onnx_export import onnx_of
+
+        files[f"{unit.stem}_policy.onnx"] = onnx_of(policy)
     with output_folder(output) as folder:
-        for name, text in files.items():
-            (folder / name).write_text(text, encoding="utf-8")
+        for name, content in files.items():
+            (folder / name).write_bytes(content)
     return {"directory": str(output), "files": sorted(files)}
 
 
