@@ -294,8 +294,12 @@ def show(report: "PolicyReport") -> None:
         console.print(f"decided: {100 * report.share:.4f} % of the volume, {reasons}")
         for box in [b for f in report.found for b in f.open_boxes][:3]:
             console.print("open: " + ", ".join(f"{n} in [{a!r}, {b!r}]" for n, (a, b) in box.items()))
-    if (found := report.violation) is not None:
+    if report.violated is not None:
+        question, found = report.violated
         console.print("in the state  " + ", ".join(f"{n} = {decimal(v)}" for n, v in found.state.items()))
+        if question.lead:
+            decided = ", ".join(f"{key} = {alternative}" for key, alternative in question.lead)
+            console.print(f"the environment takes  {decided}")
         asked = [f"{n} = {decimal(v)}" for n, v in found.requests.items()] or [found.about]
         console.print(
             "it asks for   "

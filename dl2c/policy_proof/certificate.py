@@ -156,6 +156,10 @@ class _Checker:
     def __init__(self, question: Question) -> None:
         if any(layer.activation not in ("identity", "relu") for layer in question.layers):
             raise NotCovered("certificates are checked for networks of relu")
+        if question.computed:
+            raise NotCovered(
+                "certificates are checked where the policy observes nothing that is computed first"
+            )
         self.question = question
         self.network = NetworkBounds(question)
         self.widths = [max(float(high - low), 1e-300) for low, high in question.box]

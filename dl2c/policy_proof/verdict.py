@@ -52,7 +52,7 @@ class PolicyReport:
 
     @property
     def violation(self) -> Violation | None:
-        return next((f.violation for f in self.found if f.violation is not None), None)
+        return None if self.violated is None else self.violated[1]
 
     @property
     def violated(self) -> tuple[Question, Violation] | None:
@@ -80,14 +80,15 @@ class PolicyReport:
             "seconds": round(self.seconds, 3),
             "reasons": [f.reason for f in self.found if f.reason],
             "open": [{n: list(ends) for n, ends in box.items()} for f in self.found for box in f.open_boxes],
-            "counterexample": None if self.violation is None else _as_data(self.violation),
+            "counterexample": None if self.violated is None else _as_data(*self.violated),
             "confirmation": None if self.confirmation is None else self.confirmation.to_json(),
             "warnings": list(self.warnings),
         }
 
 
-def _as_data(found: Violation) -> dict[str, Any]:
+def _as_data(question: Question, found: Violation) -> dict[str, Any]:
     return {
+        "environment": dict(question.lead),
         "state": {name: str(value) for name, value in found.state.items()},
         "outputs": [float(v) for v in found.outputs],
         "requests": {name: str(value) for name, value in found.requests.items()},
