@@ -75,6 +75,12 @@ def _alternatives(draft: Draft) -> dict[str, int]:
     return {key: alternative for key, alternative, _ in draft.line.decisions}
 
 
+def _following(lead: Draft, drafts: Sequence[Draft]) -> list[Draft]:
+    """The drafts that take the alternatives that were taken before."""
+    taken = _alternatives(lead)
+    return [d for d in drafts if all(taken.get(k, a) == a for k, a in _alternatives(d).items())]
+
+
 def _check(model: Model, drafts: Sequence[Draft], before: Set[str]) -> None:
     """Raises `NotCovered`. Decisions taken `before` the policy observes are known."""
     if not drafts:
@@ -111,9 +117,7 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
     always = conjunction(c for c in conjuncts(model.precondition) if _is_steady(model, c))
     hypothesis = conjunction(map(at_start, (always, claim.invariant, lead.tests)))
     hypothesis = conjunction([hypothesis, observed(claim.outside)])
-    taken = _alternatives(lead)
-    own = [d for d in drafts if all(taken.get(k, a) == a for k, a in _alternatives(d).items())]
-    requests, cases = cases_of(model, policy, own, observed, claim.arithmetic)
+    requests, cases = cases_of(model, policy, _following(lead, drafts), observed, claim.arithmetic)
     names = [_seen(claim, policy, entry, shown, values) for entry in policy.observations]
     terms = {n.name: substituted_term(dict(lead.updates)[n.name], values) for n in names if _is_computed(n)}
     used = symbols(hypothesis, *(c.conclusion for c in cases), *terms.values()) - {r.symbol for r in requests}
@@ -133,7 +137,7 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
         cases,
         claim.arithmetic,
         tuple((c.symbol, c.term) for c in computed),
-        tuple(taken.items()),
+        tuple(_alternatives(lead).items()),
     )
 
 
