@@ -119,6 +119,7 @@ class Asked:
     seconds: float = 60.0
     threads: int = 2
     certificate: Path | None = None
+    resume: Path | None = None
 
 
 def report_on(model: str, asked: Asked, options: Mapping[str, Any]) -> "PolicyReport":
@@ -129,9 +130,11 @@ def report_on(model: str, asked: Asked, options: Mapping[str, Any]) -> "PolicyRe
     with working(f"verifying {asked.path}") as note:
         entry, claim, policy = _prepared(model, asked, options)
         limits = Limits(asked.seconds, asked.threads, note)
-        report = verified(claim, policy, limits, (claim.model.name, str(asked.path)))
+        report = verified(claim, policy, limits, (claim.model.name, str(asked.path)), asked.resume)
         if report.answer == "proved":
             report = replace(report, onward=_onward(entry, claim, asked, report.seconds))
+    if asked.resume is not None and report.answer != "refuted":
+        write_output(asked.resume, report.unfinished)
     if asked.certificate is not None and report.answer == "proved":
         write_output(asked.certificate, report.certificate)
     return report

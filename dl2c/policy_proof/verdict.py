@@ -4,12 +4,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 from dl2c.ir.printer import print_formula, print_number
 from dl2c.policy_proof.acting import Acting
 from dl2c.policy_proof.build import Claim, questions
-from dl2c.policy_proof.certificate import certificate
+from dl2c.policy_proof.certificate import SEARCH, certificate
+from dl2c.policy_proof.certificate import begun as searched_before
 from dl2c.policy_proof.confirm import Confirmation
 from dl2c.policy_proof.exact import Violation
 from dl2c.policy_proof.onward import Onward
@@ -38,6 +40,15 @@ class PolicyReport:
         """The text of the certificate of a proof."""
         assert self.answer == "proved"
         return certificate(self.questions, [f.tree for f in self.found])
+
+    @property
+    def unfinished(self) -> str:
+        """The text of the search as far as it is, to go on later."""
+        return certificate(self.questions, [f.tree for f in self.found], SEARCH)
+
+    @property
+    def interrupted(self) -> bool:
+        return any(f.interrupted for f in self.found)
 
     @property
     def answer(self) -> Answer:
@@ -97,17 +108,22 @@ def _as_data(question: Question, found: Violation) -> dict[str, Any]:
     }
 
 
-def verified(claim: Claim, policy: Acting, limits: Limits, names: tuple[str, str]) -> PolicyReport:
-    """Ask all questions, within the time for all. `names` are those of model and policy.
+def verified(
+    claim: Claim, policy: Acting, limits: Limits, names: tuple[str, str], resume: Path | None = None
+) -> PolicyReport:
+    """Ask all questions, within the time for all; go on with the search in `resume` if that file is there.
+    `names` are those of model and policy.
 
-    Raises `NotCovered`, `NativeError`.
+    Raises `NotCovered`, `CertificateError`, `OSError`, `NativeError`.
     """
     begun = time.monotonic()
     asked = questions(claim, policy)
+    trees = [()] * len(asked) if resume is None else searched_before(resume, asked)
     found: list[Found] = []
-    for question in asked:
-        left = limits.seconds - (time.monotonic() - begun)
-        found.append(search(question, replace(limits, seconds=max(left, 0.0))))
+    for question, tree in zip(asked, trees, strict=True):
+        interrupted = any(f.interrupted for f in found)
+        left = 0.0 if interrupted else limits.seconds - (time.monotonic() - begun)
+        found.append(search(question, replace(limits, seconds=max(left, 0.0)), tree))
         if found[-1].answer == "refuted":
             break
     hypotheses = tuple(map(_states, asked))
