@@ -34,10 +34,11 @@ typedef struct dl2c_case {
   int32_t first, count, conclusion;
 } dl2c_case;
 
+/* The last dimensions are `computed`: the hypothesis says what they are of the others. */
 typedef struct dl2c_question {
   dl2c_formulas formulas;
   dl2c_network network;
-  int32_t hypothesis, cases;
+  int32_t hypothesis, cases, computed;
   const dl2c_case *each;
   const dl2c_premise *premises;
 } dl2c_question;
@@ -98,8 +99,13 @@ static bool dl2c_suspect(const dl2c_question *q, const dl2c_span *box)
 {
   dl2c_span point[DL2C_MOST_SYMBOLS], outputs[DL2C_MOST_OUTPUTS];
   double at[DL2C_MOST_DIMENSIONS], found[DL2C_MOST_OUTPUTS];
+  for (int s = 0; s < q->formulas.symbols; s++)
+    point[s] = s < q->network.dimensions ? box[s] : dl2c_span_of(-INFINITY, INFINITY, true);
   for (int d = 0; d < q->network.dimensions; d++) {
-    at[d] = box[d].low + 0.5 * (box[d].high - box[d].low);
+    const bool computed = d >= q->network.dimensions - q->computed;
+    if (computed && !dl2c_contract(&q->formulas, q->hypothesis, point)) return false;
+    const dl2c_span around = computed ? point[d] : box[d];
+    at[d] = around.low + 0.5 * (around.high - around.low);
     point[d] = dl2c_span_of(at[d], at[d], true);
   }
   if (dl2c_judged(&q->formulas, q->hypothesis, point) == DL2C_FALSE) return false;
@@ -145,18 +151,41 @@ static bool dl2c_middle(const dl2c_question *q, const double *given, double *poi
   return true;
 }
 
+/* How much narrower an output becomes where what is computed has other limits than in its box. */
+static double dl2c_computed_less(const dl2c_question *q, const dl2c_workspace *w, int lane, int output,
+                                 const dl2c_span *box, const dl2c_span *thin)
+{
+  if (!w->known[lane]) return 0.0;
+  const dl2c_linear *up = w->bound[1] + output, *down = w->bound[0] + output;
+  const double slope = fabs(q->network.output[output].scale.slope);
+  double less = 0.0;
+  for (int d = q->network.dimensions - q->computed; d < q->network.dimensions; d++) {
+    const double width = box[d].high - box[d].low;
+    const double share = width > 0.0 ? (thin[d].high - thin[d].low) / width : 1.0;
+    less += (1.0 - share) * slope * (fabs(up->slope[d][lane]) + fabs(down->slope[d][lane]));
+  }
+  return less;
+}
+
 /* What is left undecided when a box is reduced to the middle of one dimension. */
 static double dl2c_left_open(const dl2c_question *q, const dl2c_workspace *w, int lane, const dl2c_span *box,
                              int dimension)
 {
   dl2c_span full[DL2C_MOST_SYMBOLS], thin[DL2C_MOST_SYMBOLS];
   dl2c_span wide[DL2C_MOST_OUTPUTS], narrow[DL2C_MOST_OUTPUTS];
-  for (int d = 0; d < q->network.dimensions; d++) full[d] = thin[d] = box[d];
+  for (int s = 0; s < q->formulas.symbols; s++)
+    full[s] = thin[s] = s < q->network.dimensions ? box[s] : dl2c_span_of(-INFINITY, INFINITY, true);
   const double middle = box[dimension].low + 0.5 * (box[dimension].high - box[dimension].low);
   thin[dimension] = dl2c_span_of(middle, middle, true);
+  if (q->computed > 0 && !dl2c_contract(&q->formulas, q->hypothesis, thin)) return 0.0;
   for (int o = 0; o < q->network.outputs; o++) {
     wide[o] = dl2c_output_range(q, w, lane, o, -1);
     narrow[o] = dl2c_output_range(q, w, lane, o, dimension);
+    if (q->computed > 0) {
+      const double less = 0.5 * dl2c_computed_less(q, w, lane, o, box, thin);
+      narrow[o].low += less;
+      narrow[o].high -= less;
+    }
   }
   double sum = 0.0;
   for (int32_t c = 0; c < q->cases; c++) {
@@ -179,7 +208,7 @@ static uint8_t dl2c_split_along(const dl2c_question *q, const dl2c_workspace *w,
 {
   int best = -1;
   double least = INFINITY;
-  for (int d = 0; d < q->network.dimensions; d++) {
+  for (int d = 0; d < q->network.dimensions - q->computed; d++) {
     const double middle = given[2 * d] + 0.5 * (given[2 * d + 1] - given[2 * d]);
     if (!(given[2 * d] < middle && middle < given[2 * d + 1])) continue;
     const double open = dl2c_left_open(q, w, lane, box, d);

@@ -121,6 +121,7 @@ class Asked:
     seconds: float = 60.0
     threads: int = 2
     certificate: Path | None = None
+    resume: Path | None = None
 
 
 def report_on(model: str, asked: Asked, options: Mapping[str, Any]) -> "PolicyReport":
@@ -128,6 +129,8 @@ def report_on(model: str, asked: Asked, options: Mapping[str, Any]) -> "PolicyRe
     with working(f"verifying {asked.path}") as note:
         entry, claim, policy = _prepared(model, asked, options)
         report = _verified(entry, claim, policy, asked, note)
+    if asked.resume is not None and report.answer != "refuted":
+        write_output(asked.resume, report.unfinished)
     if asked.certificate is not None and report.answer == "proved":
         write_output(asked.certificate, report.certificate)
     return report
@@ -140,7 +143,7 @@ def _verified(
     from dl2c.policy_proof.verdict import verified
 
     limits = Limits(asked.seconds, asked.threads, note)
-    report = verified(claim, policy, limits, (claim.model.name, str(asked.path)))
+    report = verified(claim, policy, limits, (claim.model.name, str(asked.path)), asked.resume)
     if report.answer != "proved":
         return report
     return replace(report, onward=_onward(entry, claim, asked, report.seconds))
@@ -353,8 +356,12 @@ def show(report: "PolicyReport") -> None:
         console.print(f"decided: {100 * report.share:.4f} % of the volume, {reasons}")
         for box in [b for f in report.found for b in f.open_boxes][:3]:
             console.print("open: " + ", ".join(f"{n} in [{a!r}, {b!r}]" for n, (a, b) in box.items()))
-    if (found := report.violation) is not None:
+    if report.violated is not None:
+        question, found = report.violated
         console.print("in the state  " + ", ".join(f"{n} = {decimal(v)}" for n, v in found.state.items()))
+        if question.lead:
+            decided = ", ".join(f"{key} = {alternative}" for key, alternative in question.lead)
+            console.print(f"the environment takes  {decided}")
         asked = [f"{n} = {decimal(v)}" for n, v in found.requests.items()] or [found.about]
         console.print(
             "it asks for   "

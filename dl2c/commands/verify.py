@@ -129,6 +129,16 @@ Check = Annotated[
 ]
 
 
+Resume = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Go on with the search in this file, if it is there, and write how far it comes.",
+        rich_help_panel=PANEL,
+    ),
+]
+
+
 def verify(
     model: Model,
     timeout: Timeout = 10.0,
@@ -145,6 +155,7 @@ def verify(
     gives: Gives = None,
     certificate: Certificate = None,
     check: Check = None,
+    resume: Resume = None,
     output: Output = None,
     json: Json = False,
     *,
@@ -156,8 +167,16 @@ def verify(
     Exit code 0: proved. 1: refuted, or a mistake in the model. 3: anything else.
     """
     jobs = jobs or min(2, os.cpu_count() or 1)
-    given = {"arithmetic": arithmetic, "outside": except_, "fixed": fix, "inputs": takes, "outputs": gives}
-    said = {n: v for n, v in (given | {"certificate": certificate}).items() if v is not None}
+    given: dict[str, Any] = {
+        "arithmetic": arithmetic,
+        "outside": except_,
+        "fixed": fix,
+        "inputs": takes,
+        "outputs": gives,
+    }
+    said = {
+        n: v for n, v in (given | {"certificate": certificate, "resume": resume}).items() if v is not None
+    }
     if policy is not None:
         if within_bounds or agree or smt2 is not None:
             raise CommandError("--within-bounds, --agree and --smt2 are for theorems, not for --policy")
@@ -239,6 +258,8 @@ def _about_policy(
     elif output is not None:
         saved = _saved_episode(lambda: _followed_request(model, asked, options, report), "this step", output)
     _tell_saved(report.to_json(), saved, output, json)
+    if report.interrupted:
+        raise KeyboardInterrupt
     return CODES.get(report.answer, UNDECIDED)
 
 

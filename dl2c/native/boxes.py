@@ -52,7 +52,7 @@ typedef struct {
 typedef struct { int32_t output, inside, symbol; double low, high; } dl2c_premise;
 typedef struct { int32_t first, count, conclusion; } dl2c_case;
 typedef struct {
-  dl2c_formulas formulas; dl2c_network network; int32_t hypothesis, cases;
+  dl2c_formulas formulas; dl2c_network network; int32_t hypothesis, cases, computed;
   const dl2c_case *each; const dl2c_premise *premises;
 } dl2c_question;
 int dl2c_search_judge(const dl2c_question *q, const double *boxes, int64_t count, uint8_t *verdicts,
@@ -86,6 +86,7 @@ class Tables:
     hypothesis: int
     cases: tuple[tuple[int, int, int], ...]
     premises: tuple[tuple[int, int, int, float, float], ...]
+    computed: int = 0
 
 
 class Judge:
@@ -186,7 +187,8 @@ class Judge:
         )
         cases, premises = self._array("dl2c_case", t.cases), self._array("dl2c_premise", t.premises)
         return self._ffi.new(
-            "dl2c_question *", (formulas, network, t.hypothesis, len(t.cases), cases, premises)
+            "dl2c_question *",
+            (formulas, network, t.hypothesis, len(t.cases), t.computed, cases, premises),
         )
 
 

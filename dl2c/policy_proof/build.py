@@ -6,7 +6,7 @@ admissible where some path that it names has all its tests satisfied, with the d
 leads to.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -23,6 +23,7 @@ from dl2c.ir.logic import (
     sides,
     symbols,
 )
+from dl2c.ir.logic import substituted as substituted_term
 from dl2c.ir.model import (
     UNBOUNDED,
     Formula,
@@ -31,12 +32,14 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
+from dl2c.monitor.control import leading_drafts
 from dl2c.paths.enabled import with_exact_domains
 from dl2c.paths.enumerate import Draft, assignments_of, control_drafts, decisions_of
 from dl2c.paths.path import END
 from dl2c.policy.network import Layer, Network
 from dl2c.policy_proof.acting import Acting
 from dl2c.policy_proof.cases import cases_of, in_arithmetic, substituted, term_with
+from dl2c.policy_proof.computed import dimension, symbol_of
 from dl2c.policy_proof.question import (
     Arithmetic,
     NotCovered,
@@ -63,12 +66,23 @@ def questions(claim: Claim, policy: Acting) -> tuple[Question, ...]:
     """One for each way through the statements before the policy observes. Raises `NotCovered`."""
     model = with_exact_domains(claim.model)
     drafts = control_drafts(model, model.body)
-    _check(model, drafts)
-    return tuple(_question(claim, model, policy, drafts, lead) for lead in control_drafts(model, model.lead))
+    leads = leading_drafts(model)
+    _check(model, drafts, {key for lead in leads for key in _alternatives(lead)})
+    return tuple(_question(claim, model, policy, drafts, lead) for lead in leads)
 
 
-def _check(model: Model, drafts: Sequence[Draft]) -> None:
-    """Raises `NotCovered`."""
+def _alternatives(draft: Draft) -> dict[str, int]:
+    return {key: alternative for key, alternative, _ in draft.line.decisions}
+
+
+def _following(lead: Draft, drafts: Sequence[Draft]) -> list[Draft]:
+    """The drafts that take the alternatives that were taken before."""
+    taken = _alternatives(lead)
+    return [d for d in drafts if all(taken.get(k, a) == a for k, a in _alternatives(d).items())]
+
+
+def _check(model: Model, drafts: Sequence[Draft], before: Set[str]) -> None:
+    """Raises `NotCovered`. Decisions taken `before` the policy observes are known."""
     if not drafts:
         raise NotCovered("no control path can be executed")
     for draft in drafts:
@@ -76,7 +90,7 @@ def _check(model: Model, drafts: Sequence[Draft]) -> None:
             raise NotCovered("there is a while loop before the first flow", draft.span)
     own = {key for key, _, _ in (d for draft in drafts for d in draft.line.decisions)}
     for decision in decisions_of(model.body):
-        if decision.role != "agent" and decision.key in own:
+        if decision.role != "agent" and decision.key in own - before:
             raise NotCovered(f"the environment decides {decision.key} after the policy", drafts[0].span)
     for assignment in assignments_of(model.body):
         if assignment.role != "agent" and any(assignment.key in d.inputs for d in drafts):
@@ -103,23 +117,32 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
     always = conjunction(c for c in conjuncts(model.precondition) if _is_steady(model, c))
     hypothesis = conjunction(map(at_start, (always, claim.invariant, lead.tests)))
     hypothesis = conjunction([hypothesis, observed(claim.outside)])
-    requests, cases = cases_of(model, policy, drafts, observed, claim.arithmetic)
+    requests, cases = cases_of(model, policy, _following(lead, drafts), observed, claim.arithmetic)
     names = [_seen(claim, policy, entry, shown, values) for entry in policy.observations]
-    used = symbols(hypothesis, *(c.conclusion for c in cases)) - {r.symbol for r in requests}
-    used |= {o.value for o in names if isinstance(o.value, Symbol)}
+    terms = {n.name: substituted_term(dict(lead.updates)[n.name], values) for n in names if _is_computed(n)}
+    used = symbols(hypothesis, *(c.conclusion for c in cases), *terms.values()) - {r.symbol for r in requests}
+    used |= {o.value for o in names if isinstance(o.value, Symbol) and not _is_computed(o)}
     dimensions = tuple(sorted(used, key=lambda s: (s.kind, s.name)))
     box = _box(model, hypothesis, dimensions, lead)
+    around = dict(zip(dimensions, box, strict=True))
+    computed = [dimension(n, term, around, claim.arithmetic, lead.span) for n, term in terms.items()]
     return Question(
-        dimensions,
-        box,
-        hypothesis,
+        (*dimensions, *(c.symbol for c in computed)),
+        (*box, *(c.range for c in computed)),
+        conjunction([hypothesis, *(c.close for c in computed)]),
         tuple(names),
         policy.network.scalings,
         _layers(policy.network),
         requests,
         cases,
         claim.arithmetic,
+        tuple((c.symbol, c.term) for c in computed),
+        tuple(_alternatives(lead).items()),
     )
+
+
+def _is_computed(seen: Observed) -> bool:
+    return seen.value == symbol_of(seen.name)
 
 
 def _layers(network: Network) -> tuple[Layer, ...]:
@@ -169,7 +192,7 @@ def _seen(
         case Symbol():
             return Observed(name, term, low, high, narrowed)
         case _:
-            raise NotCovered(f"the policy observes `{name}`, which the environment computes first")
+            return Observed(name, symbol_of(name), low, high, narrowed)
 
 
 def _box(model: Model, hypothesis: Formula, dimensions: Sequence[Symbol], lead: Draft) -> tuple[Range, ...]:

@@ -30,6 +30,9 @@ from dl2c.policy_proof.search import BY_BOUNDS, BY_SOLVER, NO_STATE
 from dl2c.smt.query import Oracle
 
 FORMAT, VERSION = "dl2c-policy-proof", 1
+SEARCH = "dl2c-policy-search"
+"""The format of a search that is not finished."""
+
 MAX_BYTES = 2**28
 MOST_SPLITS = 16
 """How often a leaf is split further."""
@@ -63,8 +66,8 @@ def digest(question: Question) -> str:
     return made.hexdigest()
 
 
-def certificate(questions: Sequence[Question], trees: Sequence[Sequence[bytes]]) -> str:
-    """The text of a certificate."""
+def certificate(questions: Sequence[Question], trees: Sequence[Sequence[bytes]], kind: str = FORMAT) -> str:
+    """The text of a certificate, or of a search that is not finished."""
     entries: list[dict[str, Any]] = []
     for question, levels in zip(questions, trees, strict=True):
         content = b"".join(levels)
@@ -76,20 +79,12 @@ def certificate(questions: Sequence[Question], trees: Sequence[Sequence[bytes]])
                 "digest": hashlib.sha256(content).hexdigest(),
             }
         )
-    return json.dumps({"format": FORMAT, "version": VERSION, "proofs": entries}, indent=1) + "\n"
+    return json.dumps({"format": kind, "version": VERSION, "proofs": entries}, indent=1) + "\n"
 
 
 def check(path: Path, questions: Sequence[Question]) -> Checked:
     """Check a certificate. Raises `CertificateError`, `NotCovered`, `OSError`."""
-    with checked_input(CertificateError, f"{path} is no certificate"):
-        top = read_json(path, MAX_BYTES)
-        if top["format"] != FORMAT or top["version"] != VERSION:
-            raise CertificateError(f"{path} is of another version")
-        entries: list[Any] = list(top["proofs"])
-        trees = [_tree(entry) for entry in entries]
-        digests = [entry["question"] for entry in entries]
-    if digests != [digest(q) for q in questions]:
-        raise CertificateError(f"{path} is about another model, policy or claim")
+    trees = _trees(path, questions, FORMAT, "certificate")
     leaves = solved = 0
     for question, levels in zip(questions, trees, strict=True):
         checker = _Checker(question)
@@ -99,6 +94,37 @@ def check(path: Path, questions: Sequence[Question]) -> Checked:
             if not checker.decides(box, code):
                 raise CertificateError(f"{path}: a box is not proved: {box}")
     return Checked(leaves, solved)
+
+
+def begun(path: Path, questions: Sequence[Question]) -> list[list[bytes]]:
+    """The trees of a search that is not finished; none where there is no such file. Raises
+    `CertificateError`, `OSError`.
+    """
+    if not path.exists():
+        return [[] for _ in questions]
+    trees = _trees(path, questions, SEARCH, "unfinished search")
+    for question, levels in zip(questions, trees, strict=True):
+        size = 1
+        for codes in levels:
+            split = [code for code in codes if code < BY_SOLVER]
+            if len(codes) != size or any(code >= len(question.dimensions) for code in split):
+                raise CertificateError(f"{path} is no unfinished search: its boxes do not fit each other")
+            size = 2 * len(split)
+    return trees
+
+
+def _trees(path: Path, questions: Sequence[Question], kind: str, what: str) -> list[list[bytes]]:
+    """The tree of each question. Raises `CertificateError`."""
+    with checked_input(CertificateError, f"{path} is no {what}"):
+        top = read_json(path, MAX_BYTES)
+        if top["format"] != kind or top["version"] != VERSION:
+            raise CertificateError(f"{path} is no {what}, or of another version")
+        entries: list[Any] = list(top["proofs"])
+        trees = [_tree(entry) for entry in entries]
+        digests = [entry["question"] for entry in entries]
+    if digests != [digest(q) for q in questions]:
+        raise CertificateError(f"{path} is about another model, policy or claim")
+    return trees
 
 
 def _tree(entry: Mapping[str, Any]) -> list[bytes]:
@@ -156,6 +182,10 @@ class _Checker:
     def __init__(self, question: Question) -> None:
         if any(layer.activation not in ("identity", "relu") for layer in question.layers):
             raise NotCovered("certificates are checked for networks of relu")
+        if question.computed:
+            raise NotCovered(
+                "certificates are checked where the policy observes nothing that is computed first"
+            )
         self.question = question
         self.network = NetworkBounds(question)
         self.widths = [max(float(high - low), 1e-300) for low, high in question.box]

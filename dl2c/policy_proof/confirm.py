@@ -54,9 +54,9 @@ def confirmation(question: Question, found: Violation, unit: Unit, policy: Netwo
         return Confirmation(
             False, f"the exported C is not asked: no state of {unit.real} numbers is this one"
         )
-    state = _completed(exact, unit)
+    state, lead = _completed(exact, unit), dict(question.lead)
     with tempfile.TemporaryDirectory() as folder:
-        return _Exported(unit, replace(policy, masked=False), exact, state, Path(folder)).judged()
+        return _Exported(unit, replace(policy, masked=False), exact, state, lead, Path(folder)).judged()
 
 
 def _held(value: Fraction, unit: Unit) -> float:
@@ -83,6 +83,7 @@ class _Exported:
     policy: NetworkPolicy
     exact: Violation
     state: State
+    lead: Mapping[str, int]
     folder: Path
 
     @property
@@ -99,6 +100,7 @@ class _Exported:
         program = compile_program(monitor_files(self.unit, self.policy), self.folder)
         keys = [i.key for i in self.controller.inputs]
         given = [_held(self.exact.state.get(key, Fraction(0)), self.unit) for key in keys]
+        given += [float(self.lead.get(d.key, 0)) for d in self.controller.measured]
         answer = answers(program, [self._line("asks", self.state, given)])[0].split()
         outputs = len(self.exact.outputs)
         asked = dict(zip(keys, map(float, answer[outputs : outputs + len(keys)]), strict=True))
@@ -142,9 +144,11 @@ class _Exported:
         """Where the control paths that are asked for lead, whether or not their tests hold."""
         values = {symbol: float(value) for symbol, value in self._values(self.state).items()}
         values |= {Symbol(key, "input"): value for key, value in asked.items()}
+        measured = [self.lead.get(d.key, 0) for d in self.controller.measured]
         for run in self.controller.runs:
             updates = {name: value_of(term, values) for name, term in run.updates}
-            if all(k in (-1, c) for k, c in zip(run.taken, choices, strict=True)):
+            taken = zip((*run.taken, *run.seen), (*choices, *measured), strict=True)
+            if all(k in (-1, c) for k, c in taken):
                 led = dict(self.state) | {n: float(v) for n, v in updates.items() if v is not None}
                 if None not in updates.values():
                     yield run, led

@@ -14,8 +14,9 @@ import numpy as np
 
 from dl2c.interval.arithmetic import Interval, enclosure, truth
 from dl2c.ir.evaluate import truth as exact_truth
+from dl2c.ir.evaluate import value_of
 from dl2c.ir.logic import subterms
-from dl2c.ir.model import Call, Formula, Symbol
+from dl2c.ir.model import Call, Formula, Symbol, Term
 from dl2c.policy_proof.question import Case, Question
 
 State = Mapping[Symbol, Fraction]
@@ -38,7 +39,13 @@ class Violation:
 
 
 def violation(question: Question, state: State) -> Violation | None:
-    """What is wrong in a state; None where nothing is, or where that cannot be said for certain."""
+    """What is wrong in a state; None where nothing is, or where that cannot be said for certain. What the
+    environment computes has the value that the program computes.
+    """
+    computed = [(symbol, _computed(question, term, state)) for symbol, term in question.computed]
+    state = {**state, **{symbol: value for symbol, value in computed if value is not None}}
+    if any(value is None for _, value in computed):
+        return None
     if not _certain(question.hypothesis, state, True):
         return None
     if any(
@@ -59,6 +66,15 @@ def violation(question: Question, state: State) -> Violation | None:
             shown = {s.name: v for s, v in state.items()} | dict(question.fixed)
             return Violation(shown, tuple(outputs), names, case.about, case.conclusion)
     return None
+
+
+def _computed(question: Question, term: Term, state: State) -> Fraction | None:
+    """A value as the program computes it; None where that is not known exactly."""
+    if question.arithmetic == "float32":
+        return None
+    exact = question.arithmetic == "real"
+    value = value_of(term, {s: v if exact else float(v) for s, v in state.items()}, exact)
+    return None if value is None else Fraction(value)
 
 
 def _certain(formula: Formula, values: State, wanted: bool) -> bool:

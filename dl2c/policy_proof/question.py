@@ -12,7 +12,7 @@ from fractions import Fraction
 from typing import Literal, TypeAlias
 
 from dl2c.diagnostics import CompileError, error
-from dl2c.ir.model import Formula, Symbol
+from dl2c.ir.model import Formula, Symbol, Term
 from dl2c.policy.network import Layer, Scaling
 from dl2c.source import NOWHERE, Span
 
@@ -79,7 +79,9 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """All of it. `requests` have symbols that occur in conclusions."""
+    """All of it. `requests` have symbols that occur in conclusions. `computed` are dimensions with the terms
+    that the program computes for them; `lead` are the alternatives that the environment takes before.
+    """
 
     dimensions: tuple[Symbol, ...]
     box: tuple[Range, ...]
@@ -90,6 +92,8 @@ class Question:
     requests: tuple[Request, ...]
     cases: tuple[Case, ...]
     arithmetic: Arithmetic
+    computed: tuple[tuple[Symbol, Term], ...] = ()
+    lead: tuple[tuple[str, int], ...] = ()
 
     @property
     def fixed(self) -> Mapping[str, Fraction]:

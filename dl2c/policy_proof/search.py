@@ -7,7 +7,7 @@ order of levels the dimension along which it is split at its middle, or what dec
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
@@ -56,8 +56,8 @@ class Limits:
 @dataclass(frozen=True, slots=True)
 class Found:
     """`share` of the volume of the box is decided. `open_boxes` are some of those that are not, each low and
-    high by name. `by_solver` counts boxes that Z3 decided. `states`: some box may have
-    states of the hypothesis.
+    high by name. `by_solver` counts boxes that Z3 decided. `tree` are the levels that are judged. `states`:
+    some box may have states of the hypothesis.
     """
 
     answer: Answer
@@ -70,6 +70,7 @@ class Found:
     tree: tuple[bytes, ...] = ()
     reason: str = ""
     states: bool = True
+    interrupted: bool = False
 
 
 @dataclass(slots=True)
@@ -82,30 +83,26 @@ class _Search:
     by_solver: int = 0
     decided: float = 0.0
     tree: list[Bytes] = field(default_factory=list[Bytes])
+    before: Sequence[bytes] = ()
     oracle: Oracle = field(default_factory=lambda: Oracle(LEAF_SECONDS, LEAVES_SECONDS))
+    widths: Doubles = field(init=False)
+    counts: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.counts = _that_count(self.question)
 
     def run(self) -> Found:
         level = box_of(self.question)[None]
         self.oracle.total = min(LEAVES_SECONDS, self.limits.seconds)
-        counts = _that_count(self.question)
-        widths = np.maximum(level[0, :, 1] - level[0, :, 0], np.finfo(float).tiny)
+        widths = self.widths = np.maximum(level[0, :, 1] - level[0, :, 0], np.finfo(float).tiny)
         for number in range(MOST_LEVELS):
-            share = f"{self.decided:.2%} decided, {len(level)} boxes open"
-            self.limits.note(share)
-            verdicts, splits, found = self._judged(level)
-            self.boxes += len(verdicts)
-            if found is not None:
-                return self._found("refuted", level, found)
-            if len(verdicts) < len(level):
-                return self._found("unknown", level, reason=f"after {self.limits.seconds:g} seconds")
-            splits = _balanced(level, splits, widths, counts)
-            codes = np.where(verdicts == PROVED, BY_BOUNDS, np.where(verdicts == OUTSIDE, NO_STATE, splits))
-            left = np.flatnonzero((verdicts == OPEN) | (verdicts == SUSPECT))
-            if number >= FIRST_LEAVES and number % EACH_LEVELS == 0 and len(left) <= MOST_LEAVES:
-                found = self._asked(level, left, codes)
-                if found is not None:
-                    return self._found("refuted", level, found)
-            codes[codes == NO_SPLIT] = LEFT_OPEN
+            self.limits.note(f"{self.decided:.2%} decided, {len(level)} boxes open")
+            try:
+                codes = self._known(number) if number < len(self.before) else self._next(level, number)
+            except KeyboardInterrupt:
+                return replace(self._found("unknown", level, reason="interrupted"), interrupted=True)
+            if isinstance(codes, Found):
+                return codes
             self.tree.append(codes.astype(np.uint8))
             final = codes >= BY_SOLVER
             self.decided += _volume(level[final & (codes != LEFT_OPEN)], widths)
@@ -117,6 +114,36 @@ class _Search:
             if len(level) > MOST_BOXES:
                 return self._found("unknown", level, reason=f"after {MOST_BOXES} open boxes")
         return self._found("unknown", level, reason=f"after {MOST_LEVELS} levels")
+
+    def _known(self, number: int) -> Bytes:
+        """A level that was judged before."""
+        codes = np.frombuffer(self.before[number], np.uint8)
+        self.boxes += len(codes)
+        self.by_solver += int((codes == BY_SOLVER).sum())
+        return codes
+
+    def _next(self, level: Doubles, number: int) -> Bytes | Found:
+        """What decided each box of a level, or along what it is split; what is found if the search ends. A
+        level that is not judged to its end is not counted in the tree.
+        """
+        late = f"after {self.limits.seconds:g} seconds"
+        verdicts, splits, found = self._judged(level)
+        self.boxes += len(verdicts)
+        if found is not None:
+            return self._found("refuted", level, found)
+        if len(verdicts) < len(level):
+            return self._found("unknown", level, reason=late)
+        splits = _balanced(level, splits, self.widths, self.counts)
+        codes = np.where(verdicts == PROVED, BY_BOUNDS, np.where(verdicts == OUTSIDE, NO_STATE, splits))
+        left = np.flatnonzero((verdicts == OPEN) | (verdicts == SUSPECT))
+        if number >= FIRST_LEAVES and number % EACH_LEVELS == 0 and len(left) <= MOST_LEAVES:
+            found = self._asked(level, left, codes)
+            if found is not None:
+                return self._found("refuted", level, found)
+            if self._late():
+                return self._found("unknown", level, reason=late)
+        codes[codes == NO_SPLIT] = LEFT_OPEN
+        return codes
 
     def _judged(self, level: Doubles) -> tuple[Bytes, Bytes, Violation | None]:
         """Verdicts and dimensions, as far as time goes; the first violation that is confirmed."""
@@ -171,15 +198,18 @@ class _Search:
             time.monotonic() - self.begun,
             violated,
             tuple(_by_name(names, box) for box in some),
-            tuple(codes.tobytes() for codes in self.tree) if answer == "proved" else (),
+            tuple(codes.tobytes() for codes in self.tree),
             reason,
             any(np.isin(codes, (BY_SOLVER, BY_BOUNDS)).any() for codes in self.tree),
         )
 
 
-def search(question: Question, limits: Limits) -> Found:
-    """Look for a proof and for a violation. Raises `NotCovered`, `NativeError`."""
-    return _Search(question, Judge(tables_of(question)), limits).run()
+def search(question: Question, limits: Limits, before: Sequence[bytes] = ()) -> Found:
+    """Look for a proof and for a violation; go on after the levels of the tree that were judged `before`.
+
+    Raises `NotCovered`, `NativeError`.
+    """
+    return _Search(question, Judge(tables_of(question)), limits, before=before).run()
 
 
 def _by_name(names: Sequence[str], box: Doubles) -> dict[str, tuple[float, float]]:

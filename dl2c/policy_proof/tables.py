@@ -93,6 +93,7 @@ def tables_of(question: Question) -> Tables:
         hypothesis,
         tuple(cases),
         tuple(premises),
+        len(question.computed),
     )
 
 

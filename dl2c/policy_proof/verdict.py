@@ -4,12 +4,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 from dl2c.ir.printer import print_formula, print_number
 from dl2c.policy_proof.acting import Acting
 from dl2c.policy_proof.build import Claim, questions
-from dl2c.policy_proof.certificate import certificate
+from dl2c.policy_proof.certificate import SEARCH, certificate
+from dl2c.policy_proof.certificate import begun as searched_before
 from dl2c.policy_proof.confirm import Confirmation
 from dl2c.policy_proof.exact import Violation
 from dl2c.policy_proof.onward import Onward
@@ -40,6 +42,15 @@ class PolicyReport:
         return certificate(self.questions, [f.tree for f in self.found])
 
     @property
+    def unfinished(self) -> str:
+        """The text of the search as far as it is, to go on later."""
+        return certificate(self.questions, [f.tree for f in self.found], SEARCH)
+
+    @property
+    def interrupted(self) -> bool:
+        return any(f.interrupted for f in self.found)
+
+    @property
     def answer(self) -> Answer:
         """The worst answer."""
         answers = {f.answer for f in self.found}
@@ -52,7 +63,7 @@ class PolicyReport:
 
     @property
     def violation(self) -> Violation | None:
-        return next((f.violation for f in self.found if f.violation is not None), None)
+        return None if self.violated is None else self.violated[1]
 
     @property
     def violated(self) -> tuple[Question, Violation] | None:
@@ -80,14 +91,15 @@ class PolicyReport:
             "seconds": round(self.seconds, 3),
             "reasons": [f.reason for f in self.found if f.reason],
             "open": [{n: list(ends) for n, ends in box.items()} for f in self.found for box in f.open_boxes],
-            "counterexample": None if self.violation is None else _as_data(self.violation),
+            "counterexample": None if self.violated is None else _as_data(*self.violated),
             "confirmation": None if self.confirmation is None else self.confirmation.to_json(),
             "warnings": list(self.warnings),
         }
 
 
-def _as_data(found: Violation) -> dict[str, Any]:
+def _as_data(question: Question, found: Violation) -> dict[str, Any]:
     return {
+        "environment": dict(question.lead),
         "state": {name: str(value) for name, value in found.state.items()},
         "outputs": [float(v) for v in found.outputs],
         "requests": {name: str(value) for name, value in found.requests.items()},
@@ -96,17 +108,22 @@ def _as_data(found: Violation) -> dict[str, Any]:
     }
 
 
-def verified(claim: Claim, policy: Acting, limits: Limits, names: tuple[str, str]) -> PolicyReport:
-    """Ask all questions, within the time for all. `names` are those of model and policy.
+def verified(
+    claim: Claim, policy: Acting, limits: Limits, names: tuple[str, str], resume: Path | None = None
+) -> PolicyReport:
+    """Ask all questions, within the time for all; go on with the search in `resume` if that file is there.
+    `names` are those of model and policy.
 
-    Raises `NotCovered`, `NativeError`.
+    Raises `NotCovered`, `CertificateError`, `OSError`, `NativeError`.
     """
     begun = time.monotonic()
     asked = questions(claim, policy)
+    trees = [()] * len(asked) if resume is None else searched_before(resume, asked)
     found: list[Found] = []
-    for question in asked:
-        left = limits.seconds - (time.monotonic() - begun)
-        found.append(search(question, replace(limits, seconds=max(left, 0.0))))
+    for question, tree in zip(asked, trees, strict=True):
+        interrupted = any(f.interrupted for f in found)
+        left = 0.0 if interrupted else limits.seconds - (time.monotonic() - begun)
+        found.append(search(question, replace(limits, seconds=max(left, 0.0)), tree))
         if found[-1].answer == "refuted":
             break
     hypotheses = tuple(map(_states, asked))
