@@ -167,24 +167,14 @@ def verify(
     Exit code 0: proved. 1: refuted, or a mistake in the model. 3: anything else.
     """
     jobs = jobs or min(2, os.cpu_count() or 1)
-    given: dict[str, Any] = {
-        "arithmetic": arithmetic,
-        "outside": except_,
-        "fixed": fix,
-        "inputs": takes,
-        "outputs": gives,
-    }
-    said = {
-        n: v for n, v in (given | {"certificate": certificate, "resume": resume}).items() if v is not None
-    }
+    said = _given(arithmetic=arithmetic, outside=except_, fixed=fix, inputs=takes, outputs=gives)
+    said |= _given(certificate=certificate, resume=resume)
     if policy is not None:
         if within_bounds or agree or smt2 is not None:
             raise CommandError("--within-bounds, --agree and --smt2 are for theorems, not for --policy")
         said |= {"seconds": total, "threads": jobs}
-        if check is not None and output is not None:
-            raise CommandError("-o is for what a search finds, not for --check")
         if check is not None:
-            raise typer.Exit(_checked(model, policy, said, check, options, json))
+            raise typer.Exit(_checked(model, policy, said, check, options, output, json))
         raise typer.Exit(_about_policy(model, policy, said, options, output, json))
     if said or check is not None:
         raise CommandError("what is said of a trained policy goes with --policy")
@@ -192,6 +182,10 @@ def verify(
 
     limits = Limits(min(timeout, total), total, jobs, agree, smt2)
     raise typer.Exit(_theorem(model, limits, within_bounds, options, output, json))
+
+
+def _given(**options: Any) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def _theorem(
@@ -224,9 +218,12 @@ def _checked(
     asked: Mapping[str, Any],
     certificate: Path,
     options: Mapping[str, Any],
+    output: Path | None,
     json: bool,
 ) -> int:
     """Check a certificate; the exit code."""
+    if output is not None or "resume" in asked:
+        raise CommandError("-o and --resume are for a search, not for --check")
     from dl2c.commands.policy import Asked, checked_certificate
 
     found = checked_certificate(model, Asked(path, **asked), options, certificate)

@@ -93,10 +93,10 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     network = Network((), layers(np.random.default_rng(1), [len(interface.observations), 8, 1], "relu"))
     write_policy(NetworkPolicy(manifest.name, interface, network, False, manifest.options), tmp_path)
     code, out, _ = run(capsys, "monitor", model, "--policy", str(tmp_path), "-o", str(folder), "--onnx")
-    assert code == 0 and "water_tank_policy.onnx" in out
+    assert code == 0 and "Water_tank_policy.onnx" in out
     answers = [
         json.loads(run(capsys, "verify", model, "--policy", str(path), "--json")[1])
-        for path in (tmp_path, folder / "water_tank_policy.onnx")
+        for path in (tmp_path, folder / "Water_tank_policy.onnx")
     ]
     assert answers[0]["boxes"] == answers[1]["boxes"] and answers[0]["answer"] == answers[1]["answer"]
 
