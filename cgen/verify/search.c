@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT-0 */
 /* search.c -- the library of search.h, which knows no model: questions come as tables. */
-#include "search.h"
+#include "parts.h"
 
 #if defined(_WIN32)
 #define DL2C_EXPORT __declspec(dllexport)

@@ -72,13 +72,8 @@ def monitor(
     options: Mapping[str, Any],
 ) -> None:
     """Write a run-time monitor in C that compares a system with the model."""
-    if output is None and trace is None:
-        raise CommandError("nothing to do: give a folder with -o, or a trace with --check")
     kinds = tuple(kind or ())
-    if policy is not None and (output is None or (kinds and "controller" not in kinds)):
-        raise CommandError("--policy needs -o, and the controller's check")
-    if onnx and policy is None:
-        raise CommandError("--onnx goes with --policy")
+    _check_together(output, trace, kinds, policy, onnx)
     trained = None
     if policy is not None:
         from dl2c.commands.policy import policy_for
@@ -99,6 +94,18 @@ def monitor(
         _tell(found, failed, trace)
     if failed is not None:
         raise typer.Exit(1)
+
+
+def _check_together(
+    output: Path | None, trace: Path | None, kinds: tuple[str, ...], policy: Path | None, onnx: bool
+) -> None:
+    """Raises `CommandError` for arguments that do not go together."""
+    if output is None and trace is None:
+        raise CommandError("nothing to do: give a folder with -o, or a trace with --check")
+    if policy is not None and (output is None or (kinds and "controller" not in kinds)):
+        raise CommandError("--policy needs -o, and the controller's check")
+    if onnx and policy is None:
+        raise CommandError("--onnx goes with --policy")
 
 
 def _checked(prefix: str | None) -> str:
