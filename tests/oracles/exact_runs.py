@@ -7,7 +7,7 @@ it uses their syntax, expanded.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from fractions import Fraction
 from typing import Any, Protocol
 
@@ -22,7 +22,7 @@ from dl2c.resolve.bind import check_entry
 from dl2c.resolve.expand import expanded_formula
 from dl2c.resolve.infer import inferred
 from dl2c.resolve.symbols import collect, nodes
-from dl2c.source import Source
+from dl2c.source import Source, Span
 
 Decision = Any
 """True for the left of a choice and for one more iteration; the value of `x := *`; a flow."""
@@ -46,7 +46,18 @@ def expanded(entry: tree.Entry) -> tree.Formula:
     symbols, mistakes = collect(entry)
     if mistakes := [*mistakes, *check_entry(entry, symbols)]:
         raise CompileError(mistakes)
-    return expanded_formula(entry.problem, symbols)
+    return _named(expanded_formula(entry.problem, symbols))
+
+
+def _named(node: Any) -> Any:
+    """A part of a tree, constants `c()` written as names."""
+    if isinstance(node, tree.FuncOf) and not node.args and node.name not in ("pi", "e"):
+        return tree.Variable(node.name, span=node.span)
+    if isinstance(node, tuple):
+        return tuple(map(_named, node))
+    if not is_dataclass(node) or isinstance(node, Span | type):
+        return node
+    return replace(node, **{f.name: _named(getattr(node, f.name)) for f in fields(node) if f.init})
 
 
 def theorem(text: str) -> tree.Formula:
