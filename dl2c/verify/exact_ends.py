@@ -16,7 +16,7 @@ from dl2c.parse import tree
 from dl2c.verify.arithmetic.total import is_total
 from dl2c.verify.flows import Flows
 from dl2c.verify.motion import Curves, Motion, instant, replaced
-from dl2c.verify.states import Names, State, Unsupported, formula_in, has_one_reading, term_in
+from dl2c.verify.states import Names, State, Unsupported, formula_in, loses_a_reading, term_in
 
 MOST = 8
 """Ends of one program that are looked at."""
@@ -90,7 +90,7 @@ class ExactEnds:
 
 def _exactly(formula: tree.Formula, state: State) -> Formula:
     """A condition that says the same under both readings of undefined terms."""
-    if has_one_reading(formula, state):
+    if loses_a_reading(formula, state):
         raise Unsupported("a quantifier over terms that may be undefined", formula.span)
     return formula_in(formula, state)
 

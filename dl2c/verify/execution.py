@@ -26,9 +26,9 @@ from dl2c.verify.states import (
     earlier_values,
     formula_in,
     has_differential,
-    has_one_reading,
     has_program,
     has_values,
+    loses_a_reading,
     quantified,
     term_in,
     without_old,
@@ -152,7 +152,7 @@ class Execution:
 
     def _check_reading(self, formula: tree.Formula, state: State) -> None:
         """Quantifiers are eliminated under one reading of undefined terms."""
-        if not self.if_defined and has_one_reading(formula, state):
+        if not self.if_defined and loses_a_reading(formula, state):
             raise Unsupported("a quantifier over terms that may be undefined", formula.span)
 
     def _gap(self, span: Span, reason: str, checked: bool = True) -> None:

@@ -46,7 +46,7 @@ from dl2c.verify.states import (
     Unsupported,
     earlier_values,
     formula_in,
-    has_one_reading,
+    loses_a_reading,
     term_in,
 )
 
@@ -133,7 +133,7 @@ class Flows:
     def _domain(self, domain: tree.Formula, along: State, state: State) -> tuple[Formula, State | None]:
         """H over what moves, and the state where it begins; `true` where H cannot be expressed."""
         try:
-            if not self.prover.if_defined and has_one_reading(domain, state):
+            if not self.prover.if_defined and loses_a_reading(domain, state):
                 return TRUE, state
             return formula_in(domain, along), state.where(formula_in(domain, state))
         except (Unsupported, CompileError):

@@ -174,8 +174,8 @@ def has_values(formula: tree.Formula, state: State) -> bool:
     return not partial(formula) and all(is_total(v) for v in values if v is not None)
 
 
-def has_one_reading(formula: tree.Formula, state: State) -> bool:
-    """Whether eliminating quantifiers makes it a formula about one reading of undefined terms."""
+def loses_a_reading(formula: tree.Formula, state: State) -> bool:
+    """Whether eliminating quantifiers leaves a formula about one of the readings of undefined terms alone."""
     return (quantified(formula) or has_program(formula)) and not has_values(formula, state)
 
 
