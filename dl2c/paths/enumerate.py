@@ -80,6 +80,11 @@ class Draft:
     def span(self) -> Span:
         return _first_span(self.line.statements)
 
+    @property
+    def alternatives(self) -> dict[str, int]:
+        """Which alternative each of its decisions takes, by their keys."""
+        return {key: alternative for key, alternative, _ in self.line.decisions}
+
     def place_of(self, key: str) -> Span:
         """Where an input is assigned."""
         return next(s.span for s in self.line.statements if isinstance(s, AssignAny) and s.key == key)

@@ -67,18 +67,14 @@ def questions(claim: Claim, policy: Acting) -> tuple[Question, ...]:
     model = with_exact_domains(claim.model)
     drafts = control_drafts(model, model.body)
     leads = leading_drafts(model)
-    _check(model, drafts, {key for lead in leads for key in _alternatives(lead)})
+    _check(model, drafts, {key for lead in leads for key in lead.alternatives})
     return tuple(_question(claim, model, policy, drafts, lead) for lead in leads)
-
-
-def _alternatives(draft: Draft) -> dict[str, int]:
-    return {key: alternative for key, alternative, _ in draft.line.decisions}
 
 
 def _following(lead: Draft, drafts: Sequence[Draft]) -> list[Draft]:
     """The drafts that take the alternatives that were taken before."""
-    taken = _alternatives(lead)
-    return [d for d in drafts if all(taken.get(k, a) == a for k, a in _alternatives(d).items())]
+    taken = lead.alternatives
+    return [d for d in drafts if all(taken.get(k, a) == a for k, a in d.alternatives.items())]
 
 
 def _check(model: Model, drafts: Sequence[Draft], before: Set[str]) -> None:
@@ -137,7 +133,7 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
         cases,
         claim.arithmetic,
         tuple((c.symbol, c.term) for c in computed),
-        tuple(_alternatives(lead).items()),
+        tuple(lead.alternatives.items()),
     )
 
 

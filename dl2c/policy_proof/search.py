@@ -238,10 +238,11 @@ def _balanced(boxes: Doubles, splits: Bytes, widths: Doubles, counts: np.ndarray
 
 
 def _that_count(question: Question) -> np.ndarray:
-    """Which dimensions the network or a condition depends on."""
+    """Which dimensions the network or a condition depends on, but for those that are computed of others."""
     weights = question.layers[0].weight
     seen = {o.value for k, o in enumerate(question.observed) if weights[:, k].any()}
     used = seen | symbols(question.hypothesis, *(c.conclusion for c in question.cases))
+    used -= {symbol for symbol, _ in question.computed}
     return np.array([s in used for s in question.dimensions], np.bool_)
 
 

@@ -156,13 +156,9 @@ def _leads(model: Model) -> tuple[Draft, ...]:
     return drafts
 
 
-def _alternatives(draft: Draft) -> dict[str, int]:
-    return {key: alternative for key, alternative, _ in draft.line.decisions}
-
-
 def _excluded(draft: Draft, other: Draft) -> bool:
     """Whether some decision of the environment tells one way from the other."""
-    taken, others = _alternatives(draft), _alternatives(other)
+    taken, others = draft.alternatives, other.alternatives
     return any(taken[key] != others[key] for key in taken.keys() & others.keys())
 
 
@@ -170,7 +166,7 @@ def _measured(unit: Unit, draft: Draft) -> list[str]:
     """That the environment took the alternatives of a way."""
     assert unit.monitor.controller is not None
     known = {d.key: d for d in unit.monitor.controller.measured}
-    return [f"input->{unit.measured(known[key])} == {a}" for key, a in _alternatives(draft).items()]
+    return [f"input->{unit.measured(known[key])} == {a}" for key, a in draft.alternatives.items()]
 
 
 def _shown(
