@@ -146,14 +146,26 @@ def mentioned(expression: tree.Expression | None) -> Iterator[str]:
 
 
 def free_variables(node: "Node") -> frozenset[str]:
-    """The names in terms, other than those that quantifiers around them bind."""
-    match node:
-        case tree.Variable(name):
-            return frozenset({name})
-        case tree.Quantified(name, child):
-            return free_variables(child) - {name}
-        case _:
-            return frozenset[str]().union(*map(free_variables, children(node)))
+    """The names in terms, other than those that quantifiers around them bind. Parts that are shared, as
+    arguments of definitions are, are gone through once.
+    """
+    known: dict[int, frozenset[str]] = {}
+
+    def found(node: "Node") -> frozenset[str]:
+        if id(node) in known:
+            return known[id(node)]
+        spend()
+        match node:
+            case tree.Variable(name):
+                names = frozenset({name})
+            case tree.Quantified(name, child):
+                names = found(child) - {name}
+            case _:
+                names = frozenset[str]().union(*map(found, children(node)))
+        known[id(node)] = names
+        return names
+
+    return found(node)
 
 
 Node: TypeAlias = tree.Expression | tree.AtomicODE | tree.DifferentialProgramConst

@@ -318,7 +318,7 @@ def _claims(
         yield replace(theorem, formula=ending_in(theorem.formula, predicates[0])), None
         return
     loop = attempt.loops[one.loop - 1]
-    parts = attempt.invariants[loop.span]
+    parts = attempt.invariants.get(loop.span, ())
     lost = [p for k, p in enumerate(parts) if (loop.span, k) in attempt.lost]
     kinds: tuple[Kind, ...] = ("safety", "step") if one.kind == "safety" else (one.kind,)
     for kind in kinds:

@@ -19,7 +19,7 @@ from dl2c.resolve.expand import NONE, Expander, expanded_formula
 from dl2c.resolve.infer import with_implied
 from dl2c.resolve.problem import resolve
 from dl2c.resolve.shape import written_variables
-from dl2c.resolve.symbols import Symbols, collect, nodes
+from dl2c.resolve.symbols import Node, Symbols, children, collect, nodes
 from dl2c.verify.arithmetic.total import PI, E
 from dl2c.verify.execution import Kind
 from dl2c.verify.hints import Hints, hints_of
@@ -241,9 +241,17 @@ def conclusions(formula: tree.Formula) -> Iterator[tree.Formula]:
 
 
 def loops_of(formula: tree.Formula) -> Iterator[tree.Loop]:
-    """The loops that need invariants: all but those of diamonds, unless these are negated boxes."""
-    parts = list(nodes(formula))
-    negated = [n.child for n in parts if isinstance(n, tree.Not)]
-    diamonds = [n for n in parts if isinstance(n, tree.Diamond) and not any(n is other for other in negated)]
-    left_out = {loop.span for d in diamonds for loop in nodes(d.program) if isinstance(loop, tree.Loop)}
-    yield from (n for n in parts if isinstance(n, tree.Loop) and n.span not in left_out)
+    """The loops that need invariants: all but those of diamonds, unless these are negated boxes. A program
+    that is in a box and in a diamond is looked at in the box.
+    """
+    stack: list[Node] = [formula]
+    while stack:
+        match stack.pop():
+            case tree.Diamond(_, child):
+                stack.append(child)
+            case tree.Not(tree.Diamond(program, child)):
+                stack += [child, program]
+            case node:
+                if isinstance(node, tree.Loop):
+                    yield node
+                stack.extend(reversed(children(node)))

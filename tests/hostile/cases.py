@@ -142,6 +142,12 @@ GROWING = (
         "Bool d%0(Real y) <-> d%1(y) & d%1(y+1);",
         "?d40(x); a := A;",
     ),
+    (
+        "arguments_under_quantifiers",
+        "Real d0(Real y) = y; Bool exact(Real y) <-> \\exists z (z <= y & z >= y);",
+        "Real d%0(Real y) = d%1(y * y);",
+        "?exact(d40(x)); a := A;",
+    ),
     ("programs", "HP d0 ::= { a := A; };", "HP d%0 ::= { d%1; d%1; };", "d40;"),
     ("choices", "HP d0 ::= { a := A; };", "HP d%0 ::= { d%1; ++ d%1; };", "d40;"),
     ("branches", "HP d0 ::= { a := A; };", "HP d%0 ::= { if (x > 0) {d%1;} else {d%1;} };", "d40;"),

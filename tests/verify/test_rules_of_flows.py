@@ -9,10 +9,10 @@ from dl2c.ir.logic import conjuncts, negation
 from dl2c.ir.model import ONE, TRUE, ZERO, Compare, Formula, Symbol, Term, Truth
 from dl2c.lower.terms import lower_formula, lower_term
 from dl2c.options import Options
-from dl2c.parse.parser import parse_archive, parse_formula, parse_term
+from dl2c.parse.parser import parse_archive, parse_formula, parse_program, parse_term
 from dl2c.parse.printer import print_formula as print_tree
 from dl2c.parse.printer import print_program
-from dl2c.parse.tree import Box, ODESystem
+from dl2c.parse.tree import And, Box, Diamond, ODESystem
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source
 from dl2c.verify.arithmetic.cases import Signs
@@ -312,3 +312,8 @@ def test_a_tactic_may_say_that_something_keeps_its_value() -> None:
 def test_loops_of_diamonds_need_no_invariant_unless_they_are_negated() -> None:
     found = loops_of(parse_formula("[{x := 1;}*](<{x := 2;}*> x > 0 & !<{x := 3;}*> x < 0)"))
     assert [print_program(loop.child) for loop in found] == ["x := 1;", "x := 3;"]
+
+
+def test_a_loop_in_a_box_and_in_a_diamond_needs_an_invariant() -> None:
+    loop, condition = parse_program("{x := x + 1;}*@invariant(x >= 0)"), parse_formula("x >= 0")
+    assert list(loops_of(And(Box(loop, condition), Diamond(loop, condition)))) == [loop]
