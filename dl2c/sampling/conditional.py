@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
+from typing import TypeAlias
 
 from dl2c.interval.arithmetic import Interval, evaluate, magnitude
 from dl2c.interval.contract import contract
@@ -47,17 +48,18 @@ def conditional(chart: Chart) -> Chart | None:
     """The chart with names between limits; None where no name has such limits."""
     left = [s for s in chart.free if chart.box[s].low < chart.box[s].high]
     values = _definitions(chart)
-    atoms = [a for a in _atoms(chart, values) if _is_usable(a, left)]
+    atoms = _usable(_atoms(chart, values), left)
     products = {s: p for s in left if (p := _of_products(s, chart, values)) is not None}
     chosen: list[_Limits] = []
     while len(chosen) < MOST and (found := [m for s in left if (m := _limits(s, atoms, products, left))]):
         best = max(found, key=lambda m: len(m.lows) + len(m.highs) - len(m.lows) * len(m.highs))
         chosen.append(best)
         left.remove(best.symbol)
-        atoms = [a for a in atoms if best.symbol not in symbols(a)]
+        atoms = [(a, names) for a, names in atoms if best.symbol not in names]
         if not best.widths:
-            atoms += [Compare("<=", low, high) for low in best.lows for high in best.highs]
-        atoms = [a for a in atoms if len(symbols(a)) > 1][:MOST_LIMITS]
+            between = [Compare("<=", low, high) for low in best.lows for high in best.highs]
+            atoms += _usable(between, left)
+        atoms = atoms[:MOST_LIMITS]
     result: Chart | None = chart if chosen else None
     for limits in reversed(chosen):
         result = None if result is None else _drawn_between(result, limits)
@@ -88,18 +90,22 @@ def _atoms(chart: Chart, values: Mapping[Symbol, Term]) -> list[Compare]:
     return [found[k] for size, k in sized if size <= LONGEST_LIMIT][:MOST_LIMITS]
 
 
-def _is_usable(atom: Compare, names: Sequence[Symbol]) -> bool:
-    """Whether it is a limit of drawn names by others."""
-    used = symbols(atom)
-    return len(used) > 1 and used <= set(names)
+Used: TypeAlias = list[tuple[Compare, set[Symbol]]]
+"""Atoms, each with its symbols."""
+
+
+def _usable(atoms: Sequence[Compare], names: Sequence[Symbol]) -> Used:
+    """Those that are limits of names by others."""
+    used = [(a, symbols(a)) for a in atoms]
+    return [(a, found) for a, found in used if len(found) > 1 and found <= set(names)]
 
 
 def _limits(
-    symbol: Symbol, atoms: Sequence[Compare], products: Mapping[Symbol, _Limits], left: Sequence[Symbol]
+    symbol: Symbol, atoms: Used, products: Mapping[Symbol, _Limits], left: Sequence[Symbol]
 ) -> _Limits | None:
     lows: list[Term] = []
     highs: list[Term] = []
-    for atom in (a for a in atoms if symbol in symbols(a)):
+    for atom in (a for a, names in atoms if symbol in names):
         parts = linear_parts(Sub(atom.left, atom.right), symbol)
         if parts is None or not isinstance(parts[0], Number) or parts[0] == ZERO:
             continue

@@ -1,12 +1,12 @@
 """Candidates for what stays true along a differential equation. They are guesses, proved like any other."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations_with_replacement
+from itertools import combinations, combinations_with_replacement
 
 from flint import fmpq_mat
 
 from dl2c.ir.logic import substituted, symbols
-from dl2c.ir.model import ZERO, Compare, Formula, Symbol, Term
+from dl2c.ir.model import ZERO, Add, Compare, Formula, Sub, Symbol, Term
 from dl2c.verify.arithmetic.polynomials import NotPolynomial, Polynomial, Ring, TooLarge
 from dl2c.verify.field import Field
 
@@ -15,9 +15,14 @@ MAX_MONOMIALS = 300
 
 MAX_DEGREE = 3
 
+MAX_SYMBOLS = 8
+"""Of which sums and differences are guesses."""
+
 
 def invented(field: Field, start: Mapping[Symbol, Term], clock: Symbol) -> list[Formula]:
-    """Signs of the factors of rates, conserved forms, and that something only grows or falls."""
+    """Signs of the factors of rates, conserved forms, and that something only grows or falls: a symbol, the
+    sum or the difference of two.
+    """
     start = {s: t for s, t in start.items() if s != clock}
     if not field.smooth:
         return list(_monotone(start))
@@ -25,7 +30,8 @@ def invented(field: Field, start: Mapping[Symbol, Term], clock: Symbol) -> list[
         ring = field.ring()
         flow = field.flow(ring)
         still = {s: rate for s, rate in flow.items() if s != clock}
-        found = [*_signs(field, ring, still), *_conserved(field, ring, flow, start), *_monotone(start)]
+        found = [*_signs(field, ring, still), *_conserved(field, ring, flow, start)]
+        found += [*_monotone(start), *_monotone_pairs(start)]
     except (NotPolynomial, TooLarge):
         return list(_monotone(start))
     return list(dict.fromkeys(found))
@@ -35,6 +41,15 @@ def _monotone(start: Mapping[Symbol, Term]) -> Iterator[Formula]:
     for symbol, first in start.items():
         yield Compare(">=", symbol, first)
         yield Compare("<=", symbol, first)
+
+
+def _monotone_pairs(start: Mapping[Symbol, Term]) -> Iterator[Formula]:
+    if len(start) > MAX_SYMBOLS:
+        return
+    for (x, first), (y, second) in combinations(start.items(), 2):
+        for both in (Add, Sub):
+            for op in (">=", "<="):
+                yield Compare(op, both(x, y), both(first, second))
 
 
 def _signs(field: Field, ring: Ring, flow: Mapping[Symbol, Polynomial]) -> Iterator[Formula]:

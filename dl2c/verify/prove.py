@@ -208,27 +208,26 @@ class Proof:
             if one is not None and refute:
                 yield (one := self._examined(one))
                 hopeful = not any(o.wrong_invariant for o in one.obligations)
-            if hopeful and pace == PACES[0]:
-                yield from (self._patient(written, *spent) for spent in zip(EFFORTS, PATIENCE, strict=False))
-            for effort in EFFORTS[1:] if hopeful else ():
-                yield self.attempt(written, effort)
+            yield from self._efforts(written, EFFORTS[1:]) if hopeful else ()
             yield from self._found(written)
         if refute:
             yield self._refuted((3, 6, 13))
 
-    def _found(self, written: Invariants) -> Iterator[Attempt]:
+    def _found(self, written: Invariants) -> Iterator[Attempt | None]:
         """Attempts with invariants of loops that the text does not give."""
         if not self.loops:
             return
         for hint in self.theorem.hints.loops:
             hinted = {span: parts or _parts((hint,)) for span, parts in written.items()}
-            if hinted != written:
-                yield from self._efforts(hinted)
+            for found in self._efforts(hinted) if hinted != written else ():
+                yield found and replace(found, invented=True)
         yield from self._weakened(written)
 
-    def _efforts(self, invariants: Invariants) -> Iterator[Attempt]:
-        for effort in EFFORTS:
-            yield replace(self.attempt(invariants, effort), invented=True)
+    def _efforts(self, invariants: Invariants, efforts: Sequence[int] = EFFORTS) -> Iterator[Attempt | None]:
+        """Attempts with more and more effort; as long as there is haste, after patient ones."""
+        if self.prover.pace == PACES[0]:
+            yield from (self._patient(invariants, *spent) for spent in zip(EFFORTS, PATIENCE, strict=False))
+        yield from (self.attempt(invariants, effort) for effort in efforts)
 
     def _patient(self, written: Invariants, effort: int, part: float) -> Attempt | None:
         """By what the text says, in a part of the time, with more for each question, if all is proved so."""

@@ -133,34 +133,43 @@ def linear_parts(term: Term, symbol: Symbol) -> tuple[Term, Term] | None:
 
     Wherever c and r are defined and c is not zero, the term is defined too.
     """
-    if symbol not in symbols(term):
-        return ZERO, term
     match term:
         case Symbol():
-            return ONE, ZERO
-        case Neg(child):
-            return _both(linear_parts(child, symbol), lambda t: _difference(ZERO, t))
-        case Add(left, right):
-            return _joined(plus, linear_parts(left, symbol), linear_parts(right, symbol))
-        case Sub(left, right):
-            return _joined(_difference, linear_parts(left, symbol), linear_parts(right, symbol))
-        case Mul(factor, other) if symbol not in symbols(factor):
-            return _both(linear_parts(other, symbol), lambda t: _product(factor, t))
-        case Mul(other, factor) if symbol not in symbols(factor):
-            return _both(linear_parts(other, symbol), lambda t: _product(factor, t))
-        case Div(dividend, divisor) if symbol not in symbols(divisor):
-            return _both(
-                linear_parts(dividend, symbol), lambda t: t if t == ZERO else folded(Div(t, divisor))
-            )
-        case Mul() | Div() | Pow() | Call():
-            return None
+            return (ONE, ZERO) if term == symbol else (ZERO, term)
         case Number():
-            raise AssertionError("a number has no symbols")
+            return ZERO, term
+        case Pow() | Call():
+            return (ZERO, term) if symbol not in symbols(term) else None
+        case Neg(child):
+            parts = linear_parts(child, symbol)
+            return (ZERO, term) if _lacks(parts, child) else _both(parts, lambda t: _difference(ZERO, t))
+        case Add(left, right) | Sub(left, right) | Mul(left, right) | Div(left, right):
+            first, second = linear_parts(left, symbol), linear_parts(right, symbol)
         case _:
             assert_never(term)
+    if _lacks(first, left) and _lacks(second, right):
+        return ZERO, term
+    match term:
+        case Add():
+            return _joined(plus, first, second)
+        case Sub():
+            return _joined(_difference, first, second)
+        case Mul() if _lacks(first, left):
+            return _both(second, lambda t: _product(left, t))
+        case Mul() if _lacks(second, right):
+            return _both(first, lambda t: _product(right, t))
+        case Div() if _lacks(second, right):
+            return _both(first, lambda t: t if t == ZERO else folded(Div(t, right)))
+        case _:
+            return None
 
 
 Parts: TypeAlias = tuple[Term, Term] | None
+
+
+def _lacks(parts: Parts, term: Term) -> bool:
+    """Whether the symbol does not occur in a term with these parts."""
+    return parts is not None and parts[1] is term
 
 
 def _both(parts: Parts, change: Callable[[Term], Term]) -> Parts:
