@@ -3,7 +3,8 @@
     env = dl2c.make("model.kyx", on_blocked="terminate")
     env = gymnasium.make("dl2c:dl2c/Model-v0", model="model.kyx")
 
-Importing this registers the Gymnasium ids and loads neither the compiler nor a learning library.
+Importing this registers the Gymnasium ids and loads neither the compiler nor a learning library. The
+command `dl2c` needs no ids: there Gymnasium is imported by what uses it.
 A model is named by a path, by its text, or as `example:NAME`; `options` are those of
 `dl2c.options.Options`. All of these raise `CompileError` for a mistake in the model.
 """
@@ -17,7 +18,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dl2c.diagnostics import CompileError
-from dl2c.env.registration import register as _register
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
@@ -26,11 +26,14 @@ if TYPE_CHECKING:
     from dl2c.env.single import Dl2cEnv
     from dl2c.env.vector import Dl2cVectorEnv
     from dl2c.native.binding import Library
-    from dl2c.pipeline import Compiled
+    from dl2c.native.built import Compiled
 
 __all__ = ["CompileError", "__version__", "build", "load", "make", "make_sb3", "make_vec"]
 
-_register()
+if not _interruption.is_command():
+    from dl2c.env.registration import register
+
+    register()
 
 
 def make(model: "Model", *, render_mode: str | None = None, **options: Any) -> "Dl2cEnv":

@@ -32,7 +32,7 @@ from dl2c.outputs import output_folder, write_output
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
-    from dl2c.pipeline import Compiled
+    from dl2c.native.built import Compiled
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -210,8 +210,10 @@ def annotate(
 def info(model: Model, json: Json = False, *, options: Mapping[str, Any]) -> None:
     """Describe a model's environment: spaces, decisions, bounds, kernels, predicates, options."""
     from dl2c.commands.describe import describe
+    from dl2c.env.opening import manifest_of
 
-    manifest = _compile(model, options).library.manifest
+    with working(f"reading {model}"):
+        manifest = manifest_of(model, options)
     if json:
         print(manifest.to_json(), end="")
     else:
@@ -231,9 +233,9 @@ def emit(
     options: Mapping[str, Any],
 ) -> None:
     """Print what a model has become after a stage of the compiler."""
+    from dl2c.configuration import resolve_options
     from dl2c.env.opening import source_of
     from dl2c.pipeline import emit as emitted
-    from dl2c.pipeline import resolve_options
 
     text = emitted(source_of(model), stage, resolve_options(options), pure_python)
     print(to_json({"stage": stage, "text": text}) if json else text.rstrip("\n"))

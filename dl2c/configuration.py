@@ -16,7 +16,7 @@ from typing import Any, cast
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.inputs import MALFORMED, reason
-from dl2c.options import OPTIONS, Options, UnknownOption, with_options
+from dl2c.options import IN_EPISODE, OPTIONS, Options, UnknownOption, with_options
 from dl2c.source import Source, Span
 
 FILE = "pyproject.toml"
@@ -44,6 +44,19 @@ def configured(options: Options, folder: Path | None = None) -> Options:
     if found := tuple(_mistakes(source, table)):
         raise CompileError(found)
     return replace(with_options(options, table), given=options.given)
+
+
+def resolve_options(given: Mapping[str, Any]) -> Options:
+    """Options from names and values, under them those of the project's `[tool.dl2c]`.
+
+    An option may have its name in `@episode` too: `gym.make` keeps `max_episode_steps` for a wrapper of its
+    own. Raises `UnknownOption`, and `CompileError` for a mistake in the project's file.
+    """
+    defaults = configured(Options())
+    named = {IN_EPISODE[n].name if n in IN_EPISODE else n: value for n, value in given.items()}
+    options = with_options(defaults, named)
+    constants = dict(defaults.constants) | dict(options.constants)
+    return replace(options, constants=tuple(sorted(constants.items())))
 
 
 def _mistakes(source: Source, table: Mapping[str, Any]) -> Iterator[Diagnostic]:

@@ -48,6 +48,10 @@ def warning(
     return Diagnostic("warning", code, title, span, label, help, notes)
 
 
+class Mistake(ValueError):
+    """A wrong option, file or policy; the message says what is wrong with it."""
+
+
 class CompileError(Exception):
     """The model cannot be compiled. `diagnostics` says why; at least one is an error."""
 

@@ -13,6 +13,8 @@ from fractions import Fraction
 from typing import Any, Literal, TypeAlias, cast, get_args
 from warnings import warn
 
+from dl2c.diagnostics import Mistake
+
 OnBlocked: TypeAlias = Literal["fallback", "truncate", "terminate"]
 Duration: TypeAlias = Literal["max", "sample", "agent"]
 MaskDepth: TypeAlias = Literal["flow", "step"]
@@ -33,7 +35,7 @@ DEFAULT_DT = Fraction(1, 10)
 Kind: TypeAlias = Literal["word", "integer", "decimal", "boolean", "range", "text", "constants"]
 
 
-class UnknownOption(ValueError):
+class UnknownOption(Mistake):
     """An option name or value that does not exist; the message says what does."""
 
 
@@ -269,6 +271,11 @@ def _record(option: "Field[Any]") -> Option:
 OPTIONS: Mapping[str, Option] = {f.name: _record(f) for f in fields(Options) if f.name != "given"}
 IN_EPISODE: Mapping[str, Option] = {o.episode: o for o in OPTIONS.values() if o.episode}
 """The options that `@episode` may set, by their names there."""
+
+
+def as_words(options: Options) -> dict[str, str]:
+    """Options as they decide what is built."""
+    return {f.name: str(getattr(options, f.name)) for f in fields(options) if f.name != "given"}
 
 
 def with_options(options: Options, given: Mapping[str, Any]) -> Options:

@@ -5,21 +5,20 @@ source --parsed--> entry --resolved--> problem --lowered--> step model --planned
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, reduce, wraps
+from functools import cached_property, lru_cache, partial, reduce, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from dl2c.configuration import configured
-from dl2c.diagnostics import CompileError, Diagnostic, as_stored, in_source_order, restored, warning
-from dl2c.inputs import checked_input, read_json
+from dl2c.diagnostics import CompileError, Diagnostic, as_stored, in_source_order, warning
 from dl2c.ir.model import LARGEST_STATE, TRUE
 from dl2c.ir.printer import print_model
 from dl2c.lower.doubts import program_warnings
 from dl2c.lower.problem import lower
+from dl2c.native.built import WARNINGS, Compiled, Reading, loaded
 from dl2c.native.cache import build_key, cached
-from dl2c.options import IN_EPISODE, Options, UnknownOption, with_options
+from dl2c.options import Options, UnknownOption, as_words
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_archive, print_formula
 from dl2c.parse.tree import And, Entry
@@ -37,7 +36,8 @@ if TYPE_CHECKING:
     from dl2c.emit.plan import BuildPlan
     from dl2c.flows.kernel import FlowPlan
     from dl2c.ir.model import Model
-    from dl2c.native.binding import Library
+    from dl2c.native.manifest import Manifest
+    from dl2c.native.sundials import Sundials
     from dl2c.paths.path import Paths
     from dl2c.sampling.plan import NoSampler
     from dl2c.sampling.tables import SamplingPlan
@@ -49,15 +49,6 @@ ANY = (-LARGEST_STATE, LARGEST_STATE)
 STAGES = ("tree", "expanded", "ir", "paths", "c", "gym")
 
 _T = TypeVar("_T")
-
-
-@dataclass(frozen=True, slots=True)
-class Compiled:
-    """A built model: its loaded library, the folder of its files, and what to tell the user."""
-
-    library: "Library"
-    directory: Path
-    warnings: tuple[Diagnostic, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,22 +227,15 @@ class Compilation:
     def claim(self) -> "Claim":
         """What the model claims, with what is known of it at this moment."""
         from dl2c.emit.claim import Claim
-        from dl2c.verify.results import any_kept, kept
+        from dl2c.verify.results import status
 
         loop = self.resolved.problem.shape.loop
         invariants = () if loop is None else loop.invariants
         text = print_formula(reduce(And, invariants)) if invariants else ""
         claim = Claim(self.parsed.entry.name, " ".join(text.split()))
-        if isinstance(self._model, Entry) or not any_kept():
+        if isinstance(self._model, Entry):
             return claim
-        return replace(claim, known=str(kept(self._theorem)))
-
-    @_stage(after="parsed")
-    def _theorem(self) -> str:
-        """The name of the file in which the answer for this theorem is kept."""
-        from dl2c.verify.results import digest_of
-
-        return digest_of(self.parsed.entry, dict(self.given.constants))
+        return replace(claim, known=str(status(self._model, self.given, self.parsed.entry)))
 
     @property
     def warnings(self) -> tuple[Diagnostic, ...]:
@@ -260,68 +244,65 @@ class Compilation:
 
     def load(self) -> Compiled:
         """The library, built or taken from the cache. Raises `NativeError` where C cannot be compiled."""
-        from dl2c.native.binding import load_library
-        from dl2c.native.errors import NativeError
-        from dl2c.native.manifest import MAX_BYTES
-
         source = self._model
         assert isinstance(source, Source)
-        earlier, options = self.resolved.warnings, self.resolved.options
+        reading = Reading(as_words(self.resolved.options), self.resolved.warnings)
         self.progress("looking for an earlier build")
         claim = self.claim()
-        key = build_key({source.name: source.text}, options, claim.known)
-
-        def load(directory: Path) -> Compiled:
-            with checked_input(NativeError, "this is no build"):
-                found = read_json(directory / "warnings.json", MAX_BYTES)
-                later = tuple(restored(w, source) for w in found)
-            return Compiled(load_library(directory), directory, in_source_order((*earlier, *later)))
-
-        compiled = cached(key, lambda folder: self._build(key, folder, claim), load)
+        key = self._key(claim)
+        build = partial(self._build, key, claim=claim)
+        compiled = cached(key, build, lambda folder: loaded(folder, source, reading.warnings))
+        reading.keep(source, self.given)
         LOG.info("files: %s", compiled.directory)
         return compiled
+
+    def _key(self, claim: "Claim") -> str:
+        source = self.place.source
+        return build_key({source.name: source.text}, as_words(self.resolved.options), claim.known)
+
+    def manifest(self) -> "Manifest":
+        """What a build would say of itself; no C is written or compiled. Raises what `load` raises."""
+        with budgeted():
+            claim = self.claim()
+            return self._manifest(self._key(claim), claim)
+
+    def _manifest(self, key: str, claim: "Claim") -> "Manifest":
+        from dl2c.native.describe import manifest_of
+        from dl2c.native.host import host
+
+        solver = {} if self._sundials is None else {"solver": self._sundials.version}
+        return manifest_of(self.planned.build.claiming(claim), key, host() | solver)
+
+    @_stage(after="planned")
+    def _sundials(self) -> "Sundials | None":
+        """The solver of flows without a closed form, if there are any."""
+        from dl2c.native.sundials import find_sundials
+        from dl2c.native.toolchain import find_compiler
+
+        if not any(f.kernel == "cvodes" or f.stiff for f in self.planned.build.flows):
+            return None
+        return find_sundials(self.resolved.options.sundials, find_compiler())
 
     def _build(self, key: str, folder: Path, claim: "Claim") -> None:
         """Fill a folder with everything that `dl2c build` writes."""
         from dl2c.emit.names import file_stem
         from dl2c.native.compile import compile_library
-        from dl2c.native.describe import manifest_of
-        from dl2c.native.host import host
-        from dl2c.native.sundials import find_sundials
-        from dl2c.native.toolchain import find_compiler
 
-        sources, options = self.emitted(claim), self.resolved.options
-        build = self.planned.build.claiming(claim)
+        sources, native = self.emitted(claim), self.resolved.options.native
+        model = self.lowered.model
         with stage("compiling C", self.progress):
-            numeric = any(f.kernel == "cvodes" or f.stiff for f in build.flows)
-            sundials = find_sundials(options.sundials, find_compiler()) if numeric else None
-            stem = file_stem(build.model.name)
-            compile_library(sources, stem, folder, native=options.native, sundials=sundials)
-        solver = {} if sundials is None else {"solver": sundials.version}
-        manifest = manifest_of(build, key, host() | solver)
+            compile_library(sources, file_stem(model.name), folder, native=native, sundials=self._sundials)
+        manifest = self._manifest(key, claim)
         (folder / "manifest.json").write_text(manifest.to_json(), encoding="utf-8")
-        (folder / "model.ir").write_text(print_model(build.model), encoding="utf-8")
+        (folder / "model.ir").write_text(print_model(model), encoding="utf-8")
         stored = [as_stored(w) for w in self.planned.warnings]
-        (folder / "warnings.json").write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
+        (folder / WARNINGS).write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
 
 
 @lru_cache(maxsize=4)
 def compilation(source: Source, options: Options) -> Compilation:
     """The compilation of a model; whoever asks again for one of the last few gets the same."""
     return Compilation(source, options)
-
-
-def resolve_options(given: Mapping[str, Any]) -> Options:
-    """Options from names and values, under them those of the project's `[tool.dl2c]`.
-
-    An option may have its name in `@episode` too: `gym.make` keeps `max_episode_steps` for a wrapper of its
-    own. Raises `UnknownOption`, and `CompileError` for a mistake in the project's file.
-    """
-    defaults = configured(Options())
-    named = {IN_EPISODE[n].name if n in IN_EPISODE else n: value for n, value in given.items()}
-    options = with_options(defaults, named)
-    constants = dict(defaults.constants) | dict(options.constants)
-    return replace(options, constants=tuple(sorted(constants.items())))
 
 
 @budgeted()

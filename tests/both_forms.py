@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.env.opening import source_of
 from dl2c.flows.kernel import FlowPlan, plan_flow
 from dl2c.flows.watch import watches_along
 from dl2c.interp.follow import follow
 from dl2c.interp.step import Interpreter
 from dl2c.interp.transition import Request, Start, Step
-from dl2c.pipeline import resolve_options, step_model
+from dl2c.pipeline import step_model
 
 
 @dataclass(frozen=True)

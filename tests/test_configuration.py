@@ -12,10 +12,10 @@ import pytest
 from commands.test_cli import run
 
 import dl2c
-from dl2c.configuration import NAMES, configured
+from dl2c.configuration import NAMES, configured, resolve_options
 from dl2c.diagnostics import CompileError
 from dl2c.options import Options
-from dl2c.pipeline import check_model, emit, resolve_options
+from dl2c.pipeline import check_model, emit
 from dl2c.source import Source
 
 ROOT = Path(__file__).resolve().parent.parent

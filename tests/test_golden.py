@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import dl2c
-from dl2c.pipeline import check_model, emit, resolve_options
+from dl2c.configuration import resolve_options
+from dl2c.pipeline import check_model, emit
 from dl2c.source import Source
 
 HERE = Path(__file__).parent

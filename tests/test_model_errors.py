@@ -11,9 +11,10 @@ from generators.syntax_strategies import archives
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError
 from dl2c.parse.printer import print_archive
-from dl2c.pipeline import check_model, resolve_options
+from dl2c.pipeline import check_model
 from dl2c.source import NOWHERE, Source
 
 FAMILIES = ("name", "sort", "definition", "shape", "fragment", "episode", "input")

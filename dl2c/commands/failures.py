@@ -16,12 +16,9 @@ from rich.console import Console
 from rich.text import Text
 
 from dl2c.commands.verbosity import detailed, quiet
-from dl2c.diagnostics import MOST_SHOWN, CompileError, Diagnostic, not_shown, render
+from dl2c.diagnostics import MOST_SHOWN, CompileError, Diagnostic, Mistake, not_shown, render
 from dl2c.native.errors import NativeError
-from dl2c.options import UnknownOption
 from dl2c.source import NOWHERE
-from dl2c.training.policies import PolicyError
-from dl2c.training.run import TrainingError
 from dl2c.version import __version__
 
 USER, BUG = 1, 70
@@ -40,7 +37,7 @@ STARVED = ("failed to map segment", "cannot allocate memory", "can't start new t
 """How a library that finds no memory, or no thread, says so."""
 
 
-class CommandError(Exception):
+class CommandError(Mistake):
     """Something a command cannot do; the message says why."""
 
 
@@ -50,7 +47,7 @@ def report(failure: BaseException) -> int:
         case CompileError(diagnostics=diagnostics):
             show(diagnostics)
             return USER
-        case NativeError() | UnknownOption() | PolicyError() | TrainingError() | CommandError():
+        case NativeError() | Mistake():
             _line(str(failure))
             return USER
         case BrokenPipeError():

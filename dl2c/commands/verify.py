@@ -197,8 +197,8 @@ def _theorem(
     json: bool,
 ) -> int:
     """Prove the theorem of a model; the exit code."""
+    from dl2c.configuration import resolve_options
     from dl2c.env.opening import source_of
-    from dl2c.pipeline import resolve_options
 
     source = source_of(model)
     report = _proved(model, source, resolve_options(options), limits)

@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from dl2c.commands.verbosity import detailed, quiet
 
@@ -24,14 +23,9 @@ def working(what: str) -> Generator[Callable[[str], None]]:
 @contextmanager
 def progress(steps: int) -> Generator[Any]:
     """A bar on a terminal's stderr, nothing elsewhere; yields what takes a point of the learning curve."""
-    console = Console(stderr=True)
-    columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
-    with Progress(
-        *columns,
-        TextColumn("{task.description}"),
-        console=console,
-        disable=quiet() or not console.is_terminal,
-    ) as bar:
+    from rich.progress import TextColumn
+
+    with _bar(TextColumn("{task.percentage:3.0f} %"), TextColumn("{task.description}")) as bar:
         task = bar.add_task("", total=steps)
 
         def note(point: Any) -> None:
@@ -46,9 +40,17 @@ def progress(steps: int) -> Generator[Any]:
 @contextmanager
 def counting(total: int, what: str) -> Generator[Callable[[int], None]]:
     """A bar on a terminal's stderr, nothing elsewhere; yields what takes how many are done."""
-    console = Console(stderr=True)
-    columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.completed:,} of {task.total:,} " + what))
-    hidden = quiet() or not console.is_terminal
-    with Progress(*columns, TimeElapsedColumn(), console=console, disable=hidden) as bar:
+    from rich.progress import TextColumn
+
+    with _bar(TextColumn("{task.completed:,} of {task.total:,} " + what)) as bar:
         task = bar.add_task("", total=total)
         yield lambda done: bar.update(task, completed=min(done, total))
+
+
+def _bar(done: Any, *more: Any) -> Any:
+    """A bar with columns beside it, hidden where stderr is no terminal."""
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), BarColumn(), done, TimeElapsedColumn(), *more)
+    return Progress(*columns, console=console, disable=quiet() or not console.is_terminal)

@@ -8,13 +8,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from dl2c.native.manifest import Manifest
-from dl2c.progress import Progress, silent
+from dl2c.progress import LOG, Progress, silent
 from dl2c.source import Source
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Library
-    from dl2c.pipeline import Compilation, Compiled
+    from dl2c.native.built import Compiled
+    from dl2c.native.manifest import Manifest
+    from dl2c.options import Options
+    from dl2c.pipeline import Compilation
 
 Model: TypeAlias = Source | Path | str
 """A model as a user names it; see `source_of`."""
@@ -52,9 +54,33 @@ def build(source: Source, options: Mapping[str, Any], progress: Progress = silen
     Raises `CompileError` for a mistake in the model, `UnknownOption`, `NativeError`. `progress` is told
     what is being done.
     """
-    from dl2c.pipeline import compile_model, resolve_options
+    from dl2c.configuration import resolve_options
 
-    return compile_model(source, resolve_options(options), progress=progress)
+    chosen = resolve_options(options)
+    if (found := _built_before(source, chosen)) is not None:
+        return found
+    from dl2c.pipeline import compile_model
+
+    return compile_model(source, chosen, progress=progress)
+
+
+def _built_before(source: Source, options: "Options") -> "Compiled | None":
+    from dl2c.native.built import built_before
+    from dl2c.verify.results import status
+
+    found = built_before(source, options, lambda: str(status(source, options)))
+    if found is not None:
+        LOG.info("files: %s", found.directory)
+    return found
+
+
+def manifest_of(model: Model, options: Mapping[str, Any]) -> "Manifest":
+    """What a built model says of itself; no C is compiled for that. Raises what `build` raises."""
+    from dl2c.configuration import resolve_options
+
+    source = source_of(model)
+    found = _built_before(source, resolve_options(options))
+    return compilation_of(source, options).manifest() if found is None else found.library.manifest
 
 
 def compilation_of(model: Model, options: Mapping[str, Any]) -> "Compilation":
@@ -62,7 +88,8 @@ def compilation_of(model: Model, options: Mapping[str, Any]) -> "Compilation":
 
     Raises `UnknownOption`.
     """
-    from dl2c.pipeline import compilation, resolve_options
+    from dl2c.configuration import resolve_options
+    from dl2c.pipeline import compilation
 
     return compilation(source_of(model), resolve_options(options))
 
@@ -72,7 +99,7 @@ def open_library(source: Source, options: Mapping[str, Any]) -> "Library":
     return build(source, options).library
 
 
-def batch_options(manifest: Manifest) -> dict[str, Any]:
+def batch_options(manifest: "Manifest") -> dict[str, Any]:
     """The effective options that concern a batch, as `Library.batch` takes them."""
     names = ("on_blocked", "action_map", "blocked_penalty", "stall_limit")
     return {"max_steps": manifest.options["max_episode_steps"]} | {n: manifest.options[n] for n in names}

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from dl2c.experiments.parallel import in_parallel
@@ -101,6 +100,8 @@ def _train_all() -> list[Trained]:
     console = Console(stderr=True)
     algorithms: tuple[Algorithm, ...] = ("ppo", "maskable-ppo")
     jobs = {(algo, seed): partial(_train, algo, seed) for algo in algorithms for seed in SEEDS}
+    from rich.progress import Progress
+
     with Progress(console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("training")
         found = in_parallel(jobs, lambda done, of: bar.update(task, completed=done, total=of))

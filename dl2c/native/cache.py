@@ -17,19 +17,17 @@ import tempfile
 import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 import platformdirs
-from filelock import FileLock, Timeout
 
 from dl2c.code import code_digest
 from dl2c.inputs import MALFORMED, read_json
 from dl2c.native.errors import NativeError
 from dl2c.native.sundials import find_sundials
 from dl2c.native.toolchain import cpu_features, find_compiler, python_include
-from dl2c.options import Options
 
 DEFAULT_CAP = 2 * 1024**3
 """Bytes the cache may hold before the least recently used entries go."""
@@ -41,6 +39,9 @@ SEAL = "sealed.json"
 """Digests of all other files of an entry."""
 
 MOST_SEALED = 2**20
+
+NOTES = "notes"
+"""In the cache's folder: what is known of texts, see `notes`."""
 
 KEY_LENGTH = 32
 
@@ -59,25 +60,25 @@ class CacheEntry:
     used: float
 
 
-def build_key(sources: Mapping[str, str], options: Options, known: str = "") -> str:
-    """The key of a build: `sources` are the texts of the model and its imports by name, `known` what its
-    files say of its theorem.
+def build_key(sources: Mapping[str, str], options: Mapping[str, str], known: str = "") -> str:
+    """The key of a build: `sources` are the texts of the model and its imports by name, `options` the
+    effective ones as words, `known` what its files say of its theorem.
 
     Covers also this version of dl2c, the compiler, its flags, the interpreter's ABI and casadi,
-    and for `options.native` the CPU. Raises `CompilerMissing`, `CompilerFailed`.
+    and for the option `native` the CPU. Raises `CompilerMissing`, `CompilerFailed`.
     """
     compiler = find_compiler()
-    flags = compiler.flags(options.native)
+    flags = compiler.flags(options["native"] == "True")
     facts = {
         "sources": dict(sources),
         "known": known,
-        "options": {name: str(value) for name, value in asdict(options).items()},
+        "options": dict(options),
         "code": code_digest(),
         "compiler": (compiler.command, compiler.version),
         "flags": flags,
         "python": (sysconfig.get_config_var("SOABI"), bool(python_include())),
         "casadi": _version("casadi"),
-        "sundials": find_sundials("system", compiler).version if options.sundials == "system" else "",
+        "sundials": find_sundials("system", compiler).version if options["sundials"] == "system" else "",
         "cpu": cpu_features() if any("native" in flag for flag in flags) else "",
     }
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:KEY_LENGTH]
@@ -122,25 +123,28 @@ def cached(key: str, build: Callable[[Path], None], load: Callable[[Path], Loade
     root = cache_dir()
     entry = root / key
     try:
-        if (loaded := _reused(entry, load)) is None:
+        if (loaded := reused(key, load)) is None:
             with _locked(root, key):
-                if (loaded := _reused(entry, load)) is None:
+                if (loaded := reused(key, load)) is None:
                     _remove_leftovers(root, key)
                     _build(root, entry, build)
                     loaded = load(entry)
-        prune(idle=GRACE)
+            prune(idle=GRACE)
     except OSError as problem:
         raise NativeError(f"cannot write the build cache {root}: {problem.strerror}; {ADVICE}") from None
-    with suppress(OSError):
-        os.utime(entry / SEAL)
     return loaded
 
 
-def _reused(entry: Path, load: Callable[[Path], Loaded]) -> Loaded | None:
-    """None where there is no whole entry, or none that can be loaded."""
+def reused(key: str, load: Callable[[Path], Loaded]) -> Loaded | None:
+    """What `load(folder)` makes of the entry `key`; None where there is no whole entry, or none that can be
+    loaded. Raises `NativeError` where there can be no cache.
+    """
+    entry = cache_dir() / key
     if _intact(entry):
         with suppress(NativeError, OSError):
-            return load(entry)
+            loaded = load(entry)
+            os.utime(entry / SEAL)
+            return loaded
     return None
 
 
@@ -166,9 +170,14 @@ def prune(cap: int = DEFAULT_CAP, idle: float = 0.0) -> tuple[CacheEntry, ...]:
 
 
 def clear() -> tuple[CacheEntry, ...]:
-    """Remove every entry that nobody is building, and what killed builds left; returns the entries."""
+    """Remove every entry that nobody is building, all notes, and what killed builds left; returns the
+    entries.
+    """
+    from filelock import Timeout
+
     root = cache_dir()
     removed = prune(cap=0)
+    shutil.rmtree(root / NOTES, ignore_errors=True)
     for key in {path.name.partition(".")[0] for path in root.glob("*.tmp")}:
         with suppress(Timeout), _locked(root, key, timeout=0):
             _remove_leftovers(root, key)
@@ -212,6 +221,8 @@ def _entry(path: Path) -> CacheEntry | None:
 
 
 def _remove(root: Path, key: str) -> bool:
+    from filelock import Timeout
+
     try:
         with _locked(root, key, timeout=0):
             return _remove_leftovers(root, key)
@@ -234,6 +245,8 @@ def _remove_leftovers(root: Path, key: str) -> bool:
 @contextmanager
 def _locked(root: Path, key: str, timeout: float = -1) -> Generator[None]:
     """Hold the lock of a key; its file stays, since removing it would let two in."""
+    from filelock import FileLock
+
     locks = root / "locks"
     locks.mkdir(mode=0o700, exist_ok=True)
     with FileLock(locks / key, timeout=timeout):

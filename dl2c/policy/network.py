@@ -10,6 +10,8 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from dl2c.diagnostics import Mistake
+
 Floats: TypeAlias = NDArray[np.float64]
 Activation: TypeAlias = Literal["identity", "tanh", "relu", "elu", "sigmoid"]
 ActionKind: TypeAlias = Literal["none", "choice", "choices", "runs", "box"]
@@ -17,7 +19,7 @@ ActionKind: TypeAlias = Literal["none", "choice", "choices", "runs", "box"]
 ACTIVATIONS: tuple[Activation, ...] = get_args(Activation)
 
 
-class PolicyError(ValueError):
+class PolicyError(Mistake):
     """A policy that cannot act in an environment, or cannot be read; the message says why."""
 
 

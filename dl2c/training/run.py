@@ -5,6 +5,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
+from dl2c.diagnostics import Mistake
+
 Algorithm: TypeAlias = Literal["ppo", "maskable-ppo", "sac"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
@@ -15,7 +17,7 @@ MOST_BYTES = 64 * 1024**2
 """A longer `run.json` is not read."""
 
 
-class TrainingError(ValueError):
+class TrainingError(Mistake):
     """A training that cannot be done as it is wanted; the message says why."""
 
 

@@ -20,14 +20,13 @@ from dl2c.diagnostics import CompileError
 from dl2c.inputs import MALFORMED, read_json
 from dl2c.native.cache import cache_home
 from dl2c.native.errors import NativeError
+from dl2c.native.notes import recalled, remember
 from dl2c.options import Options
 from dl2c.outputs import write_output
-from dl2c.parse.tree import Entry
-from dl2c.resolve.unreadable import read_entry
 from dl2c.source import Source
-from dl2c.verify.theorem import theorem_of
 
 if TYPE_CHECKING:
+    from dl2c.parse.tree import Entry
     from dl2c.verify.report import Report
 
 NOT_CHECKED = "not checked"
@@ -52,15 +51,23 @@ class Status:
         return f"{self.answer} {self.basis}".strip()
 
 
-def status(source: Source, options: Options) -> Status:
-    """What is known of the theorem of a model; `not checked` where nothing is."""
+def status(source: Source, options: Options, entry: "Entry | None" = None) -> Status:
+    """What is known of the theorem of a model, whose `entry` may have been read; `not checked` where nothing
+    is.
+    """
     if not any_kept():
         return Status()
-    try:
-        entry, _ = read_entry(source, options.entry)
-    except CompileError:
-        return Status()
-    return kept(digest_of(entry, dict(options.constants)))
+    name = recalled("theorem", source, options).get("name")
+    if not isinstance(name, str):
+        from dl2c.resolve.unreadable import read_entry
+
+        try:
+            read = entry or read_entry(source, options.entry)[0]
+        except CompileError:
+            return Status()
+        name = digest_of(read, dict(options.constants))
+        remember("theorem", source, options, {"name": name})
+    return kept(name)
 
 
 def any_kept() -> bool:
@@ -80,6 +87,8 @@ def kept(digest: str) -> Status:
 
 def store(source: Source, options: Options, report: "Report") -> None:
     """Keep an answer; what cannot be written is not kept."""
+    from dl2c.resolve.unreadable import read_entry
+
     entry, _ = read_entry(source, options.entry)
     digest = digest_of(entry, dict(options.constants))
     if not digest or (any_kept() and kept(digest).answer in DEFINITE and report.answer not in DEFINITE):
@@ -98,8 +107,10 @@ def folder() -> Path:
     return cache_home() / "proofs"
 
 
-def digest_of(entry: Entry, values: Mapping[str, Fraction]) -> str:
+def digest_of(entry: "Entry", values: Mapping[str, Fraction]) -> str:
     """The name under which the answer for a theorem is kept; "" for what is no theorem."""
+    from dl2c.verify.theorem import theorem_of
+
     try:
         theorem = theorem_of(entry, values)
         facts = [repr(theorem.formula), repr(theorem.hints), repr(sorted(theorem.bounds.items()))]

@@ -14,9 +14,10 @@ import pytest
 from commands.test_cli import run
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.env.opening import source_of
 from dl2c.native.manifest import Manifest
-from dl2c.pipeline import emit, resolve_options
+from dl2c.pipeline import emit
 from dl2c.report.page import _environment  # pyright: ignore[reportPrivateUsage]
 from dl2c.smt.terms import z3
 from dl2c.verify import results

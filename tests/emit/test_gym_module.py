@@ -15,8 +15,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError
-from dl2c.pipeline import emit, resolve_options
+from dl2c.pipeline import emit
 from dl2c.source import Source
 
 HERE = Path(__file__).parents[1]

@@ -8,10 +8,11 @@ import pytest
 from conftest import REPOSITORY
 from typer.testing import CliRunner
 
+from dl2c.configuration import resolve_options
 from dl2c.experiments.commands import app
 from dl2c.experiments.studies.catalogue import STUDIES, Study
 from dl2c.experiments.studies.page import ANNOTATED, annotations, problem
-from dl2c.pipeline import resolve_options, step_model
+from dl2c.pipeline import step_model
 
 PREDICATE = re.compile(r"Bool (\w+)")
 

@@ -4,13 +4,14 @@ import pytest
 from both_forms import quick_builds, theorem
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError
 from dl2c.env.opening import source_of
 from dl2c.flows.kernel import FlowPlan, plan_flow
 from dl2c.flows.watch import watches_of
 from dl2c.interp.follow import follow
 from dl2c.ir.model import Symbol
-from dl2c.pipeline import check_model, resolve_options, step_model
+from dl2c.pipeline import check_model, step_model
 
 START = {"x": 0.0, "v": 1.0, "a": -2.0, "t": 0.0}
 """x = t - t^2, which is 3/16 at t = 1/4 and t = 3/4 and at most 1/4; v = 1 - 2 t."""

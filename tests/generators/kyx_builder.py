@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError
 from dl2c.ir.model import Model
 from dl2c.lower.problem import lower
@@ -11,7 +12,6 @@ from dl2c.parse import tree
 from dl2c.parse.parser import parse_archive
 from dl2c.paths.enumerate import enumerate_paths
 from dl2c.paths.path import Paths
-from dl2c.pipeline import resolve_options
 from dl2c.resolve.problem import Problem, resolve
 from dl2c.source import Source
 

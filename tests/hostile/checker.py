@@ -9,10 +9,11 @@ import resource
 import sys
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError, render
 from dl2c.env.opening import source_of
 from dl2c.lint.check import examine
-from dl2c.pipeline import check_model, resolve_options
+from dl2c.pipeline import check_model
 from dl2c.source import NOWHERE
 
 MEMORY = 4 * 1024**3

@@ -9,13 +9,14 @@ from commands.test_cli import run
 from conftest import shared
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError
 from dl2c.lint.check import examine
 from dl2c.lint.edits import edited
 from dl2c.lint.suggest import suggestions
 from dl2c.options import Options
 from dl2c.parse.parser import parse_archive
-from dl2c.pipeline import Compilation, check_model, resolve_options
+from dl2c.pipeline import Compilation, check_model
 from dl2c.source import Source
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from test_model_errors import mutated
 
 from dl2c.commands.check import table_of_codes
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.ir.model import Symbol
 from dl2c.lint.check import examine
@@ -24,7 +25,6 @@ from dl2c.lint.fix import edits_of
 from dl2c.lint.suggest import suggestions
 from dl2c.lint.units import shown, unit_of
 from dl2c.options import Options
-from dl2c.pipeline import resolve_options
 from dl2c.smt.query import Impossible, Oracle
 from dl2c.source import NOWHERE, Source
 

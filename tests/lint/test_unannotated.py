@@ -11,11 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError
 from dl2c.interval.bounded import bounded, closed
 from dl2c.ir.model import Bound
 from dl2c.options import Options, UnknownOption, with_options
-from dl2c.pipeline import check_model, resolve_options
+from dl2c.pipeline import check_model
 from dl2c.source import Source
 
 BRAKING = """Theorem "brake"

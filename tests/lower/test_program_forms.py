@@ -12,12 +12,13 @@ import pytest
 from differential import pair_of
 from generators.kyx_builder import codes, lowered, model_text, paths_of
 
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError
 from dl2c.env.single import Dl2cEnv
 from dl2c.ir.model import Repeat, While
 from dl2c.ir.printer import print_block
 from dl2c.native.errors import ResetFailed
-from dl2c.pipeline import check_model, resolve_options
+from dl2c.pipeline import check_model
 from dl2c.source import Source
 
 # While loops ------------------------------------------------------------------

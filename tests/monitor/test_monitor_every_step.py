@@ -9,10 +9,11 @@ from conftest import REPOSITORY
 
 import dl2c
 from dl2c.commands.monitor import unit_of
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError
 from dl2c.emit.monitor.files import monitor_files
 from dl2c.native.errors import MonitorViolated
-from dl2c.pipeline import emit, resolve_options
+from dl2c.pipeline import emit
 from dl2c.source import Source
 from dl2c.training.evaluation import flat_environments
 from dl2c.training.policies import policy_of

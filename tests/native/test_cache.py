@@ -15,7 +15,7 @@ import pytest
 from dl2c.native import cache, toolchain
 from dl2c.native.cache import build_key, cache_dir, cache_entries, cached, clear, prune
 from dl2c.native.errors import NativeError
-from dl2c.options import Options
+from dl2c.options import Options, as_words
 
 KEY = "0123456789abcdef" * 2
 
@@ -158,28 +158,30 @@ def test_clear_removes_everything_but_running_builds(tmp_path: Path) -> None:
 def test_key_depends_on_everything(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     model = {"m.kyx": "text"}
     keys = [
-        build_key(model, Options()),
-        build_key({"m.kyx": "texts"}, Options()),
-        build_key(model | {"lib.kyx": ""}, Options()),
-        build_key(model, Options(dt=Fraction(1, 20))),
-        build_key(model, Options(native=True)),
+        build_key(model, as_words(Options())),
+        build_key({"m.kyx": "texts"}, as_words(Options())),
+        build_key(model | {"lib.kyx": ""}, as_words(Options())),
+        build_key(model, as_words(Options(dt=Fraction(1, 20)))),
+        build_key(model, as_words(Options(native=True))),
     ]
     monkeypatch.setenv("CFLAGS", "-g")
-    keys.append(build_key(model, Options()))
+    keys.append(build_key(model, as_words(Options())))
     monkeypatch.setattr(cache, "code_digest", lambda: "another version")
-    keys.append(build_key(model, Options()))
+    keys.append(build_key(model, as_words(Options())))
     monkeypatch.setattr(cache, "_version", lambda package: "0.0")
-    keys.append(build_key(model, Options()))
+    keys.append(build_key(model, as_words(Options())))
     other = tmp_path / "othercc"
     other.write_text("#!/bin/sh\necho othercc 1.0\n")
     other.chmod(0o755)
     monkeypatch.setenv("CC", str(other))
-    keys.append(build_key(model, Options()))
+    keys.append(build_key(model, as_words(Options())))
     monkeypatch.setattr(cache, "find_compiler", lambda: toolchain.Compiler((str(other),), "othercc 2.0"))
-    keys.append(build_key(model, Options()))
+    keys.append(build_key(model, as_words(Options())))
     assert len(set(keys)) == len(keys)
 
 
 def test_key_is_a_function_of_its_input() -> None:
     model = {"a.kyx": "1", "b.kyx": "2"}
-    assert build_key(model, Options()) == build_key(dict(reversed(model.items())), Options())
+    assert build_key(model, as_words(Options())) == build_key(
+        dict(reversed(model.items())), as_words(Options())
+    )

@@ -11,11 +11,12 @@ from differential import environment_of
 from generators.random_models import random_model
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.emit.names import file_stem
 from dl2c.emit.simulator.model_c import model_sources
 from dl2c.native import cgen_dir
 from dl2c.native.toolchain import EXACT_FLAGS
-from dl2c.pipeline import Compilation, resolve_options
+from dl2c.pipeline import Compilation
 from dl2c.source import Source
 
 HERE = Path(__file__).resolve().parents[1]

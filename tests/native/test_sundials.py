@@ -16,7 +16,7 @@ from dl2c.native.compile import compile_library, declarations
 from dl2c.native.errors import CompilerFailed, NativeError
 from dl2c.native.sundials import casadi_library, find_sundials, load_solver
 from dl2c.native.toolchain import find_compiler
-from dl2c.options import Options, UnknownOption, with_options
+from dl2c.options import Options, UnknownOption, as_words, with_options
 
 TOY = {"toy.h": MODEL_H, "toy.c": MODEL_C}
 
@@ -69,9 +69,9 @@ def test_a_model_links_with_the_systems_sundials(tmp_path: Path) -> None:
 
 
 def test_a_build_depends_on_the_provider() -> None:
-    keys = {build_key({"m.kyx": "text"}, Options())}
+    keys = {build_key({"m.kyx": "text"}, as_words(Options()))}
     try:
-        keys.add(build_key({"m.kyx": "text"}, Options(sundials="system")))
+        keys.add(build_key({"m.kyx": "text"}, as_words(Options(sundials="system"))))
     except CompilerFailed as problem:
         pytest.skip(str(problem))
     assert len(keys) == 2

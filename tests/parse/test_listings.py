@@ -12,8 +12,9 @@ import pytest
 from conftest import shared
 from generators.kyx_builder import model_text
 
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError, Diagnostic
-from dl2c.pipeline import check_model, emit, resolve_options
+from dl2c.pipeline import check_model, emit
 from dl2c.source import Source
 
 Outcome = Counter[str]

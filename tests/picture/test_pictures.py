@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.env.opening import source_of
 from dl2c.ir.arrays import margins, truths, values
 from dl2c.ir.evaluate import Undefined, evaluate, truth
@@ -21,7 +22,7 @@ from dl2c.picture.figure import Panels, episode_figure, panels_of, pixels
 from dl2c.picture.regions import region
 from dl2c.picture.thresholds import deadline, thresholds
 from dl2c.picture.track import Track, events, symbols_at
-from dl2c.pipeline import Compilation, resolve_options
+from dl2c.pipeline import Compilation
 from dl2c.source import Source
 
 matplotlib = pytest.importorskip("matplotlib")

@@ -10,8 +10,9 @@ from both_forms import Both, quick_builds, theorem
 from generators.kyx_builder import lowered, model_text
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.options import Options, UnknownOption, with_options
-from dl2c.pipeline import emit, resolve_options
+from dl2c.pipeline import emit
 from dl2c.report.falsify import falsify
 from dl2c.source import Source
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.lint.check import examine
-from dl2c.pipeline import resolve_options, step_model
+from dl2c.pipeline import step_model
 from dl2c.source import Source
 
 

@@ -15,9 +15,10 @@ from emit.test_gym_module import environment_of, imported
 from generators.kyx_builder import model_text
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.lint.check import examine
 from dl2c.options import Options, with_options
-from dl2c.pipeline import emit, resolve_options
+from dl2c.pipeline import emit
 from dl2c.report.falsify import falsify
 from dl2c.source import Source
 from dl2c.training.rollout import rollout

@@ -8,7 +8,8 @@ import pytest
 from conftest import shared
 
 import dl2c
-from dl2c.pipeline import emit, resolve_options
+from dl2c.configuration import resolve_options
+from dl2c.pipeline import emit
 from dl2c.source import Source
 
 STIFF = "x'=-1000000*(x-y), y'=-y"

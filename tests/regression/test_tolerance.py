@@ -13,13 +13,14 @@ from conftest import shared
 from generators.ir_builder import formula
 
 import dl2c
+from dl2c.configuration import resolve_options
 from dl2c.flows.watch import watches_of
 from dl2c.ir.evaluate import truth
 from dl2c.ir.logic import symbols
 from dl2c.ir.model import Compare, Symbol
 from dl2c.ir.printer import print_term
 from dl2c.ir.slack import relaxed, terms_of
-from dl2c.pipeline import emit, resolve_options, step_model
+from dl2c.pipeline import emit, step_model
 from dl2c.source import Source
 
 

@@ -14,10 +14,11 @@ from typer.testing import CliRunner
 
 import dl2c
 from dl2c.cli import app
+from dl2c.configuration import resolve_options
 from dl2c.env.opening import source_of
 from dl2c.ir.evaluate import truth
 from dl2c.ir.model import Symbol
-from dl2c.pipeline import Compilation, resolve_options
+from dl2c.pipeline import Compilation
 from dl2c.report.blame import blamed, model_of
 from dl2c.report.episode import (
     Episode,

@@ -9,11 +9,12 @@ from corpus_table import files
 
 import dl2c
 from dl2c.commands.check import annotated
+from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError
 from dl2c.lint.check import examine
 from dl2c.lint.fix import fix_file
 from dl2c.parse.parser import parse_archive
-from dl2c.pipeline import Compilation, check_model, resolve_options
+from dl2c.pipeline import Compilation, check_model
 from dl2c.resolve.infer import inferred
 from dl2c.source import Source
 

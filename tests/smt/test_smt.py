@@ -108,7 +108,8 @@ def test_same_model_same_decision():
 
 INTERRUPTED = """
 import os, signal, threading
-from dl2c.pipeline import compilation, resolve_options
+from dl2c.configuration import resolve_options
+from dl2c.pipeline import compilation
 from dl2c.smt.query import Oracle
 from dl2c.source import Source
 

@@ -18,10 +18,11 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector.utils import create_empty_array
 from numpy.typing import NDArray
 
+from dl2c.configuration import resolve_options
 from dl2c.env.opening import batch_options, open_library
 from dl2c.experiments.bench.baseline import Baseline, Start
 from dl2c.experiments.bench.hand_written import HandWritten, is_there
-from dl2c.pipeline import resolve_options, step_model
+from dl2c.pipeline import step_model
 from dl2c.source import Source
 
 if TYPE_CHECKING:

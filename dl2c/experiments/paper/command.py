@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import Progress
 
 from dl2c.commands.failures import to_json
 from dl2c.commands.flags import Json
@@ -30,6 +29,8 @@ def paper(
 
     budget = QUICK if quick else FULL
     console = Console(stderr=True)
+    from rich.progress import Progress
+
     with Progress(console=console, disable=quiet() or not console.is_terminal) as bar:
         task = bar.add_task("training")
         results = experiments(budget, output, lambda done, of: bar.update(task, completed=done, total=of))

@@ -1,0 +1,76 @@
+"""A built model, and how it is found again without reading its text."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dl2c.diagnostics import Diagnostic, as_stored, in_source_order, restored
+from dl2c.inputs import checked_input, read_json
+from dl2c.native.cache import build_key, reused
+from dl2c.native.errors import NativeError
+from dl2c.native.manifest import MAX_BYTES
+from dl2c.native.notes import recalled, remember
+from dl2c.options import Options
+from dl2c.source import Source
+
+if TYPE_CHECKING:
+    from dl2c.native.binding import Library
+
+WARNINGS = "warnings.json"
+"""In the folder of a build: what was found after the text was read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Compiled:
+    """A built model: its loaded library, the folder of its files, and what to tell the user."""
+
+    library: "Library"
+    directory: Path
+    warnings: tuple[Diagnostic, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a build needs to know of a text: the effective options as words, and what was found while it was
+    read.
+    """
+
+    options: Mapping[str, str]
+    warnings: tuple[Diagnostic, ...]
+
+    def keep(self, source: Source, given: Options) -> None:
+        """Note it for the same text and the same given options."""
+        stored = [as_stored(w) for w in self.warnings]
+        remember("reading", source, given, {**asdict(self), "warnings": stored})
+
+
+def reading_of(source: Source, given: Options) -> Reading | None:
+    """What was noted of a text; None where nothing was."""
+    note = recalled("reading", source, given)
+    try:
+        warnings = tuple(restored(w, source) for w in note["warnings"])
+        return Reading(dict(note["options"]), warnings)
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def built_before(source: Source, options: Options, known: Callable[[], str]) -> Compiled | None:
+    """The build of a text, without reading it; None where there is none. `known` gives what is known of its
+    theorem.
+    """
+    reading = reading_of(source, options)
+    if reading is None:
+        return None
+    key = build_key({source.name: source.text}, reading.options, known())
+    return reused(key, lambda folder: loaded(folder, source, reading.warnings))
+
+
+def loaded(directory: Path, source: Source, earlier: Sequence[Diagnostic]) -> Compiled:
+    """The build in a folder. Raises `NativeError`."""
+    from dl2c.native.binding import load_library
+
+    with checked_input(NativeError, "this is no build"):
+        later: list[Any] = read_json(directory / WARNINGS, MAX_BYTES)
+        warnings = [*earlier, *(restored(w, source) for w in later)]
+    return Compiled(load_library(directory), directory, in_source_order(warnings))
