@@ -25,6 +25,7 @@ ProgramVariables
   /* @var: bound=[-2:2] */ Real v;
   /* @var: bound=[0:1] */ Real t;
 End.
+/* @episode: safety_check=auto */
 Problem
   x >= 0 & x <= 1 -> [{ {v := A; ++ v := -A;} t := 0; {x' = v, t' = 1 & t < 1} }*] safe(x)
 End.
