@@ -37,6 +37,9 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         return SimpleNamespace(library=library, warnings=found, directory=built)
 
     monkeypatch.setattr("dl2c.env.opening.build", build)
+    monkeypatch.setattr(
+        "dl2c.env.opening.manifest_of", lambda model, given: build(Source.read(model), given).library.manifest
+    )
     monkeypatch.setattr("dl2c.lint.check.examine", lambda source, given, portable: build(source, {}).warnings)
     return str(path)
 
@@ -54,8 +57,8 @@ def failing(patch: pytest.MonkeyPatch, failure: Exception) -> None:
     def build(source: Source, given: Any, progress: Any = None, portable: bool = False) -> Any:
         raise failure
 
-    patch.setattr("dl2c.env.opening.build", build)
-    patch.setattr("dl2c.lint.check.examine", build)
+    for name in ("dl2c.env.opening.build", "dl2c.env.opening.manifest_of", "dl2c.lint.check.examine"):
+        patch.setattr(name, build)
 
 
 def test_version(capsys: Any) -> None:

@@ -158,8 +158,8 @@ def test_the_cache_is_listed_pruned_and_cleared(capsys: Any, model: str, tmp_pat
     assert cache("dir") == f"{tmp_path / 'cache' / 'builds'}\n"
     assert cache("dir", "--json") == {"directory": str(tmp_path / "cache" / "builds")}
     assert cache("list") == "kept: 0, 0.00 MB\n"
-    run(capsys, "info", model)
-    run(capsys, "info", model, "--stall-limit", "3")
+    run(capsys, "build", model, "-o", str(tmp_path))
+    run(capsys, "build", model, "-o", str(tmp_path), "--stall-limit", "3")
     listed = cache("list", "--json")
     assert [(row["name"], row["bytes"] > 0, bool(row["used"])) for row in listed] == [
         ("still water", True, True)
@@ -167,7 +167,7 @@ def test_the_cache_is_listed_pruned_and_cleared(capsys: Any, model: str, tmp_pat
     assert [line.split()[0] for line in cache("list").splitlines()[:-1]] == [row["key"] for row in listed]
     assert cache("prune", "--json") == []
     assert "removed: 2" in cache("prune", "--cap", "0")
-    run(capsys, "info", model)
+    run(capsys, "build", model, "-o", str(tmp_path))
     assert [row["name"] for row in cache("clear", "--json")] == ["still water"]
     assert cache("list", "--json") == []
 
