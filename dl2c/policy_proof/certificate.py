@@ -128,8 +128,9 @@ def read_trees(path: Path, questions: Sequence[Question], kind: str) -> list[Bef
         entries: list[Any] = list(top["proofs"])
         digests = [entry["question"] for entry in entries]
         trees = [_tree(entry) for entry in entries]
-        if digests != [digest(q) for q in questions]:
-            raise CertificateError(f"{path} is about another model, policy or claim")
+    if digests != [digest(q) for q in questions]:
+        raise CertificateError(f"{path} is about another model, policy or claim")
+    with checked_input(CertificateError, f"{path} is no {what}"):
         for question, tree in zip(questions, trees, strict=True):
             check_levels(question, tree)
         times = [_seconds(e, len(t)) if kind == SEARCH else () for e, t in zip(entries, trees, strict=True)]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dl2c.interval.arithmetic import enclosure
 from dl2c.native.boxes import SUSPECT, Bytes, Doubles, Judge
 from dl2c.policy.network import PolicyError
 from dl2c.policy_proof.question import Question
@@ -136,7 +137,7 @@ def _state(question: Question, judge: Judge, box: Doubles, found: Found) -> Doub
 
 def _refuted(question: Question, judge: Judge, box: Doubles, state: Doubles, axes: Sequence[int]) -> Doubles:
     """Points of the grid that are suspect. What is computed of others is left to the judge."""
-    ends = box[axes]
+    ends = np.array([(enclosure(low).high, enclosure(high).low) for low, high in question.box])[axes]
     grid = np.stack(np.meshgrid(*np.linspace(ends[:, 0], ends[:, 1], POINTS, axis=1), indexing="ij"), axis=-1)
     places = grid.reshape(-1, len(axes))
     points = np.tile(np.stack([state, state], axis=1), (len(places), 1, 1))
