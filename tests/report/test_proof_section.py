@@ -143,8 +143,8 @@ def test_what_is_about_something_else_is_said_in_a_line(proved: Path, refuted: P
         data["progress"] = [data["progress"][0][1:]]
         (folder / PROOF).write_text(json.dumps(data))
 
-    def not_covered(folder: Path) -> None:
-        (folder / "model.kyx").write_text(SWITCH.replace("Problem\n", "Problem\n  exp(0) = 1 & pi() > 3 & "))
+    def broken_model(folder: Path) -> None:
+        (folder / "model.kyx").write_text(SWITCH.replace("Problem\n", "Problem\n  pi() > 3 & "))
 
     said = {
         other_policy: "proof.json is about another model, policy or claim.",
@@ -153,7 +153,7 @@ def test_what_is_about_something_else_is_said_in_a_line(proved: Path, refuted: P
         no_certificate: "No such file or directory: certificate.json.",
         no_report: "proof.json is not of `dl2c train --provable`: it lacks",
         other_seconds: "proof.json and certificate.json do not fit each other.",
-        not_covered: "nothing can be proved of this policy: it mentions pi or e",
+        broken_model: "undeclared function: `pi` is not declared in Definitions.",
     }
     for change, line in said.items():
         folder = changed(proved, tmp_path / change.__name__)
