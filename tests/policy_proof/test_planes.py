@@ -5,11 +5,13 @@ judgement refutes, and the progress of a search is what it decided.
 import math
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from policy_proof.questions import layers, question
+from policy_proof.test_leading_statements import CARELESS, report
 
 from dl2c.ir.model import TRUE, Add, Compare, Formula, Number, Symbol
 from dl2c.policy.network import PolicyError
@@ -152,17 +154,35 @@ def test_refuted_points_are_refuted(seed: int, names: tuple[str, str], monkeypat
     """Exactly those of the grid at which the exact judgement has a violation."""
     monkeypatch.setattr(planes, "POINTS", 23)
     made, found = searched(seed, -0.4, hypothesis=corner_of(seed) if seed % 2 else TRUE)
+    agrees(made, found, names)
+
+
+@pytest.mark.parametrize("name", CARELESS)
+def test_what_is_computed_follows_the_points(name: str, tmp_path: Path, monkeypatch: Any) -> None:
+    """It has another value at each of them."""
+    monkeypatch.setattr(planes, "POINTS", 23)
+    weights, bias, term, test, _ = CARELESS[name]
+    found, _ = report(tmp_path, weights, bias, term, test)
+    k = [f.answer for f in found.found].index("refuted")
+    made = found.questions[k]
+    assert made.computed and len(free_names(made)) == len(made.dimensions) - 1
+    agrees(made, found.found[k], tuple(free_names(made)[:2]))
+
+
+def agrees(made: Question, found: Found, names: tuple[str, ...]) -> None:
+    """Points of the plane with the exact judgement, 23 on each axis."""
     drawn = plane_of(made, found, names)
     assert found.answer == "refuted" and drawn.violation is not None
+    elsewhere = {s.name: 0.0 for s, _ in made.computed}
     bounds = {s.name: inside(*ends) for s, ends in zip(made.dimensions, made.box, strict=True)}
     wanted: set[tuple[float, float]] = set()
     for x in np.linspace(*bounds[names[0]], 23):
         for y in np.linspace(*bounds[names[1]], 23):
-            state = drawn.values | {names[0]: float(x), names[1]: float(y)}
+            state = elsewhere | drawn.values | {names[0]: float(x), names[1]: float(y)}
             if violation(made, {s: Fraction(state[s.name]) for s in made.dimensions}) is not None:
                 wanted.add((float(x), float(y)))
     assert {(x, y) for x, y in drawn.refuted.tolist()} == wanted and wanted
-    point = drawn.values | dict(zip(names, drawn.violation, strict=True))
+    point = elsewhere | drawn.values | dict(zip(names, drawn.violation, strict=True))
     assert violation(made, {s: Fraction(point[s.name]) for s in made.dimensions}) is not None
 
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import asdict
 from fractions import Fraction
 from pathlib import Path
@@ -119,49 +120,62 @@ def changed(folder: Path, target: Path) -> Path:
     return target
 
 
-def test_what_is_about_something_else_is_said_in_a_line(proved: Path, refuted: Path, tmp_path: Path) -> None:
-    def other_policy(folder: Path) -> None:
-        for file in refuted.glob("policy.*"):
-            shutil.copy(file, folder)
+def edit(file: Path, change: Callable[[Any], None]) -> None:
+    data = json.loads(file.read_text())
+    change(data)
+    file.write_text(json.dumps(data))
 
-    def other_model(folder: Path) -> None:
-        (folder / "model.kyx").write_text(SWITCH.replace("?x <= 1;", "?x <= 0.5;"))
 
-    def other_certificate(folder: Path) -> None:
-        text = json.loads((folder / CERTIFICATE).read_text())
-        text["proofs"][0]["question"] = "0"
-        (folder / CERTIFICATE).write_text(json.dumps(text))
+def other_policy(folder: Path, refuted: Path) -> None:
+    for file in refuted.glob("policy.*"):
+        shutil.copy(file, folder)
 
-    def no_certificate(folder: Path) -> None:
-        (folder / CERTIFICATE).unlink()
 
-    def no_report(folder: Path) -> None:
-        (folder / PROOF).write_text("{}")
+def other_model(folder: Path, _: Path) -> None:
+    (folder / "model.kyx").write_text(SWITCH.replace("?x <= 1;", "?x <= 0.5;"))
 
-    def other_seconds(folder: Path) -> None:
-        data = json.loads((folder / PROOF).read_text())
-        data["progress"] = [data["progress"][0][1:]]
-        (folder / PROOF).write_text(json.dumps(data))
 
-    def broken_model(folder: Path) -> None:
-        (folder / "model.kyx").write_text(SWITCH.replace("Problem\n", "Problem\n  pi() > 3 & "))
+def broken_model(folder: Path, _: Path) -> None:
+    (folder / "model.kyx").write_text(SWITCH.replace("Problem\n", "Problem\n  pi() > 3 & "))
 
-    said = {
-        other_policy: "proof.json is about another model, policy or claim.",
-        other_model: "proof.json is about another model, policy or claim.",
-        other_certificate: "certificate.json is about another model, policy or claim.",
-        no_certificate: "No such file or directory: certificate.json.",
-        no_report: "proof.json is not of `dl2c train --provable`: it lacks",
-        other_seconds: "proof.json and certificate.json do not fit each other.",
-        broken_model: "undeclared function: `pi` is not declared in Definitions.",
-    }
-    for change, line in said.items():
-        folder = changed(proved, tmp_path / change.__name__)
-        change(folder)
-        seen = section_of(folder)
-        assert f"Nothing is shown: {line}" in seen.words, seen.words
-        assert not seen.addresses and "every request is admissible" not in seen.words
-        assert str(tmp_path) not in seen.words
+
+def other_certificate(folder: Path, _: Path) -> None:
+    edit(folder / CERTIFICATE, lambda data: data["proofs"][0].update(question="0"))
+
+
+def no_certificate(folder: Path, _: Path) -> None:
+    (folder / CERTIFICATE).unlink()
+
+
+def no_report(folder: Path, _: Path) -> None:
+    (folder / PROOF).write_text("{}")
+
+
+def other_seconds(folder: Path, _: Path) -> None:
+    edit(folder / PROOF, lambda data: data["progress"][0].pop())
+
+
+SAID = {
+    other_policy: "proof.json is about another model, policy or claim.",
+    other_model: "proof.json is about another model, policy or claim.",
+    broken_model: "undeclared function: `pi` is not declared in Definitions.",
+    other_certificate: "certificate.json is about another model, policy or claim.",
+    no_certificate: "No such file or directory: certificate.json.",
+    no_report: "proof.json is not of `dl2c train --provable`: it lacks",
+    other_seconds: "proof.json and certificate.json do not fit each other.",
+}
+
+
+@pytest.mark.parametrize("change", SAID, ids=lambda c: c.__name__)
+def test_what_is_about_something_else_is_said_in_a_line(
+    change: Callable[[Path, Path], None], proved: Path, refuted: Path, tmp_path: Path
+) -> None:
+    folder = changed(proved, tmp_path / "changed")
+    change(folder, refuted)
+    seen = section_of(folder)
+    assert f"Nothing is shown: {SAID[change]}" in seen.words, seen.words
+    assert not seen.addresses and "every request is admissible" not in seen.words
+    assert str(tmp_path) not in seen.words
 
 
 def test_the_page_has_the_section_if_there_is_a_proof(proved: Path, tmp_path: Path) -> None:
