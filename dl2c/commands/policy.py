@@ -109,7 +109,7 @@ COLOURS = {"proved": "bold green", "refuted": "bold red"}
 @dataclass(frozen=True, slots=True)
 class Asked:
     """What the command line says of a policy: `inputs` and `outputs` are what an ONNX network's numbers mean,
-    `outside` is where nothing is claimed, `fixed` are NAME=VALUE.
+    `outside` is where nothing is claimed, `fixed` are NAME=VALUE. `picture` is drawn `over` X,Y.
     """
 
     path: Path
@@ -122,28 +122,58 @@ class Asked:
     threads: int = 2
     certificate: Path | None = None
     resume: Path | None = None
+    picture: Path | None = None
+    over: str = ""
 
 
 def report_on(model: str, asked: Asked, options: Mapping[str, Any]) -> "PolicyReport":
     """Everything that is found out. Raises `CommandError`, `CompileError`, `PolicyError`, `NativeError`."""
+    from dl2c.policy_proof.build import questions
+
     with working(f"verifying {asked.path}") as note:
         entry, claim, policy = _prepared(model, asked, options)
-        report = _verified(entry, claim, policy, asked, note)
+        about = questions(claim, policy)
+        names = _pictured(asked, about)
+        report = _verified(entry, claim, about, asked, note)
     if asked.resume is not None and report.answer != "refuted":
         write_output(asked.resume, report.unfinished)
     if asked.certificate is not None and report.answer == "proved":
         write_output(asked.certificate, report.certificate)
+    if asked.picture is not None:
+        from dl2c.picture.boxes import proof_figure
+        from dl2c.picture.figure import save
+
+        save(proof_figure(claim.model, report.questions, report.found, names), asked.picture)
     return report
 
 
+def _pictured(asked: Asked, about: "Sequence[Question]") -> Sequence[str]:
+    """The names over which a picture is asked for; none where that is open, or no picture is. Raises
+    `CommandError`, `PolicyError`, `OSError`.
+    """
+    if asked.picture is None:
+        if asked.over:
+            raise CommandError("--over says what --picture FILE shows: give both")
+        return ()
+    from dl2c.picture.figure import check_format
+    from dl2c.policy_proof.plane import axes_named
+
+    check_format(asked.picture)
+    return axes_named(about, asked.over)
+
+
 def _verified(
-    entry: "Entry", claim: "Claim", policy: "Acting", asked: Asked, note: Callable[[str], None]
+    entry: "Entry",
+    claim: "Claim",
+    about: "tuple[Question, ...]",
+    asked: Asked,
+    note: Callable[[str], None],
 ) -> "PolicyReport":
     from dl2c.policy_proof.search import Limits
     from dl2c.policy_proof.verdict import verified
 
     limits = Limits(asked.seconds, asked.threads, note)
-    report = verified(claim, policy, limits, (claim.model.name, str(asked.path)), asked.resume)
+    report = verified(claim, about, limits, (claim.model.name, str(asked.path)), asked.resume)
     if report.answer != "proved":
         return report
     return replace(report, onward=_onward(entry, claim, asked, report.seconds))
@@ -156,14 +186,15 @@ def verifier(
     is needed for that.
     """
     from dl2c.policy_proof.acting import acting
+    from dl2c.policy_proof.build import questions
 
     found = compilation_of(model, options)
     claim = _claim(found, asked)
     questions_of(model, asked, options, _blank)
 
     def verify(policy: NetworkPolicy) -> "PolicyReport":
-        acts = acting(policy.interface, policy.network)
-        return _verified(found.parsed.entry, claim, acts, asked, lambda _: None)
+        about = questions(claim, acting(policy.interface, policy.network))
+        return _verified(found.parsed.entry, claim, about, asked, lambda _: None)
 
     return verify
 
@@ -233,32 +264,16 @@ def _prepared(model: str, asked: Asked, options: Mapping[str, Any]) -> "tuple[En
 def _claim(found: "Compilation", asked: Asked) -> "Claim":
     """What is claimed of any policy of a model."""
     from dl2c.ir.model import TRUE
-    from dl2c.lower.invariant import invariant
-    from dl2c.policy_proof.build import Claim, outside_of
-    from dl2c.policy_proof.question import Arithmetic, NotCovered
+    from dl2c.policy_proof.build import claim_of, outside_of
+    from dl2c.policy_proof.question import Arithmetic
 
     arithmetics: dict[str, Arithmetic] = {name: name for name in get_args(Arithmetic)}
     if asked.arithmetic not in arithmetics:
         raise CommandError(f"no arithmetic {asked.arithmetic!r}; there is {', '.join(arithmetics)}")
-    problem = found.resolved.problem
-    if _uses_pi(found):
-        raise NotCovered("it mentions pi or e, which are not exact numbers here")
-    lowered = found.unbounded
-    proved = invariant(problem)
-    written = problem.shape.loop is not None and bool(problem.shape.loop.invariants)
-    if proved is None and written:
-        raise NotCovered("its loop invariant cannot be evaluated")
     outside = outside_of(_formula(found, asked.outside)) if asked.outside else TRUE
     fixed = _fixed(found, asked.fixed)
-    return Claim(lowered, proved or TRUE, outside, fixed, arithmetics[asked.arithmetic])
-
-
-def _uses_pi(found: "Compilation") -> bool:
-    from dl2c.parse import tree
-    from dl2c.resolve.symbols import nodes
-
-    expanded = nodes(found.resolved.problem.expanded)
-    return any(isinstance(n, tree.FuncOf) and n.name in ("pi", "e") and not n.args for n in expanded)
+    arithmetic = arithmetics[asked.arithmetic]
+    return claim_of(found.resolved.problem, found.unbounded, outside, fixed, arithmetic)
 
 
 def _formula(found: "Compilation", text: str) -> Any:

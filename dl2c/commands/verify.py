@@ -10,8 +10,20 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from dl2c.commands.arguments import Model
-from dl2c.commands.completion import words
+from dl2c.commands.arguments import (
+    Arithmetic,
+    Certificate,
+    Check,
+    Except,
+    Fixed,
+    Gives,
+    Model,
+    Over,
+    Picture,
+    Resume,
+    Takes,
+    Trained,
+)
 from dl2c.commands.failures import CommandError, to_json
 from dl2c.commands.flags import Json
 from dl2c.commands.verbosity import quiet
@@ -67,76 +79,6 @@ Output = Annotated[
         "follow it: an episode for `dl2c replay`.",
     ),
 ]
-PANEL = "A trained policy"
-Trained = Annotated[
-    Path | None,
-    typer.Option(
-        "--policy",
-        metavar="FILE|DIR",
-        help="Prove instead that this policy asks for admissible actions only: policy.json, SB3's zip, ONNX.",
-        rich_help_panel=PANEL,
-    ),
-]
-Arithmetic = Annotated[
-    str | None,
-    typer.Option(
-        metavar="double|float32|real",
-        help="Numbers that the policy computes with; default: double.",
-        autocompletion=words("double", "float32", "real"),
-        rich_help_panel=PANEL,
-    ),
-]
-Except = Annotated[
-    str | None,
-    typer.Option(
-        "--except",
-        metavar="FORMULA",
-        help="States of which nothing is claimed, because a fallback acts there.",
-        rich_help_panel=PANEL,
-    ),
-]
-Fixed = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--fix",
-        metavar="NAME=VALUE",
-        help="Only states with this value, which is still observed. May be repeated.",
-        rich_help_panel=PANEL,
-    ),
-]
-Takes = Annotated[
-    str | None,
-    typer.Option(
-        "--takes", metavar="NAMES", help="What an ONNX network takes, in order.", rich_help_panel=PANEL
-    ),
-]
-Gives = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--gives",
-        metavar="NAME=LOW:HIGH",
-        help="The variable that an ONNX network gives a value, and what that is clipped to. May be repeated.",
-        rich_help_panel=PANEL,
-    ),
-]
-Certificate = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Write the certificate of a proof.", rich_help_panel=PANEL),
-]
-Check = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Check a certificate instead of searching.", rich_help_panel=PANEL),
-]
-
-
-Resume = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="Go on with the search in this file, if it is there, and write how far it comes.",
-        rich_help_panel=PANEL,
-    ),
-]
 
 
 def verify(
@@ -156,6 +98,8 @@ def verify(
     certificate: Certificate = None,
     check: Check = None,
     resume: Resume = None,
+    picture: Picture = None,
+    over: Over = None,
     output: Output = None,
     json: Json = False,
     *,
@@ -168,7 +112,7 @@ def verify(
     """
     jobs = jobs or min(2, os.cpu_count() or 1)
     said = _given(arithmetic=arithmetic, outside=except_, fixed=fix, inputs=takes, outputs=gives)
-    said |= _given(certificate=certificate, resume=resume)
+    said |= _given(certificate=certificate, resume=resume, picture=picture, over=over)
     if policy is not None:
         if within_bounds or agree or smt2 is not None:
             raise CommandError("--within-bounds, --agree and --smt2 are for theorems, not for --policy")
@@ -222,8 +166,8 @@ def _checked(
     json: bool,
 ) -> int:
     """Check a certificate; the exit code."""
-    if output is not None or "resume" in asked:
-        raise CommandError("-o and --resume are for a search, not for --check")
+    if output is not None or {"resume", "picture", "over"} & {*asked}:
+        raise CommandError("-o, --resume and --picture are for a search, not for --check")
     from dl2c.commands.policy import Asked, checked_certificate
 
     found = checked_certificate(model, Asked(path, **asked), options, certificate)

@@ -114,11 +114,16 @@ def _axes(figure: Any, place: Any, **options: Any) -> Any:
 
 def save(figure: Any, path: Path) -> None:
     """Write PNG (or SVG, PDF, by the name); folders are made. Raises `OSError`."""
-    known = figure.canvas.get_supported_filetypes()
-    if path.suffix.removeprefix(".").lower() not in known:
-        raise OSError(22, f"Not one of the formats of pictures ({', '.join(sorted(known))})", str(path))
+    check_format(path)
     with output_file(path) as fresh:
         figure.savefig(fresh, dpi=DPI, metadata={"Software": None} if path.suffix == ".png" else None)
+
+
+def check_format(path: Path) -> None:
+    """Whether a picture can be written there, by the name. Raises `OSError`."""
+    known = blank().canvas.get_supported_filetypes()
+    if path.suffix.removeprefix(".").lower() not in known:
+        raise OSError(22, f"Not one of the formats of pictures ({', '.join(sorted(known))})", str(path))
 
 
 def pixels(figure: Any) -> NDArray[np.uint8]:

@@ -25,6 +25,7 @@ from dl2c.ir.logic import (
 )
 from dl2c.ir.logic import substituted as substituted_term
 from dl2c.ir.model import (
+    TRUE,
     UNBOUNDED,
     Formula,
     Model,
@@ -32,7 +33,9 @@ from dl2c.ir.model import (
     Symbol,
     Term,
 )
+from dl2c.lower.invariant import invariant
 from dl2c.monitor.control import leading_drafts
+from dl2c.parse import tree
 from dl2c.paths.enabled import with_exact_domains
 from dl2c.paths.enumerate import Draft, assignments_of, control_drafts, decisions_of
 from dl2c.paths.path import END
@@ -47,6 +50,8 @@ from dl2c.policy_proof.question import (
     Question,
     Range,
 )
+from dl2c.resolve.problem import Problem
+from dl2c.resolve.symbols import nodes
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +65,26 @@ class Claim:
     outside: Formula
     fixed: Mapping[str, Fraction]
     arithmetic: Arithmetic
+
+
+def claim_of(
+    problem: Problem,
+    model: Model,
+    outside: Formula = TRUE,
+    fixed: Mapping[str, Fraction] | None = None,
+    arithmetic: Arithmetic = "double",
+) -> Claim:
+    """The claim about any policy of a problem, which `model` is, with bounds of its own. `outside` holds in
+    the states of which something is claimed. Raises `NotCovered`.
+    """
+    expanded = nodes(problem.expanded)
+    if any(isinstance(n, tree.FuncOf) and n.name in ("pi", "e") and not n.args for n in expanded):
+        raise NotCovered("it mentions pi or e, which are not exact numbers here")
+    proved = invariant(problem)
+    written_down = problem.shape.loop is not None and bool(problem.shape.loop.invariants)
+    if proved is None and written_down:
+        raise NotCovered("its loop invariant cannot be evaluated")
+    return Claim(model, proved or TRUE, outside, fixed or {}, arithmetic)
 
 
 def questions(claim: Claim, policy: Acting) -> tuple[Question, ...]:

@@ -12,10 +12,11 @@ import base64
 import hashlib
 import json
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import inf, nextafter
+from itertools import pairwise
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,15 @@ from dl2c.policy_proof.fixed_point import ONE, Ends, down, judged, up
 from dl2c.policy_proof.leaves import decided
 from dl2c.policy_proof.linear_bounds import Form, NetworkBounds
 from dl2c.policy_proof.question import Case, NotCovered, Question
-from dl2c.policy_proof.search import BY_BOUNDS, BY_SOLVER, NO_STATE
+from dl2c.policy_proof.search import Before
+from dl2c.policy_proof.tree import BY_BOUNDS, BY_SOLVER, LEFT_OPEN, check_levels, leaves
 from dl2c.smt.query import Oracle
 
 FORMAT, VERSION = "dl2c-policy-proof", 1
 SEARCH = "dl2c-policy-search"
 """The format of a search that is not finished."""
+
+KINDS = {FORMAT: "certificate", SEARCH: "unfinished search"}
 
 MAX_BYTES = 2**28
 MOST_SPLITS = 16
@@ -66,65 +70,79 @@ def digest(question: Question) -> str:
     return made.hexdigest()
 
 
-def certificate(questions: Sequence[Question], trees: Sequence[Sequence[bytes]], kind: str = FORMAT) -> str:
-    """The text of a certificate, or of a search that is not finished."""
-    entries: list[dict[str, Any]] = []
-    for question, levels in zip(questions, trees, strict=True):
-        content = b"".join(levels)
-        entries.append(
-            {
-                "question": digest(question),
-                "levels": [len(level) for level in levels],
-                "tree": base64.b64encode(zlib.compress(content, 9)).decode(),
-                "digest": hashlib.sha256(content).hexdigest(),
-            }
-        )
-    return json.dumps({"format": kind, "version": VERSION, "proofs": entries}, indent=1) + "\n"
+def certificate(questions: Sequence[Question], trees: Sequence[Sequence[bytes]]) -> str:
+    """The text of a certificate."""
+    return _written(FORMAT, map(_entry, questions, trees))
+
+
+def unfinished(questions: Sequence[Question], found: Sequence[Before]) -> str:
+    """The text of a search, as far as it is."""
+    pairs = zip(questions, found, strict=True)
+    return _written(SEARCH, (_entry(q, f.tree) | {"seconds": list(f.seconds)} for q, f in pairs))
+
+
+def _written(kind: str, entries: Iterable[dict[str, Any]]) -> str:
+    return json.dumps({"format": kind, "version": VERSION, "proofs": list(entries)}, indent=1) + "\n"
+
+
+def _entry(question: Question, levels: Sequence[bytes]) -> dict[str, Any]:
+    content = b"".join(levels)
+    return {
+        "question": digest(question),
+        "levels": [len(level) for level in levels],
+        "tree": base64.b64encode(zlib.compress(content, 9)).decode(),
+        "digest": hashlib.sha256(content).hexdigest(),
+    }
 
 
 def check(path: Path, questions: Sequence[Question]) -> Checked:
     """Check a certificate. Raises `CertificateError`, `NotCovered`, `OSError`."""
-    trees = _trees(path, questions, FORMAT, "certificate")
-    leaves = solved = 0
-    for question, levels in zip(questions, trees, strict=True):
+    count = solved = 0
+    for question, before in zip(questions, read_trees(path, questions, FORMAT), strict=True):
         checker = _Checker(question)
-        for box, code in _leaves(question, levels):
-            leaves += 1
-            solved += code == BY_SOLVER
-            if not checker.decides(box, code):
-                raise CertificateError(f"{path}: a box is not proved: {box}")
-    return Checked(leaves, solved)
+        for boxes, codes in leaves(question, before.tree):
+            for box, code in zip(boxes.tolist(), codes.tolist(), strict=True):
+                count += 1
+                solved += code == BY_SOLVER
+                if not checker.decides(tuple((low, high) for low, high in box), code):
+                    raise CertificateError(f"{path}: a box is not proved: {box}")
+    return Checked(count, solved)
 
 
-def begun(path: Path, questions: Sequence[Question]) -> list[list[bytes]]:
-    """The trees of a search that is not finished; none where there is no such file. Raises
+def begun(path: Path, questions: Sequence[Question]) -> list[Before]:
+    """A search that is not finished; one that has not begun where there is no such file. Raises
     `CertificateError`, `OSError`.
     """
-    if not path.exists():
-        return [[] for _ in questions]
-    trees = _trees(path, questions, SEARCH, "unfinished search")
-    for question, levels in zip(questions, trees, strict=True):
-        size = 1
-        for codes in levels:
-            split = [code for code in codes if code < BY_SOLVER]
-            if len(codes) != size or any(code >= len(question.dimensions) for code in split):
-                raise CertificateError(f"{path} is no unfinished search: its boxes do not fit each other")
-            size = 2 * len(split)
-    return trees
+    return read_trees(path, questions, SEARCH) if path.exists() else [Before() for _ in questions]
 
 
-def _trees(path: Path, questions: Sequence[Question], kind: str, what: str) -> list[list[bytes]]:
-    """The tree of each question. Raises `CertificateError`."""
+def read_trees(path: Path, questions: Sequence[Question], kind: str) -> list[Before]:
+    """The tree of each question, in a certificate (`FORMAT`) or in a search that is not finished (`SEARCH`),
+    and the seconds where that has them. Raises `CertificateError`, `OSError`.
+    """
+    what = KINDS[kind]
     with checked_input(CertificateError, f"{path} is no {what}"):
         top = read_json(path, MAX_BYTES)
         if top["format"] != kind or top["version"] != VERSION:
             raise CertificateError(f"{path} is no {what}, or of another version")
         entries: list[Any] = list(top["proofs"])
-        trees = [_tree(entry) for entry in entries]
         digests = [entry["question"] for entry in entries]
+        trees = [_tree(entry) for entry in entries]
     if digests != [digest(q) for q in questions]:
         raise CertificateError(f"{path} is about another model, policy or claim")
-    return trees
+    with checked_input(CertificateError, f"{path} is no {what}"):
+        for question, tree in zip(questions, trees, strict=True):
+            check_levels(question, tree)
+        times = [_seconds(e, len(t)) if kind == SEARCH else () for e, t in zip(entries, trees, strict=True)]
+        return [Before(tuple(t), s) for t, s in zip(trees, times, strict=True)]
+
+
+def _seconds(entry: Mapping[str, Any], levels: int) -> tuple[float, ...]:
+    """When each level was judged. Raises what is `MALFORMED`."""
+    found = tuple(float(v) for v in entry["seconds"])
+    if len(found) != levels or not all(0 <= a <= b < inf for a, b in pairwise((0.0, *found))):
+        raise ValueError("its seconds do not fit its levels")
+    return found
 
 
 def _tree(entry: Mapping[str, Any]) -> list[bytes]:
@@ -145,31 +163,6 @@ def _tree(entry: Mapping[str, Any]) -> list[bytes]:
 
 
 Box = tuple[tuple[float, float], ...]
-
-
-def _leaves(question: Question, levels: Sequence[bytes]) -> Iterator[tuple[Box, int]]:
-    """The leaves with what decided them. They cover the box: each box of a level is split or a leaf."""
-    boxes: list[Box] = [tuple((_below(low), -_below(-high)) for low, high in question.box)]
-    for codes in levels:
-        if len(codes) != len(boxes):
-            raise CertificateError("a level of the tree has not as many boxes as were split before")
-        halves: list[Box] = []
-        for box, code in zip(boxes, codes, strict=True):
-            if code in (BY_BOUNDS, NO_STATE, BY_SOLVER):
-                yield box, code
-            elif code < len(box):
-                halves += _halves(box, code)
-            else:
-                raise CertificateError("a box of the tree is neither split nor decided")
-        boxes = halves
-    if boxes:
-        raise CertificateError("the tree ends before all boxes are decided")
-
-
-def _below(value: Fraction) -> float:
-    """The nearest double that is not above."""
-    nearest = float(value)
-    return nearest if Fraction(nearest) <= value else nextafter(nearest, -inf)
 
 
 def _halves(box: Box, at: int) -> tuple[Box, Box]:
@@ -194,6 +187,8 @@ class _Checker:
 
     def decides(self, box: Box, code: int, splits: int = MOST_SPLITS) -> bool:
         """Whether a leaf is what it is said to be, perhaps after splitting it."""
+        if code == LEFT_OPEN:
+            return False
         ends = [(down(Fraction(low)), up(Fraction(high))) for low, high in box]
         values = dict(zip(self.question.dimensions, ends, strict=True))
         if judged(self.question.hypothesis, values) == "false":

@@ -2,7 +2,7 @@
 
 What is judged where does not depend on the number of threads. Boxes that are still open when they are small
 are given to `leaves`; suspect ones are judged exactly. The tree of boxes is kept: for every box in the
-order of levels the dimension along which it is split at its middle, or what decided it.
+order of levels the dimension along which it is split at its middle, or what decided it (see `tree`).
 """
 
 import time
@@ -19,15 +19,13 @@ from dl2c.policy_proof.exact import Violation, violation
 from dl2c.policy_proof.leaves import ask
 from dl2c.policy_proof.question import Question
 from dl2c.policy_proof.tables import box_of, tables_of
+from dl2c.policy_proof.tree import BY_BOUNDS, BY_SOLVER, LEFT_OPEN, MOST_BOXES, NO_STATE
 from dl2c.smt.query import Oracle
 
 Answer: TypeAlias = Literal["proved", "refuted", "unknown"]
 
 CHUNK = 2048
 """Boxes between two looks at the clock."""
-
-MOST_BOXES = 2_000_000
-"""Of one level."""
 
 MOST_LEVELS = 200
 
@@ -38,10 +36,6 @@ FIRST_LEAVES, EACH_LEVELS, MOST_LEAVES = 24, 4, 64
 """From which level on, how often and of how many boxes Z3 is asked."""
 
 LEAF_SECONDS, LEAVES_SECONDS = 1.0, 600.0
-
-BY_SOLVER, LEFT_OPEN = 250, 251
-BY_BOUNDS, NO_STATE = 252, 253
-"""In the tree: what decided a box that is not split; dimensions are smaller numbers."""
 
 
 @dataclass(slots=True)
@@ -54,10 +48,31 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a search is after a level, or where it ends: seconds since it began, boxes judged so far, the
+    share of the volume that is decided, and how many boxes are open.
+    """
+
+    seconds: float = field(compare=False)
+    boxes: int
+    decided: float
+    open: int
+
+
+@dataclass(frozen=True, slots=True)
+class Before:
+    """A search that goes on: the levels that were judged, and after how many seconds each was."""
+
+    tree: tuple[bytes, ...] = ()
+    seconds: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Found:
     """`share` of the volume of the box is decided. `open_boxes` are some of those that are not, each low and
-    high by name. `by_solver` counts boxes that Z3 decided. `tree` are the levels that are judged. `states`:
-    some box may have states of the hypothesis.
+    high by name. `by_solver` counts boxes that Z3 decided. `tree` are the levels that are judged; the last
+    one, where a violation was found in it, as far as it was judged. `states`: some box may have states of the
+    hypothesis. `seconds` are those of this search, `progress` counts from where it began first.
     """
 
     answer: Answer
@@ -68,6 +83,7 @@ class Found:
     violation: Violation | None = None
     open_boxes: tuple[dict[str, tuple[float, float]], ...] = ()
     tree: tuple[bytes, ...] = ()
+    progress: tuple[Progress, ...] = ()
     reason: str = ""
     states: bool = True
     interrupted: bool = False
@@ -83,29 +99,28 @@ class _Search:
     by_solver: int = 0
     decided: float = 0.0
     tree: list[Bytes] = field(default_factory=list[Bytes])
-    before: Sequence[bytes] = ()
+    progress: list[Progress] = field(default_factory=list[Progress])
+    before: Before = Before()
     oracle: Oracle = field(default_factory=lambda: Oracle(LEAF_SECONDS, LEAVES_SECONDS))
     widths: Doubles = field(init=False)
     counts: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        self.counts = _that_count(self.question)
+        self.counts = that_count(self.question)
 
     def run(self) -> Found:
         level = box_of(self.question)[None]
         self.oracle.total = min(LEAVES_SECONDS, self.limits.seconds)
-        widths = self.widths = np.maximum(level[0, :, 1] - level[0, :, 0], np.finfo(float).tiny)
+        self.widths = np.maximum(level[0, :, 1] - level[0, :, 0], np.finfo(float).tiny)
         for number in range(MOST_LEVELS):
             self.limits.note(f"{self.decided:.2%} decided, {len(level)} boxes open")
             try:
-                codes = self._known(number) if number < len(self.before) else self._next(level, number)
+                codes = self._known(number) if number < len(self.before.tree) else self._next(level, number)
             except KeyboardInterrupt:
-                return replace(self._found("unknown", level, reason="interrupted"), interrupted=True)
+                return replace(self._ended("unknown", level, reason="interrupted"), interrupted=True)
             if isinstance(codes, Found):
                 return codes
-            self.tree.append(codes.astype(np.uint8))
-            final = codes >= BY_SOLVER
-            self.decided += _volume(level[final & (codes != LEFT_OPEN)], widths)
+            final = self._keep(level, codes, number)
             if (codes == LEFT_OPEN).any():
                 return self._found("unknown", level[codes == LEFT_OPEN], reason="boxes that cannot be split")
             if final.all():
@@ -115,35 +130,60 @@ class _Search:
                 return self._found("unknown", level, reason=f"after {MOST_BOXES} open boxes")
         return self._found("unknown", level, reason=f"after {MOST_LEVELS} levels")
 
+    def _keep(self, level: Doubles, codes: Bytes, number: int) -> np.ndarray:
+        """Keep a level that is judged; which of its boxes are not split."""
+        self.tree.append(codes.astype(np.uint8))
+        final, left = codes >= BY_SOLVER, codes == LEFT_OPEN
+        self.decided += _volume(level[final & ~left], self.widths)
+        known = number < len(self.before.tree)
+        seconds = self.before.seconds[number] if known else self._seconds()
+        share = 1.0 if final.all() and not left.any() else min(self.decided, 1.0)
+        undecided = int(left.sum() + 2 * (~final).sum())
+        self.progress.append(Progress(seconds, self.boxes, share, undecided))
+        return final
+
+    def _seconds(self) -> float:
+        """Since the search began, without the time in which it did not go on."""
+        earlier = self.before.seconds[-1] if self.before.seconds else 0.0
+        return earlier + time.monotonic() - self.begun
+
     def _known(self, number: int) -> Bytes:
         """A level that was judged before."""
-        codes = np.frombuffer(self.before[number], np.uint8)
+        codes = np.frombuffer(self.before.tree[number], np.uint8)
         self.boxes += len(codes)
         self.by_solver += int((codes == BY_SOLVER).sum())
         return codes
 
     def _next(self, level: Doubles, number: int) -> Bytes | Found:
         """What decided each box of a level, or along what it is split; what is found if the search ends. A
-        level that is not judged to its end is not counted in the tree.
+        level that is not judged to its end is kept only where a violation is found in it.
         """
         late = f"after {self.limits.seconds:g} seconds"
         verdicts, splits, found = self._judged(level)
         self.boxes += len(verdicts)
+        codes = np.full(len(level), LEFT_OPEN, np.uint8)
+        codes[: len(verdicts)] = np.where(
+            verdicts == PROVED, BY_BOUNDS, np.where(verdicts == OUTSIDE, NO_STATE, LEFT_OPEN)
+        )
         if found is not None:
-            return self._found("refuted", level, found)
+            return self._refuted(level, codes, found, number)
         if len(verdicts) < len(level):
-            return self._found("unknown", level, reason=late)
-        splits = _balanced(level, splits, self.widths, self.counts)
-        codes = np.where(verdicts == PROVED, BY_BOUNDS, np.where(verdicts == OUTSIDE, NO_STATE, splits))
+            return self._ended("unknown", level, reason=late)
         left = np.flatnonzero((verdicts == OPEN) | (verdicts == SUSPECT))
+        codes[left] = _balanced(level, splits, self.widths, self.counts)[left]
         if number >= FIRST_LEAVES and number % EACH_LEVELS == 0 and len(left) <= MOST_LEAVES:
             found = self._asked(level, left, codes)
             if found is not None:
-                return self._found("refuted", level, found)
+                return self._refuted(level, np.where(codes < BY_SOLVER, LEFT_OPEN, codes), found, number)
             if self._late():
-                return self._found("unknown", level, reason=late)
+                return self._ended("unknown", level, reason=late)
         codes[codes == NO_SPLIT] = LEFT_OPEN
         return codes
+
+    def _refuted(self, level: Doubles, codes: Bytes, found: Violation, number: int) -> Found:
+        """The end with a violation: boxes of the level that are not decided stay open."""
+        self._keep(level, np.where(codes == NO_SPLIT, LEFT_OPEN, codes), number)
+        return self._found("refuted", level, found)
 
     def _judged(self, level: Doubles) -> tuple[Bytes, Bytes, Violation | None]:
         """Verdicts and dimensions, as far as time goes; the first violation that is confirmed."""
@@ -185,6 +225,11 @@ class _Search:
     def _late(self) -> bool:
         return time.monotonic() - self.begun > self.limits.seconds
 
+    def _ended(self, answer: Answer, level: Doubles, reason: str) -> Found:
+        """The end inside a level, all of whose boxes are open."""
+        self.progress.append(Progress(self._seconds(), self.boxes, min(self.decided, 1.0), len(level)))
+        return self._found(answer, level, reason=reason)
+
     def _found(
         self, answer: Answer, level: Doubles, violated: Violation | None = None, reason: str = ""
     ) -> Found:
@@ -199,17 +244,18 @@ class _Search:
             violated,
             tuple(_by_name(names, box) for box in some),
             tuple(codes.tobytes() for codes in self.tree),
+            tuple(self.progress),
             reason,
             any(np.isin(codes, (BY_SOLVER, BY_BOUNDS)).any() for codes in self.tree),
         )
 
 
-def search(question: Question, limits: Limits, before: Sequence[bytes] = ()) -> Found:
-    """Look for a proof and for a violation; go on after the levels of the tree that were judged `before`.
+def search(question: Question, limits: Limits, before: Before | None = None) -> Found:
+    """Look for a proof and for a violation; go on after the levels that were judged `before`.
 
     Raises `NotCovered`, `NativeError`.
     """
-    return _Search(question, Judge(tables_of(question)), limits, before=before).run()
+    return _Search(question, Judge(tables_of(question)), limits, before=before or Before()).run()
 
 
 def _by_name(names: Sequence[str], box: Doubles) -> dict[str, tuple[float, float]]:
@@ -237,7 +283,7 @@ def _balanced(boxes: Doubles, splits: Bytes, widths: Doubles, counts: np.ndarray
     return np.where(unequal, widest, splits).astype(np.uint8)
 
 
-def _that_count(question: Question) -> np.ndarray:
+def that_count(question: Question) -> np.ndarray:
     """Which dimensions the network or a condition depends on, but for those that are computed of others."""
     weights = question.layers[0].weight
     seen = {o.value for k, o in enumerate(question.observed) if weights[:, k].any()}

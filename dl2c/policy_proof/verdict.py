@@ -2,21 +2,20 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from dl2c.ir.printer import print_formula, print_number
-from dl2c.policy_proof.acting import Acting
-from dl2c.policy_proof.build import Claim, questions
-from dl2c.policy_proof.certificate import SEARCH, certificate
+from dl2c.policy_proof.build import Claim
 from dl2c.policy_proof.certificate import begun as searched_before
+from dl2c.policy_proof.certificate import certificate, digest, unfinished
 from dl2c.policy_proof.confirm import Confirmation
 from dl2c.policy_proof.exact import Violation
 from dl2c.policy_proof.onward import Onward
 from dl2c.policy_proof.question import Question
-from dl2c.policy_proof.search import Answer, Found, Limits, search
+from dl2c.policy_proof.search import Answer, Before, Found, Limits, Progress, search
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +43,8 @@ class PolicyReport:
     @property
     def unfinished(self) -> str:
         """The text of the search as far as it is, to go on later."""
-        return certificate(self.questions, [f.tree for f in self.found], SEARCH)
+        times = (tuple(p.seconds for p in f.progress[: len(f.tree)]) for f in self.found)
+        return unfinished(self.questions, list(map(Before, (f.tree for f in self.found), times)))
 
     @property
     def interrupted(self) -> bool:
@@ -89,12 +89,18 @@ class PolicyReport:
             "boxes_by_z3": sum(f.by_solver for f in self.found),
             "decided": self.share,
             "seconds": round(self.seconds, 3),
+            "questions": [digest(q) for q in self.questions],
+            "progress": [[_as_record(p) for p in f.progress] for f in self.found],
             "reasons": [f.reason for f in self.found if f.reason],
             "open": [{n: list(ends) for n, ends in box.items()} for f in self.found for box in f.open_boxes],
             "counterexample": None if self.violated is None else _as_data(*self.violated),
             "confirmation": None if self.confirmation is None else self.confirmation.to_json(),
             "warnings": list(self.warnings),
         }
+
+
+def _as_record(progress: Progress) -> dict[str, Any]:
+    return asdict(progress) | {"seconds": round(progress.seconds, 3)}
 
 
 def _as_data(question: Question, found: Violation) -> dict[str, Any]:
@@ -109,21 +115,24 @@ def _as_data(question: Question, found: Violation) -> dict[str, Any]:
 
 
 def verified(
-    claim: Claim, policy: Acting, limits: Limits, names: tuple[str, str], resume: Path | None = None
+    claim: Claim,
+    asked: tuple[Question, ...],
+    limits: Limits,
+    names: tuple[str, str],
+    resume: Path | None = None,
 ) -> PolicyReport:
-    """Ask all questions, within the time for all; go on with the search in `resume` if that file is there.
-    `names` are those of model and policy.
+    """Ask the questions of a claim, within the time for all; go on with the search in `resume` if that file
+    is there. `names` are those of model and policy.
 
     Raises `NotCovered`, `CertificateError`, `OSError`, `NativeError`.
     """
     begun = time.monotonic()
-    asked = questions(claim, policy)
-    trees = [()] * len(asked) if resume is None else searched_before(resume, asked)
+    before = [Before()] * len(asked) if resume is None else searched_before(resume, asked)
     found: list[Found] = []
-    for question, tree in zip(asked, trees, strict=True):
+    for question, levels in zip(asked, before, strict=True):
         interrupted = any(f.interrupted for f in found)
         left = 0.0 if interrupted else limits.seconds - (time.monotonic() - begun)
-        found.append(search(question, replace(limits, seconds=max(left, 0.0)), tree))
+        found.append(search(question, replace(limits, seconds=max(left, 0.0)), levels))
         if found[-1].answer == "refuted":
             break
     hypotheses = tuple(map(_states, asked))

@@ -16,6 +16,7 @@ from dl2c.report.episode import Episode
 from dl2c.report.listing import listing
 from dl2c.report.markup import Markup, image, page, section, table, tag
 from dl2c.report.pictures import curves_figure, episodes_of, track_of
+from dl2c.report.proof import proof_section
 from dl2c.report.trained import Trained
 from dl2c.training.evaluation import FIRST_SEED, evaluate
 from dl2c.training.run import Estimate, Evaluation
@@ -42,6 +43,7 @@ def report(trained: Trained, episodes: int = 200) -> str:
         tag("h1", manifest.name),
         tag("p", _summary(trained), class_="lead"),
         section("Results", _results(trained, episodes)),
+        *proof_section(trained),
         section("Learning", image(data_uri(curves), "learning curve")),
         _trajectories(seen),
         *_failure(seen),

@@ -24,10 +24,11 @@ from dl2c.policy_proof.lessons import Doubles, Lesson, Teacher
 from dl2c.policy_proof.search import Found
 from dl2c.policy_proof.verdict import PolicyReport
 from dl2c.training.folders import POLICY
+from dl2c.training.run import CERTIFICATE, PROOF
 from dl2c.training.saved import load_learner, policy_data
 from dl2c.training.teaching import Pupil
 
-CERTIFICATE, PROOF, UNPROVED = "certificate.json", "proof.json", "unproved"
+UNPROVED = "unproved"
 
 ROUNDS = 10
 MARGINS = (0.002, 0.02)

@@ -23,7 +23,8 @@ from dl2c.policy_proof.certificate import CertificateError, certificate, check
 from dl2c.policy_proof.fixed_point import ONE, down, up
 from dl2c.policy_proof.linear_bounds import NetworkBounds
 from dl2c.policy_proof.question import Question
-from dl2c.policy_proof.search import BY_BOUNDS, NO_STATE, Limits, search
+from dl2c.policy_proof.search import Limits, search
+from dl2c.policy_proof.tree import BY_BOUNDS, NO_STATE
 
 pytest.importorskip("onnx")
 

@@ -12,7 +12,7 @@ from policy_proof.test_verify_policy import TANK, tank, tank_network
 
 from dl2c.native.boxes import Judge
 from dl2c.policy_proof.certificate import CertificateError
-from dl2c.policy_proof.search import Found, Limits, search
+from dl2c.policy_proof.search import Before, Found, Limits, search
 from dl2c.policy_proof.verdict import PolicyReport
 
 BENT = tank_network(((0.05, 1.0, 0.25), (0.04, 3.0, 0.5)))
@@ -22,6 +22,11 @@ BENT = tank_network(((0.05, 1.0, 0.25), (0.04, 3.0, 0.5)))
 def outcome(found: Found) -> Found:
     """What does not depend on the time."""
     return replace(found, seconds=0.0)
+
+
+def before(found: Found, levels: int) -> Before:
+    """The first levels of a search."""
+    return Before(found.tree[:levels], tuple(p.seconds for p in found.progress[:levels]))
 
 
 @pytest.fixture(scope="module")
@@ -35,13 +40,13 @@ def whole(tmp_path_factory: Any) -> PolicyReport:
 def test_any_level_is_a_place_to_go_on(whole: PolicyReport) -> None:
     (question,), (found,) = whole.questions, whole.found
     for levels in range(len(found.tree) + 1):
-        again = search(question, Limits(20), found.tree[:levels])
+        again = search(question, Limits(20), before(found, levels))
         assert outcome(again) == outcome(found)
 
 
 def test_without_time_a_search_is_as_far_as_before(whole: PolicyReport) -> None:
     (question,), (found,) = whole.questions, whole.found
-    again = search(question, Limits(0.0), found.tree[:2])
+    again = search(question, Limits(0.0), before(found, 2))
     assert (again.answer, again.tree, again.reason) == ("unknown", found.tree[:2], "after 0 seconds")
     assert again.boxes == sum(map(len, found.tree[:2]))
 
