@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias, assert_never
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.logic import conjuncts, size, symbols
-from dl2c.ir.model import Compare, Formula, Symbol
+from dl2c.ir.model import ZERO, Compare, Div, Formula, Mul, Symbol
 from dl2c.parse import tree
 from dl2c.resolve.shape import written_variables
 from dl2c.resolve.symbols import nodes
@@ -74,10 +74,11 @@ class Gap:
 
 @dataclass(slots=True)
 class Execution:
-    """`invariants` are the conjuncts of each loop's, by the loop's place; a loop without is a gap. Facts
+    """`invariants` are the conjuncts of each loop's, by the loop's place; a loop without is a gap. By the
+    place of an existential quantifier around programs they have an equation that gives it a value. Facts
     about values that a loop has overwritten are forgotten unless `remembering`. `reached` are the states
-    from which programs are said to run. A step, after which `safety` predicates are to hold, is a run of the
-    body of an outermost loop; of the whole program if that is `one_step`.
+    from which programs are said to run. A step, after which `safety` predicates are to hold, is a run of
+    the body of an outermost loop; of the whole program if that is `one_step`.
     """
 
     flows: Flows
@@ -119,6 +120,8 @@ class Execution:
             case tree.Forall(name, child):
                 value = self.names.fresh(name)
                 self.prove(child, state.having({name: value}).after(("value", value)))
+            case tree.Exists() if formula.span in self.invariants:
+                self._witnessed(formula, self.invariants[formula.span], state)
             case tree.Box(program, child):
                 if not self.reached:
                     self.reached.append(("assumptions", formula.span, state))
@@ -130,6 +133,25 @@ class Execution:
                 self._gap(span, "that some run succeeds is not checked", checked=False)
             case _:
                 self._gap(formula.span, "a program in a place for which there is no rule")
+
+    def _witnessed(self, formula: tree.Exists, chosen: Sequence[tree.Formula], state: State) -> None:
+        """By the rule existsR: what holds of one value holds of some. A quotient is a value where its divisor
+        is not 0, which is a goal too.
+        """
+        (equation,) = chosen
+        assert isinstance(equation, tree.Compare) and equation.op == "="
+        kind, loop = self.inside
+        match term := term_in(equation.right, state):
+            case Div(above, below) if is_total(above, below):
+                self.goals.append(Goal(kind, loop, formula.span, state, Compare("!=", below, ZERO)))
+                value = self.names.fresh(formula.variable)
+                known = state.where(Compare("=", Mul(value, below), above))
+                assert known is not None, "a new symbol has some value"
+                self.prove(formula.child, known.having({formula.variable: value}))
+            case _ if is_total(term):
+                self.prove(formula.child, state.having({formula.variable: term}))
+            case _:
+                self._gap(formula.span, "a witness that may be undefined")
 
     def _either(self, condition: tree.Formula, other: tree.Formula, state: State) -> None:
         """One of two formulas holds. Where a condition has an undefined term neither it nor its negation may

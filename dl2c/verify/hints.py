@@ -1,17 +1,22 @@
-"""Formulas that an entry's tactics name, as candidates for invariants. They prove nothing by themselves."""
+"""Formulas that an entry's tactics name, as candidates for invariants, and terms that it names without using
+them in its problem, as candidates for Lyapunov functions. They prove nothing by themselves.
+"""
 
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 from dl2c.diagnostics import CompileError
 from dl2c.parse import tree
-from dl2c.parse.parser import parse_formula
+from dl2c.parse.parser import parse_formula, parse_term
+from dl2c.resolve.symbols import nodes
 
 _TACTIC = re.compile(r'\bTactic\s+"[^"]*"(.*?)\bEnd\s*\.', re.DOTALL)
 _CALL = re.compile(
     r'\b(loop|dC|dI|dbx|barrier|diffCut|diffInvariant|ODEinv|cut|discreteGhost|MR|edit)\s*\(\s*"((?:[^"\\]|\\.)*)"'
 )
+_ARGUMENT = re.compile(r'\b\w+\s*\(\s*"((?:[^"\\]|\\.)*)"')
 _OLD_CALL = re.compile(r"\b(loop|dC|diffCut|diffInvariant)\s*\(\s*\{`(.*?)`\}", re.DOTALL)
 
 MOST = 60
@@ -20,10 +25,13 @@ MOST = 60
 
 @dataclass(frozen=True, slots=True)
 class Hints:
-    """Candidates for loops and for differential equations, in the order of the text."""
+    """Candidates for loops and for differential equations, in the order of the text; `functions` are one for
+    all equations of a loop, or one for each.
+    """
 
     loops: tuple[tree.Formula, ...]
     flows: tuple[tree.Formula, ...]
+    functions: tuple[tuple[tree.Term, ...], ...] = ()
 
 
 def hints_of(entry: tree.Entry, read: Callable[[tree.Formula], tree.Formula | None]) -> Hints:
@@ -35,7 +43,39 @@ def hints_of(entry: tree.Entry, read: Callable[[tree.Formula], tree.Formula | No
             expanded = read(_unchanged(formula))
             if expanded is not None and len(loops) + len(flows) < MOST:
                 (loops if tactic == "loop" else flows).setdefault(expanded)
-    return Hints(tuple(loops), tuple(flows))
+    return Hints(tuple(loops), tuple(flows), tuple(dict.fromkeys(_functions(entry, read))))
+
+
+def _functions(
+    entry: tree.Entry, read: Callable[[tree.Formula], tree.Formula | None]
+) -> Iterator[tuple[tree.Term, ...]]:
+    """Arguments of tactics that are terms, alone or in a list, and functions that are only defined."""
+    unused = tuple(_unused(entry))
+    found = [(body,) for body in unused] + [unused] * (len(unused) > 1)
+    for tactic in _TACTIC.finditer(entry.span.text):
+        found += (_terms(call.group(1)) for call in _ARGUMENT.finditer(tactic.group(1)))
+    for terms in found[:MOST]:
+        known = [read(tree.Compare("=", term, tree.Number(Fraction(0)))) for term in terms]
+        if known and all(isinstance(k, tree.Compare) for k in known):
+            yield tuple(k.left for k in known if isinstance(k, tree.Compare))
+
+
+def _unused(entry: tree.Entry) -> Iterator[tree.Term]:
+    """The bodies of functions that neither the problem nor another definition mentions."""
+    texts = (entry.problem, *(d.body for d in entry.definitions))
+    mentioned = {n.name for text in texts for n in nodes(text) if isinstance(n, tree.FuncOf)}
+    for d in entry.definitions:
+        if d.parameters and isinstance(d.body, tree.Term) and d.name not in mentioned:
+            yield d.body
+
+
+def _terms(text: str) -> tuple[tree.Term, ...]:
+    """The terms of a list `a :: b :: nil`; none of other texts."""
+    parts = [p for part in text.split("::") if (p := part.strip()) and p != "nil"]
+    try:
+        return tuple(parse_term(part) for part in parts)
+    except (CompileError, RecursionError):
+        return ()
 
 
 def _calls(text: str) -> Iterator[tuple[str, str]]:

@@ -28,6 +28,7 @@ from dl2c.verify.execution import Execution, Goal, split
 from dl2c.verify.flows import Flows
 from dl2c.verify.refute import Refutation, examined
 from dl2c.verify.report import Answer, Attempt, Invariants, Obligation, Report, better, joined
+from dl2c.verify.stability import guesses
 from dl2c.verify.states import Event, Names, State, Unsupported, partial
 from dl2c.verify.theorem import Theorem, assumptions, conclusions, loops_of, theorem_of
 
@@ -215,6 +216,8 @@ class Proof:
 
     def _found(self, written: Invariants) -> Iterator[Attempt | None]:
         """Attempts with invariants of loops that the text does not give."""
+        for guess in guesses(self.theorem):
+            yield from (replace(self.attempt(guess, effort), invented=True) for effort in EFFORTS)
         if not self.loops:
             return
         for hint in self.theorem.hints.loops:
@@ -365,7 +368,7 @@ class Proof:
 
     def _executed(self, invariants: Invariants, effort: int) -> Execution:
         safety = self.theorem.safety
-        wanted = [p for parts in invariants.values() for p in parts]
+        wanted = [p for parts in invariants.values() for part in parts for p in _with_consequent(part)]
         wanted += [*conclusions(self.theorem.formula), *(f for _, f in safety if self.one_step)]
         execution = Execution(
             Flows(self.prover, effort, self.theorem.hints.flows, wanted),
@@ -393,6 +396,11 @@ def _safe_with(known: Obligation | None, left: bool) -> bool:
     begin, or it is, for all states of the loop's invariant, which this step has not `left`.
     """
     return known is not None and (known.answer != "proved" or not left)
+
+
+def _with_consequent(formula: tree.Formula) -> tuple[tree.Formula, ...]:
+    """A formula, and of an implication what it is about where its condition holds."""
+    return (formula, formula.right) if isinstance(formula, tree.Imply) else (formula,)
 
 
 def _parts(formulas: Sequence[tree.Formula]) -> tuple[tree.Formula, ...]:
