@@ -42,6 +42,9 @@ NEGATIONS: dict[Comparison, Comparison] = {"=": "!=", "!=": "=", "<": ">=", ">="
 ROOM = 64
 """How many units in the last place a monitor without intervals may be off, of the magnitudes of all terms."""
 
+SMALLEST = {False: Fraction(1, 2**1022), True: Fraction(1, 2**126)}
+"""Normal numbers, of doubles and of floats."""
+
 Numbers = Mapping[Symbol, Fraction]
 
 
@@ -291,39 +294,44 @@ def _copied(term: Term, unit: Fraction) -> bool:
 def _close(left: Term, right: Term, env: Numbers, unit: Fraction) -> bool:
     try:
         apart = exact_numbers.evaluate(Sub(left, right), env)
-        total = magnitude(Add(left, right), env)
+        total = magnitude(Add(left, right), env, SMALLEST[unit > Fraction(1, 2**50)])
         room = total * exact_numbers.alike(total, ROOM * unit)[1]
         return exact_numbers.holds("<=", *exact_numbers.alike(abs(apart), room)) is not False
     except ArithmeticError:
         return True
 
 
-def magnitude(term: Term, env: Numbers) -> Any:
+def magnitude(term: Term, env: Numbers, smallest: Fraction) -> Any:
     """The sum of the magnitudes of what a term adds up; of quotients and roots, what an error of that size
-    in their operands makes of them.
+    in their operands makes of them. Products and quotients count as at least the `smallest` normal number,
+    below which errors do not become smaller.
     """
+
+    def of(part: Term) -> Any:
+        return magnitude(part, env, smallest)
+
     match term:
         case Add(a, b) | Sub(a, b):
-            found = (magnitude(a, env), magnitude(b, env))
+            found = (of(a), of(b))
         case Mul(a, b):
-            first, second = exact_numbers.alike(magnitude(a, env), magnitude(b, env))
-            return first * second
+            first, second = exact_numbers.alike(of(a), of(b))
+            found = (first * second, smallest)
         case Div(a, b):
             divisor = exact_numbers.evaluate(b, env)
-            product = magnitude(Mul(a, b), env)
-            return exact_numbers.quotient(*exact_numbers.alike(product, divisor * divisor))
+            product = of(Mul(a, b))
+            found = (exact_numbers.quotient(*exact_numbers.alike(product, divisor * divisor)), smallest)
         case Neg(a) | Call("abs", (a,)):
-            return magnitude(a, env)
+            return of(a)
         case Pow(a, n):
-            return magnitude(a, env) ** n
+            found = (of(a) ** n, smallest)
         case Call("min" | "max", (a, b)):
-            found = (magnitude(a, env), magnitude(b, env))
+            found = (of(a), of(b))
         case Call("sqrt", (a,)):
             root = exact_numbers.evaluate(term, env)
-            return exact_numbers.quotient(*exact_numbers.alike(magnitude(a, env), root))
+            return exact_numbers.quotient(*exact_numbers.alike(of(a), root))
         case Call(_, (a,)):
             value = abs(exact_numbers.evaluate(term, env))
-            found = (1 + value, magnitude(a, env))
+            found = (1 + value, of(a))
         case _:
             return abs(exact_numbers.evaluate(term, env))
     a, b = exact_numbers.alike(*found)
