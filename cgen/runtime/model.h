@@ -77,8 +77,8 @@
 
 #include "dl2c.h"
 #include "flow_exact.h"
+#include "functions.h"
 #include "numbers.h"
-#include "taylor_functions.h"
 #include "zeros.h"
 
 /* The longest list of decisions or inputs of one path that a table row holds. */
