@@ -265,6 +265,9 @@ _ROWS = {
 FUNCTIONS: Mapping[str, Function] = {name: _named(name, row) for name, row in _ROWS.items()}
 """All of them by their names in dL."""
 
+OF_DERIVATIVES = {"log": "log", "sign": "dl2c_sign"}
+"""Functions that CasADi's derivatives of these use besides, by its names, with their names in C."""
+
 DEFINED = {"div": (("x", "y"), "x/y")}
 """Functions that are another way to write a term: their parameters and the term."""
 
