@@ -4,7 +4,9 @@
  *
  * `main.c` of a monitor holds a copy, after `real`, MOST (numbers on a line at most), LENGTH (characters of
  * a line at most), STRTOREAL, BLANK (what stands between numbers) and USAGE (the forms of lines). `expected`
- * is how many numbers belong to a word, -1 for an unknown one; `answer` prints what a line asks for.
+ * is how many numbers belong to a word, -1 for an unknown one; `answer` prints what a line asks for. Of a
+ * controller and its policy MODEL, CHOICES (those of the controller), OBSERVATIONS, OUTPUTS and MADE (choices
+ * that the policy makes, of which CHOICES are printed) are words of the monitor's.
  */
 #ifndef DL2C_MONITOR_HOST_H
 #define DL2C_MONITOR_HOST_H
@@ -31,6 +33,63 @@ static int refuse(long number, const char *why)
 {
   fprintf(stderr, "line %ld: %s; a line is one of\n%s", number, why, USAGE);
   return 2;
+}
+
+/* Answers lines about the controller: a run of its choices, or the fallback under the monitor. */
+static bool controls(const char *word, const real *from)
+{
+  const bool run = strcmp(word, "run") == 0;
+  MODEL_state state;
+  MODEL_parameters parameters;
+  MODEL_input input;
+  if (!run && strcmp(word, "fallback") != 0)
+    return false;
+  from = read_state(&state, from);
+  from = read_parameters(&parameters, from);
+  from = read_input(&input, from);
+  MODEL_state post = state;
+  if (run) {
+    int choices[CHOICES + 1] = {0};
+    for (int k = 0; k < CHOICES; k++)
+      choices[k] = (int)from[k];
+    printf("%d ", MODEL_run(state, &parameters, &input, choices, &post));
+  } else
+    post = MODEL_monitored_ctrl(state, &parameters, &input, 0, 0);
+  print_state(&post);
+  puts("");
+  return true;
+}
+
+/* Answers lines about the policy: its outputs, and what it asks for or what is done under the monitor. */
+static bool acts(const char *word, const real *from)
+{
+  const bool asks = strcmp(word, "asks") == 0;
+  MODEL_state state;
+  MODEL_parameters parameters;
+  MODEL_input input;
+  real observation[OBSERVATIONS], output[OUTPUTS];
+  if (!asks && strcmp(word, "policy") != 0)
+    return false;
+  from = read_state(&state, from);
+  from = read_parameters(&parameters, from);
+  (void)read_input(&input, from);
+  MODEL_policy_observe(state, &parameters, &input, observation);
+  MODEL_policy_outputs(observation, output);
+  for (int k = 0; k < OUTPUTS; k++)
+    printf("%.17g ", (double)output[k]);
+  if (asks) {
+    MODEL_input asked;
+    int choices[MADE];
+    MODEL_policy_asks(state, &parameters, &input, &asked, choices);
+    print_input(&asked);
+    for (int k = 0; k < CHOICES; k++)
+      printf("%d ", choices[k]);
+  } else {
+    const MODEL_state post = MODEL_policy_monitored(state, &parameters, &input);
+    print_state(&post);
+  }
+  puts("");
+  return true;
 }
 
 /*

@@ -80,10 +80,8 @@ DL2C_INLINE bool dl2c_decide_lane(int64_t path, const real *x, const real *p, co
 {
   bool well = path >= 0;
   real u[NU + 1];
-  DL2C_UNROLL
-  for (int j = 0; j < NU; j++) u[j] = inputs[j];
-  DL2C_UNROLL
-  for (int k = 0; k < NX; k++) y[k] = x[k];
+  dl2c_copy(inputs, NU, u);
+  dl2c_copy(x, NX, y);
   DL2C_UNROLL
   for (int k = 0; k < NPATH; k++)
     if (NU > 0) well &= (path != k) | dl2c_all_admissible(k, x, p, u);

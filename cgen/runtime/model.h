@@ -77,8 +77,8 @@
 
 #include "dl2c.h"
 #include "flow_exact.h"
+#include "functions.h"
 #include "numbers.h"
-#include "taylor_functions.h"
 #include "zeros.h"
 
 /* The longest list of decisions or inputs of one path that a table row holds. */
@@ -176,5 +176,43 @@ typedef struct dl2c_judgement {
   int32_t reason[DL2C_BLOCK];    /* dl2c_reason */
   uint8_t undefined[DL2C_BLOCK]; /* a reward term has no finite value */
 } dl2c_judgement;
+
+/* Judged by no predicate yet. */
+DL2C_INLINE void dl2c_unjudged(int64_t count, dl2c_judgement *restrict judged)
+{
+  for (int64_t i = 0; i < count; i++) judged->reward[i] = 0.0;
+  for (int64_t i = 0; i < count; i++) {
+    judged->cost[i] = 0;
+    judged->undefined[i] = 0;
+  }
+}
+
+/* Adds to lane i a reward that is due; without a value it adds nothing and says so. */
+static inline void dl2c_earn(bool due, bool defined, real value, int64_t i, dl2c_judgement *judged)
+{
+  judged->reward[i] += dl2c_select(due && defined, value, 0.0);
+  judged->undefined[i] |= (uint8_t)(due & !defined);
+}
+
+/* How a step ends an episode: dl2c_end, dl2c_outcome, dl2c_reason. */
+typedef struct dl2c_ending {
+  int32_t end, status, reason;
+} dl2c_ending;
+
+/* A trigger makes an ending its own where it fires. */
+static inline void dl2c_trigger(int32_t fires, int32_t end, int32_t status, int32_t reason,
+                                dl2c_ending *ending)
+{
+  ending->end = dl2c_pick(fires, end, ending->end);
+  ending->status = dl2c_pick(fires, status, ending->status);
+  ending->reason = dl2c_pick(fires, reason, ending->reason);
+}
+
+static inline void dl2c_ends(dl2c_ending ending, int64_t i, dl2c_judgement *judged)
+{
+  judged->end[i] = ending.end;
+  judged->status[i] = ending.status;
+  judged->reason[i] = ending.reason;
+}
 
 #endif

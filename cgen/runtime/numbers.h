@@ -96,6 +96,13 @@ static inline int64_t dl2c_next(const uint8_t *flags, int64_t i, int64_t count)
 static inline real dl2c_min(real a, real b) { return a < b ? a : b; }
 static inline real dl2c_max(real a, real b) { return a > b ? a : b; }
 
+/* y = x.   x, y: (n) */
+static inline void dl2c_copy(const real *x, int n, real *y)
+{
+  DL2C_UNROLL
+  for (int k = 0; k < n; k++) y[k] = x[k];
+}
+
 /* State values beyond this magnitude count as infinite. */
 #define DL2C_LARGEST_STATE 1e100
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from dl2c.emit import names
 from dl2c.ir.functions import FUNCTIONS as LIBRARY
+from dl2c.ir.functions import OF_DERIVATIVES
 from dl2c.symbolic.tape import Instruction, Tape
 from dl2c.symbolic.terms import LARGEST
 
@@ -32,7 +33,7 @@ INFIX = {
     "or": ("|", DISJUNCTION),
 }
 MIRRORED = {"<": ">", "<=": ">="}
-FUNCTIONS = {name: row.c for name, row in LIBRARY.items()} | {"log": "log", "sign": "dl2c_sign"}
+FUNCTIONS = {name: row.c for name, row in LIBRARY.items()} | OF_DERIVATIVES
 MATH = "|".join(c for c in FUNCTIONS.values() if not c.startswith("dl2c_"))
 """Those of <math.h>, as a pattern."""
 

@@ -84,7 +84,12 @@ LANES = "const real *restrict x, const real *restrict p, int64_t stride, int64_t
 
 def each_lane(target: str, value: str) -> list[str]:
     """A loop that computes one value for every lane."""
-    loop, statement = "for (int64_t i = 0; i < count; i++)", f"{target} = {value};"
+    return in_each_lane(f"{target} = {value};")
+
+
+def in_each_lane(statement: str) -> list[str]:
+    """A loop of one statement for every lane i."""
+    loop = "for (int64_t i = 0; i < count; i++)"
     if len(loop) + 1 + len(statement) <= WIDTH - 2:
         return [f"{loop} {statement}"]
     return [loop, *(f"  {line}" for line in wrapped(statement))]

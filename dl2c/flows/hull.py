@@ -10,15 +10,9 @@ from functools import partial
 from typing import TypeAlias
 
 from dl2c.ir.functions import FUNCTIONS as LIBRARY
-from dl2c.ir.functions import greatest, least
+from dl2c.ir.functions import SLOP, TINY, Function, greatest, least, libm
 
 Hull: TypeAlias = tuple[float, float]
-
-TINY = 2.0**-1000
-"""Smaller numbers count as zero."""
-
-LIBM_ERROR = 2.0**-50
-"""How far functions of libm may be off, relative to the result, or to 1 for sin and cos."""
 
 UNKNOWN: Hull = (math.nan, math.nan)
 SMALLEST = 2.0**-1022
@@ -81,65 +75,45 @@ def maximum(a: Hull, b: Hull) -> Hull:
     return (greatest(a[0], b[0]), greatest(a[1], b[1])) if math.isfinite(a[0] + b[0]) else UNKNOWN
 
 
-def value(function: Callable[..., float], *args: float) -> float:
-    """A function of libm as C has it: NaN or infinity instead of an exception."""
-    try:
-        return function(*args)
-    except OverflowError:
-        return math.inf
-    except (ValueError, ZeroDivisionError):
-        return math.nan
-
-
 def sqrt(a: Hull) -> Hull:
-    return hull_of(value(math.sqrt, a[0]), value(math.sqrt, a[1]))
+    return hull_of(libm(math.sqrt, a[0]), libm(math.sqrt, a[1]))
 
 
-def _grown(low: float, high: float) -> Hull:
-    """What a growing function of libm gives at the ends."""
-    return hull_of(low - (abs(low) * LIBM_ERROR + SMALLEST), high + (abs(high) * LIBM_ERROR + SMALLEST))
-
-
-def rising(a: Hull, function: Callable[[float], float]) -> Hull:
-    """Of a function of libm that grows."""
-    return _grown(value(function, a[0]), value(function, a[1]))
-
-
-def tan(a: Hull) -> Hull:
-    if not (a[0] > -1.57 and a[1] < 1.57):
-        return UNKNOWN
-    return _grown(math.tan(a[0]), math.tan(a[1]))
+def _widened(low: float, high: float) -> Hull:
+    """Around values of libm."""
+    return hull_of(low - (abs(low) * SLOP + SMALLEST), high + (abs(high) * SLOP + SMALLEST))
 
 
 def power(a: Hull, b: Hull) -> Hull:
     """A power of a positive base is monotone in the base and in the exponent."""
     if not a[0] > 0 or not math.isfinite(b[0]):
         return UNKNOWN
-    low, high = _four(*(value(math.pow, x, y) for x in a for y in b))
-    return _grown(low, high)
+    low, high = _four(*(libm(math.pow, x, y) for x in a for y in b))
+    return _widened(low, high)
 
 
 def _wave(a: Hull, function: Callable[[float], float]) -> Hull:
     """Sine and cosine change no faster than their argument: from the middle by half the width at most."""
     middle = a[0] + 0.5 * (a[1] - a[0])
-    reach = greatest(middle - a[0], a[1] - middle) + LIBM_ERROR
+    reach = greatest(middle - a[0], a[1] - middle) + SLOP
     if reach >= 2:
         return -1.0, 1.0
-    at_middle = value(function, middle)
+    at_middle = libm(function, middle)
     return hull_of(greatest(-1.0, at_middle - reach), least(1.0, at_middle + reach))
 
 
-def sin(a: Hull) -> Hull:
-    return _wave(a, math.sin)
-
-
-def cos(a: Hull) -> Hull:
-    return _wave(a, math.cos)
+def _of_library(a: Hull, row: Function) -> Hull:
+    if row.crest is not None:
+        return _wave(a, row.value)
+    assert row.ends is not None
+    if row.has_poles and not (a[0] > -1.57 and a[1] < 1.57):
+        return UNKNOWN
+    return _widened(*row.ends(*a))
 
 
 FUNCTIONS: dict[str, Callable[..., Hull]] = {
+    **{name: partial(_of_library, row=row) for name, row in LIBRARY.items()},
     "neg": neg, "add": add, "sub": sub, "mul": mul, "div": div, "square": square, "abs": absolute,
-    "min": minimum, "max": maximum, "sqrt": sqrt, "sin": sin, "cos": cos, "tan": tan, "pow": power,
-    **{n: partial(rising, function=row.value) for n, row in LIBRARY.items() if row.rising is not None},
+    "min": minimum, "max": maximum, "sqrt": sqrt, "pow": power,
 }  # fmt: skip
 """By the names that operations have in dL."""

@@ -7,9 +7,12 @@ from it (taylor.h says what is certain).
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from dl2c.flows import hull
-from dl2c.flows.hull import TINY, UNKNOWN, Hull, value
+from dl2c.flows.hull import UNKNOWN, Hull
+from dl2c.ir.functions import FUNCTIONS as LIBRARY
+from dl2c.ir.functions import SLOP, TINY, geometric_rest
 
 ORDER = 4
 LACKS_DIGITS = 1
@@ -18,8 +21,6 @@ LACKS_VALUE = 2
 """It has no value anywhere on the stretch."""
 FINE = 8.0
 """An error is that of rounding where it is at most so many times as large."""
-SLOP = 2.0**-50
-"""Rounding of one operation on models, relative to the sizes of its operands."""
 ROUND_UP = 1.0 + 2.0**-49
 """Sums of bounds are rounded up by this factor."""
 
@@ -171,10 +172,6 @@ def compose(a: Taylor, f: Sequence[float], tail: float, noise: float, enclosed: 
     return _known(replace(t, r=r, e=e, hull=hull.out(enclosed)))
 
 
-def _geometric_rest(q: float) -> float:
-    return q * q * q * q * q / (1.0 - q)
-
-
 def _inverse(a: Taylor) -> Taylor:
     enclosed = hull.div((1.0, 1.0), a.hull)
     middle = a.c[0]
@@ -186,27 +183,11 @@ def _inverse(a: Taylor) -> Taylor:
     f = [1.0 / middle]
     for _ in range(ORDER):
         f.append(-f[-1] / middle)
-    return compose(a, f, abs(f[0]) * _geometric_rest(q), 0.0, enclosed)
+    return compose(a, f, abs(f[0]) * geometric_rest(q), 0.0, enclosed)
 
 
 def div(a: Taylor, b: Taylor) -> Taylor:
     return _known(replace(_product(a, _inverse(b)), hull=hull.out(hull.div(a.hull, b.hull))))
-
-
-def sqrt(a: Taylor) -> Taylor:
-    enclosed = hull.sqrt(a.hull)
-    middle = a.c[0]
-    if not middle > TINY:
-        return unknown(_lacks(a, not a.hull[1] < 0), enclosed)
-    q = a.deviation / middle
-    if not q < 0.999:
-        return unknown(_lacks(a, not a.hull[1] < 0), enclosed)
-    root = math.sqrt(middle)
-    slope = root / (2.0 * middle)
-    second = -slope / (4.0 * middle)
-    third = -second / (2.0 * middle)
-    f = (root, slope, second, third, -third * 5.0 / (8.0 * middle))
-    return compose(a, f, 0.03125 * root * _geometric_rest(q), 0.0, enclosed)
 
 
 def absolute(a: Taylor) -> Taylor:
@@ -227,68 +208,19 @@ def maximum(a: Taylor, b: Taylor) -> Taylor:
     return b if b.hull[0] > a.hull[1] else unknown(a.lacks | b.lacks, hull.maximum(a.hull, b.hull))
 
 
-def exp(a: Taylor) -> Taylor:
-    enclosed = hull.rising(a.hull, math.exp)
-    d = a.deviation
-    if not (d < 1 and abs(a.c[0]) < 700):
-        return unknown(_lacks(a), enclosed)
-    v = math.exp(a.c[0])
-    return compose(a, (v, v, v / 2.0, v / 6.0, v / 24.0), v * 0.023 * (d * d * d * d * d), 0.0, enclosed)
-
-
-def _wave(a: Taylor, v: float, slope: float, enclosed: Hull) -> Taylor:
-    """Sine and cosine from their values in the middle."""
-    d = a.deviation
-    if not d < 4:
-        return unknown(_lacks(a), enclosed)
-    noise = 8.0 * SLOP * (1.0 + d * (1.0 + d))
-    f = (v, slope, -v / 2.0, -slope / 6.0, v / 24.0)
-    return compose(a, f, d * d * d * d * d / 120.0, noise, enclosed)
-
-
-def sin(a: Taylor) -> Taylor:
-    return _wave(a, value(math.sin, a.c[0]), value(math.cos, a.c[0]), hull.sin(a.hull))
-
-
-def cos(a: Taylor) -> Taylor:
-    return _wave(a, value(math.cos, a.c[0]), -value(math.sin, a.c[0]), hull.cos(a.hull))
+def of_library(a: Taylor, name: str) -> Taylor:
+    """A function by the series of its row."""
+    row, enclosed = LIBRARY[name], hull.FUNCTIONS[name](a.hull)
+    assert row.series is not None
+    series = row.series(a.c[0], a.deviation)
+    if series is None:
+        return unknown(_lacks(a, not (a.hull[0] > row.among[1] or a.hull[1] < row.among[0])), enclosed)
+    return compose(a, *series, enclosed)
 
 
 def tan(a: Taylor) -> Taylor:
-    return replace(div(sin(a), cos(a)), hull=hull.out(hull.tan(a.hull)))
-
-
-def tanh(a: Taylor) -> Taylor:
-    """The fourth derivative is below 4.8 everywhere, as is that of arctan."""
-    d = a.deviation
-    v = math.tanh(a.c[0])
-    slope = 1.0 - v * v
-    f = (v, slope, -v * slope, slope * (3.0 * (v * v) - 1.0) / 3.0, 0.0)
-    return compose(a, f, 0.2 * (d * d * d * d), 8.0 * SLOP * (1.0 + d), hull.rising(a.hull, math.tanh))
-
-
-def arctan(a: Taylor) -> Taylor:
-    d = a.deviation
-    middle = a.c[0]
-    slope = 1.0 / (1.0 + middle * middle)
-    third = slope * slope * slope * (3.0 * (middle * middle) - 1.0) / 3.0
-    f = (math.atan(middle), slope, -middle * (slope * slope), third, 0.0)
-    return compose(a, f, 0.2 * (d * d * d * d), 8.0 * SLOP * (1.0 + d), hull.rising(a.hull, math.atan))
-
-
-def arcsin(a: Taylor) -> Taylor:
-    """The third derivative grows with the size of the argument."""
-    enclosed = hull.rising(a.hull, math.asin)
-    d = a.deviation
-    middle = a.c[0]
-    far = abs(middle) + d
-    if not far < 0.999999:
-        return unknown(_lacks(a, not (a.hull[0] > 1 or a.hull[1] < -1)), enclosed)
-    left = (1.0 - far) * (1.0 + far)
-    slope = 1.0 / math.sqrt((1.0 - middle) * (1.0 + middle))
-    f = (math.asin(middle), slope, 0.5 * middle * (slope * slope * slope), 0.0, 0.0)
-    rest = d * d * d * (1.0 + 2.0 * (far * far)) / (5.9 * (left * left * math.sqrt(left)))
-    return compose(a, f, rest, 8.0 * SLOP * (1.0 + slope * d), enclosed)
+    quotient = div(of_library(a, "sin"), of_library(a, "cos"))
+    return replace(quotient, hull=hull.out(hull.FUNCTIONS["tan"](a.hull)))
 
 
 def _log(a: Taylor) -> Taylor:
@@ -304,12 +236,13 @@ def _log(a: Taylor) -> Taylor:
     for k in range(1, ORDER + 1):
         f.append(power / k)
         power = -power / middle
-    return compose(a, f, 0.2 * _geometric_rest(q), 16.0 * SLOP, UNKNOWN)
+    return compose(a, f, 0.2 * geometric_rest(q), 16.0 * SLOP, UNKNOWN)
 
 
 def power(a: Taylor, b: Taylor) -> Taylor:
     """A power of a positive base."""
-    return replace(exp(_product(b, _log(a))), hull=hull.out(hull.power(a.hull, b.hull)))
+    found = of_library(_product(b, _log(a)), "exp")
+    return replace(found, hull=hull.out(hull.power(a.hull, b.hull)))
 
 
 def sign(a: Taylor) -> int:
@@ -331,8 +264,8 @@ def sign(a: Taylor) -> int:
 
 
 FUNCTIONS: dict[str, Callable[..., Taylor]] = {
+    **{name: partial(of_library, name=name) for name, row in LIBRARY.items() if row.series is not None},
     "neg": neg, "add": add, "sub": sub, "mul": mul, "div": div, "square": square, "abs": absolute,
-    "min": minimum, "max": maximum, "sqrt": sqrt, "exp": exp, "sin": sin, "cos": cos, "tan": tan,
-    "arcsin": arcsin, "arctan": arctan, "tanh": tanh, "pow": power,
+    "min": minimum, "max": maximum, "tan": tan, "pow": power,
 }  # fmt: skip
 """By the names that operations have in dL."""

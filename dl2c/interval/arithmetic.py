@@ -30,7 +30,7 @@ from dl2c.interval.rounding import (
     sqrt_down,
     sqrt_up,
 )
-from dl2c.ir.functions import FUNCTIONS, Function
+from dl2c.ir.functions import FUNCTIONS, libm
 from dl2c.ir.logic import COMPARISONS, fold
 from dl2c.ir.model import (
     Add,
@@ -293,18 +293,10 @@ def applied(name: str, args: tuple[Interval, ...]) -> Interval:
             if a.high < 0:
                 return EMPTY
             return Interval(sqrt_down(max(a.low, 0.0)), sqrt_up(a.high), a.total and a.low >= 0)
-        case "sin":
-            return _wave(math.sin, math.pi / 2, a)
-        case "cos":
-            return _wave(math.cos, 0.0, a)
-        case "tan":
-            if _hits(math.pi / 2, math.pi, a):
-                return Interval(-INF, INF, False)
-            return _padded(math.tan(a.low), math.tan(a.high), a.total)
         case "pow":
             return _real_power(a, b)
         case _:
-            return _rising(FUNCTIONS[name], a)
+            return _of_library(name, a)
 
 
 def _padded(low: float, high: float, total: bool) -> Interval:
@@ -314,21 +306,19 @@ def _padded(low: float, high: float, total: bool) -> Interval:
     return Interval(MAX if below == INF else below, above, total)
 
 
-def _rising(function: Function, a: Interval) -> Interval:
-    """Of a function that grows, from its values at the ends of what lies in its domain."""
-    assert function.rising is not None
-    inside = meet(a, Interval(*function.among))
+def _of_library(name: str, a: Interval) -> Interval:
+    """Of a function of libm, from its values on what lies in its domain."""
+    row = FUNCTIONS[name]
+    if row.crest is not None:
+        return _wave(row.value, row.crest, a)
+    assert row.ends is not None
+    if row.has_poles and _hits(math.pi / 2, math.pi, a):
+        return Interval(-INF, INF, False)
+    inside = meet(a, Interval(*row.among))
     if inside.empty:
         return EMPTY
-    low, high = (_value(function.value, x) for x in (inside.low, inside.high))
-    return meet(_padded(low, high, a.total and inside == a), Interval(*function.rising))
-
-
-def _value(function: Callable[..., float], *args: float) -> float:
-    try:
-        return function(*args)
-    except OverflowError:
-        return INF
+    low, high = row.ends(inside.low, inside.high)
+    return meet(_padded(low, high, a.total and inside == a), Interval(*row.between))
 
 
 def _wave(function: Callable[[float], float], crest: float, a: Interval) -> Interval:
@@ -353,5 +343,5 @@ def _real_power(a: Interval, b: Interval) -> Interval:
     """exp(b * log(a)) where a > 0, extended to a = 0 where b > 0."""
     if a.low < 0 or (a.low == 0 and b.low <= 0):
         return Interval(-INF, INF, False)
-    corners = [_value(math.pow, x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
+    corners = [libm(math.pow, x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
     return meet(_padded(min(corners), max(corners), a.total and b.total), Interval(0.0, INF))

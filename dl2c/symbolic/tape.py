@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dl2c.ir.functions import FUNCTIONS
+from dl2c.ir.functions import FUNCTIONS, OF_DERIVATIVES
 from dl2c.ir.model import Formula, Symbol, Term
 from dl2c.symbolic.terms import Builder, Graph, casadi
 
@@ -19,8 +19,6 @@ OPERATIONS: dict[int, str] = {
     casadi.OP_DIV: "div",
     casadi.OP_NEG: "neg",
     casadi.OP_POW: "pow",
-    casadi.OP_LOG: "log",
-    casadi.OP_SIGN: "sign",
     casadi.OP_LT: "lt",
     casadi.OP_LE: "le",
     casadi.OP_EQ: "eq",
@@ -29,6 +27,7 @@ OPERATIONS: dict[int, str] = {
     casadi.OP_OR: "or",
     casadi.OP_NOT: "not",
     **{getattr(casadi, f"OP_{row.casadi.upper()}"): name for name, row in FUNCTIONS.items()},
+    **{getattr(casadi, f"OP_{name.upper()}"): name for name in OF_DERIVATIVES},
 }
 """Besides these a tape has the operations "input" and "constant"."""
 

@@ -21,7 +21,16 @@ typedef struct { int id; real val; } MODEL_verdict;
 typedef struct { MODEL_state post; MODEL_verdict wanted, verdict; bool overruled; } MODEL_decision;
 typedef MODEL_state MODEL_ctrl(MODEL_state, const MODEL_parameters *, const MODEL_input *);
 MODEL_verdict MODEL_check_controller(const MODEL_state *, const MODEL_state *, const MODEL_parameters *);
-MODEL_ctrl MODEL_fallback;
+MODEL_ctrl MODEL_fallback, MODEL_policy_ctrl, MODEL_policy_monitored;
+MODEL_state MODEL_monitored_ctrl(MODEL_state, const MODEL_parameters *, const MODEL_input *, MODEL_ctrl *,
+                                 MODEL_ctrl *);
+bool MODEL_run(MODEL_state, const MODEL_parameters *, const MODEL_input *, const int *, MODEL_state *);
+void MODEL_policy_observe(MODEL_state, const MODEL_parameters *, const MODEL_input *, real *);
+void MODEL_policy_outputs(const real *, real *);
+void MODEL_policy_asks(MODEL_state, const MODEL_parameters *, const MODEL_input *, MODEL_input *, int *);
+enum { OBSERVATIONS = 1, OUTPUTS = 4, MADE = 2, CHOICES = 2, ALTERNATIVES = 4, RUNS = 2, POLICY_PATHS = 2 };
+static const int START[CHOICES + 1] = {0, 2, 4};
+static const int TAKEN[RUNS][CHOICES] = {{0, -1}, {1, 1}}, PATHS[POLICY_PATHS][CHOICES] = {{0, 0}, {1, 1}};
 MODEL_decision MODEL_decide(MODEL_state, const MODEL_parameters *, const MODEL_input *, MODEL_ctrl *,
                             MODEL_ctrl *);
 #define IV_EPSILON DBL_EPSILON
@@ -84,6 +93,11 @@ enum { LINE = 4, LENGTH = 64 };
 #define STRTOREAL strtod
 #define BLANK " "
 #define USAGE "none"
+static const real *read_state(MODEL_state *state, const real *from) { state->x = *from; return from + 1; }
+static const real *read_parameters(MODEL_parameters *p, const real *from) { p->p = *from; return from + 1; }
+static const real *read_input(MODEL_input *input, const real *from) { input->u = *from; return from + 1; }
+static void print_state(const MODEL_state *state) { printf("%g ", state->x); }
+static void print_input(const MODEL_input *input) { printf("%g ", input->u); }
 #include "host.h"
 static int expected(const char *word) { return word[0] == 'x' ? 1 : -1; }
 static void answer(const char *word, const real *from) { printf("%s %g", word, from[0]); }

@@ -17,9 +17,7 @@ def copied(file: str, names: tuple[str, ...], words: Mapping[str, str] | None = 
     """Definitions of a file of cgen/monitor, by name, with other words for some of its."""
     parts = _definitions(file)
     text = "\n".join(parts[name] for name in names)
-    for word, meaning in (words or {}).items():
-        text = text.replace(word, meaning)
-    return text
+    return re.sub("|".join(words), lambda found: words[found[0]], text) if words else text
 
 
 def copied_body(file: str, name: str, words: Mapping[str, str]) -> list[str]:

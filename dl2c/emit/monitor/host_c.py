@@ -25,9 +25,12 @@ def main_c(unit: Unit, policy: bool = False) -> str:
     choices = 0
     if controller is not None:
         choices = len(controller.decisions)
-        functions += [_reading(unit, "input", inputs, taken), _printing(unit, states)]
-        functions += [_asking(unit, inputs, choices)] if policy else []
-        functions.append(_controlling(unit, choices, policy))
+        functions += [_reading(unit, "input", inputs, taken), _printing(unit, "state", states)]
+        functions += [_printing(unit, "input", inputs)] if policy else []
+        sizes_of_policy = {"OBSERVATIONS": "OBSERVATIONS", "OUTPUTS": "OUTPUTS", "MADE": "CHOICES"}
+        words = {word: f"{stem.upper()}_{size}" for word, size in sizes_of_policy.items()}
+        words |= {"MODEL": stem, "CHOICES": str(choices)}
+        functions.append(copied("host.h", ("controls", *(["acts"] if policy else [])), words))
         answered = ["fallback", "run", *(POLICY if policy else ())]
         lines |= {kind: ["state", "parameters", "input"] for kind in answered}
     counts = {k: sum(sizes[p] for p in parts) + choices * (k == "run") for k, parts in lines.items()}
@@ -46,7 +49,7 @@ def main_c(unit: Unit, policy: bool = False) -> str:
             copied("host.h", ("numbers_of", "refuse")),
             *functions,
             function("static int expected(const char *word)", _expected(counts)),
-            function("static void answer(const char *word, const real *from)", _answer(unit)),
+            function("static void answer(const char *word, const real *from)", _answer(unit, policy)),
             copied("host.h", ("main",)),
         ]
     )
@@ -66,13 +69,14 @@ def _expected(counts: dict[str, int]) -> list[str]:
     return [*(line for pair in tests for line in pair), "return -1;"]
 
 
-def _answer(unit: Unit) -> list[str]:
+def _answer(unit: Unit, policy: bool) -> list[str]:
     stem = unit.stem
     form, value = ("d %d", "verdict.unknown") if unit.sound else ("d %.17g", "(double)verdict.val")
     both = any(check.transition for check in unit.monitor.checks)
     lines: list[str] = []
     if unit.monitor.controller is not None:
-        lines += ["if (controls(word, from))", "  return;"]
+        asked = "controls(word, from)" + " || acts(word, from)" * policy
+        lines += [f"if ({asked})", "  return;"]
     lines += [f"{stem}_state one{', two' * both};"]
     lines += [f"{stem}_parameters parameters;"]
     lines += [f"{stem}_verdict verdict = {{0, 0}};"]
@@ -94,74 +98,9 @@ def _asked(stem: str, check: Check) -> list[str]:
     ]
 
 
-def _controlling(unit: Unit, decisions: int, policy: bool) -> str:
-    """A function that answers lines about controllers."""
-    stem = unit.stem
-    known = ["!run", 'strcmp(word, "fallback") != 0', *(f"!{word}" for word in POLICY if policy)]
-    lines = [
-        f"{stem}_state state, post;",
-        f"{stem}_parameters parameters;",
-        f"{stem}_input input;",
-        f"int choices[{max(1, decisions)}] = {{0}};",
-        'const bool run = strcmp(word, "run") == 0;',
-        *(f'const bool {word} = strcmp(word, "{word}") == 0;' for word in POLICY if policy),
-        f"if ({' && '.join(known)})",
-        "  return false;",
-        "from = read_state(&state, from);",
-        "from = read_parameters(&parameters, from);",
-        "from = read_input(&input, from);",
-        "post = state;",
-        *(["if (asks) {", "  print_asked(state, &parameters, &input);", "  return true;", "}"] * policy),
-        "if (run) {",
-        *([f"  for (int k = 0; k < {decisions}; k++)"] if decisions else []),
-        *(["    choices[k] = (int)from[k];"] if decisions else []),
-        f'  printf("%d ", {stem}_run(state, &parameters, &input, choices, &post));',
-        *(["} else if (policy) {", *(f"  {line}" for line in _policy(unit))] if policy else []),
-        "} else {",
-        f"  post = {stem}_monitored_ctrl(state, &parameters, &input, 0, 0);",
-        "}",
-        "print_state(&post);",
-        'puts("");',
-        "return true;",
-    ]
-    return function("static bool controls(const char *word, const real *from)", lines)
-
-
-def _asking(unit: Unit, inputs: list[str], decisions: int) -> str:
-    """A function that prints the outputs of the policy, and what it asks for."""
-    stem, upper = unit.stem, unit.stem.upper()
-    lines = [
-        f"{unit.real} observation[{upper}_OBSERVATIONS], output[{upper}_OUTPUTS];",
-        f"int choices[{upper}_CHOICES];",
-        f"{stem}_input asked;",
-        f"{stem}_policy_observe(state, parameters, input, observation);",
-        f"{stem}_policy_outputs(observation, output);",
-        f"{stem}_policy_asks(state, parameters, input, &asked, choices);",
-        f"for (int k = 0; k < {upper}_OUTPUTS; k++)",
-        '  printf("%.17g ", (double)output[k]);',
-        *(f'printf("%.17g ", (double)asked.{name});' for name in inputs),
-        *([f"for (int k = 0; k < {decisions}; k++)", '  printf("%d ", choices[k]);'] if decisions else []),
-        'puts("");',
-    ]
-    given = f"{stem}_state state, const {stem}_parameters *parameters, const {stem}_input *input"
-    return function(f"static void print_asked({given})", lines)
-
-
-def _policy(unit: Unit) -> list[str]:
-    stem, upper = unit.stem, unit.stem.upper()
-    return [
-        f"{unit.real} observation[{upper}_OBSERVATIONS], output[{upper}_OUTPUTS];",
-        f"{stem}_policy_observe(state, &parameters, &input, observation);",
-        f"{stem}_policy_outputs(observation, output);",
-        f"post = {stem}_policy_monitored(state, &parameters, &input);",
-        f"for (int k = 0; k < {upper}_OUTPUTS; k++)",
-        '  printf("%.17g ", (double)output[k]);',
-    ]
-
-
-def _printing(unit: Unit, states: list[str]) -> str:
-    lines = [f'printf("%.17g ", (double)state->{name});' for name in states]
-    return function(f"static void print_state(const {unit.stem}_state *state)", lines)
+def _printing(unit: Unit, kind: str, members: list[str]) -> str:
+    lines = [f'printf("%.17g ", (double){kind}->{name});' for name in members]
+    return function(f"static void print_{kind}(const {unit.stem}_{kind} *{kind})", lines)
 
 
 def _reading(unit: Unit, kind: str, members: list[str], whole: Sequence[str] = ()) -> str:

@@ -14,7 +14,7 @@ from dl2c.emit.cexpr import MATH
 from dl2c.emit.cfile import comment, function, table, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.monitor.control_c import reading
-from dl2c.emit.monitor.copied import copied, one_line
+from dl2c.emit.monitor.copied import copied, copied_body, one_line
 from dl2c.emit.monitor.monitor_c import RUNTIME, builder_of, grouped, order_of
 from dl2c.emit.monitor.monitor_h import AFTER, BEFORE, Unit, title_of, wrapped_head
 from dl2c.emit.monitor.network_c import network_functions
@@ -209,7 +209,7 @@ def _acting(unit: Unit, policy: NetworkPolicy) -> Iterator[str]:
         yield copied("policy.h", ("largest",))
         if policy.masked:
             yield _mask(unit, policy, controller)
-        if io.kind == "runs":
+        elif io.kind == "runs":
             yield table("int", "PATHS", f"[{len(io.runs)}][{len(io.counts)}]", [_row(r) for r in io.runs])
     heads = declarations_of_policy(unit)
     lines = [
@@ -221,15 +221,8 @@ def _acting(unit: Unit, policy: NetworkPolicy) -> Iterator[str]:
         *_decided(unit, policy, controller),
     ]
     yield function(heads["asks"], lines)
-    lines = [
-        f"{stem}_input asked;",
-        f"int choices[{stem.upper()}_CHOICES];",
-        f"{stem}_state post = curr;",
-        f"{stem}_policy_asks(curr, params, input, &asked, choices);",
-        f"(void){stem}_run(curr, params, &asked, choices, &post);",
-        "return post;",
-    ]
-    yield function(heads["ctrl"], lines)
+    words = {"MODEL": stem, "MADE": f"{stem.upper()}_CHOICES"}
+    yield function(heads["ctrl"], copied_body("policy.h", "MODEL_policy_ctrl", words))
     called = f"curr, params, input, {stem}_policy_ctrl, {stem}_fallback"
     yield function(heads["monitored"], wrapped(f"return {stem}_monitored_ctrl({called});"))
 
@@ -239,41 +232,20 @@ def _row(values: tuple[int, ...]) -> str:
 
 
 def _mask(unit: Unit, policy: NetworkPolicy, controller: Controller) -> str:
-    """A function that finds which alternatives are possible, as the environment's mask."""
-    stem, io = unit.stem, policy.interface
+    """Functions that find what is possible, as the environment's mask, and their tables."""
+    io = policy.interface
     vectors = list(dict.fromkeys(run.taken for run in controller.runs))
     n = len(io.counts)
     starts = [sum(io.counts[:k]) for k in range(n + 1)]
-    lines = [
-        f"{stem}_state post = curr;",
-        f"bool met[{n}] = {{false}};",
-        f"for (int k = 0; k < {starts[-1]}; k++)",
-        "  open[k] = false;",
-        f"for (int r = 0; r < {len(vectors)}; r++) {{",
-        f"  const bool possible = {stem}_run(curr, params, input, TAKEN[r], &post);",
-        f"  for (int c = 0; c < {n}; c++) {{",
-        "    if (possible && TAKEN[r][c] >= 0) {",
-        "      open[START[c] + TAKEN[r][c]] = true;",
-        "      met[c] = true;",
-        "    }",
-        "  }",
-        "}",
-        f"for (int c = 0; c < {n}; c++)",
-        "  for (int k = START[c]; k < START[c + 1]; k++)",
-        "    open[k] = open[k] || !met[c];",
-    ]
-    called = f"{stem}_state curr, const {stem}_parameters *params, const {stem}_input *input"
-    return "\n".join(
-        [
-            table("int", "TAKEN", f"[{len(vectors)}][{n}]", [_row(v) for v in vectors]),
-            table("int", "START", f"[{n + 1}]", [str(s) for s in starts]),
-            function(
-                f"static void mask({called}, bool open[{starts[-1]}])",
-                lines,
-                "Which alternatives are possible; all of a choice that no possible path meets.",
-            ),
-        ]
-    )
+    tables = [table("int", "TAKEN", f"[{len(vectors)}][{n}]", [_row(v) for v in vectors])]
+    tables.append(table("int", "START", f"[{n + 1}]", [str(s) for s in starts]))
+    sizes = {"RUNS": len(vectors), "CHOICES": n, "ALTERNATIVES": starts[-1], "POLICY_PATHS": len(io.runs)}
+    words = {"MODEL": unit.stem} | {word: str(size) for word, size in sizes.items()}
+    functions = [copied("policy.h", ("mask",), words)]
+    if io.kind == "runs":
+        tables.append(table("int", "PATHS", f"[{len(io.runs)}][{n}]", [_row(r) for r in io.runs]))
+        functions.append(copied("policy.h", ("mask_paths",), words))
+    return "\n".join([*tables, *functions])
 
 
 def _decided(unit: Unit, policy: NetworkPolicy, controller: Controller) -> list[str]:
@@ -295,23 +267,12 @@ def _decided(unit: Unit, policy: NetworkPolicy, controller: Controller) -> list[
             return lines
         case "runs":
             if masked:
-                lines += _open_paths(io.runs)
+                lines += [f"bool whole[{len(io.runs)}];", "mask_paths(open, whole);"]
             call = f"largest(output, {'whole' if masked else '0'}, {len(io.runs)})"
             lines.append(f"const int *path = PATHS[{call}];")
             return [*lines, f"for (int c = 0; c < {len(io.counts)}; c++)", "  choices[c] = path[c];"]
         case "box":
             return _asked(unit, policy, controller)
-
-
-def _open_paths(runs: tuple[tuple[int, ...], ...]) -> list[str]:
-    return [
-        f"bool whole[{len(runs)}];",
-        f"for (int r = 0; r < {len(runs)}; r++) {{",
-        "  whole[r] = true;",
-        f"  for (int c = 0; c < {len(runs[0])}; c++)",
-        "    whole[r] = whole[r] && (PATHS[r][c] < 0 || open[START[c] + PATHS[r][c]]);",
-        "}",
-    ]
 
 
 def _asked(unit: Unit, policy: NetworkPolicy, controller: Controller) -> list[str]:

@@ -5,6 +5,7 @@ and N counts the roundings on the way. Sizes are what `SIZES` says, which the he
 A comparison is undecided only where its sides differ by no more than that.
 """
 
+from collections.abc import Sequence
 from typing import assert_never
 
 from dl2c.emit.monitor.interval_c import is_number_of_machine, precision_of
@@ -15,13 +16,28 @@ from dl2c.ir.model import Add, Call, Div, Formula, Mul, Neg, Number, Pow, Sub, S
 PER_OPERATION = 3
 """Of one operation, in multiples of epsilon: its rounding, and the bound that intervals are widened by."""
 
+
+def _listed(names: Sequence[str], last: str) -> str:
+    return f" {last} ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _sizes_of_functions() -> str:
+    """The rules of the table's rows, each with the functions that it is for."""
+    rows = FUNCTIONS.items()
+    rules = dict.fromkeys(row.size for _, row in rows if row.size)
+    named = {rule: [name for name, row in rows if row.size == rule] for rule in rules}
+    return ", ".join(f"of {_listed(names, 'and')} {rule}" for rule, names in named.items())
+
+
 SIZES = (
     "The size of a number is its magnitude, of a sum or a difference the sum of both sizes, of a product "
     "their product, of a/b size(a)*size(b)/b^2, of sqrt(a) size(a)/sqrt(a), of min and max the larger one, "
-    "of sin, cos, tanh and arctan 1 + size(a), of tan (1 + size(a))*(1 + tan(a)^2), of arcsin "
-    "1 + size(a)/sqrt(1 - a^2), of exp exp(a)*(1 + size(a)), of pow(a, b) "
+    f"{_sizes_of_functions()}, of pow(a, b) "
     "pow(a, b)*(1 + size(b)*(1 + abs(log(a)) + size(a)/a))."
 )
+
+LIMITED = _listed([n for n, row in FUNCTIONS.items() if row.domain and not row.has_poles], "or")
+"""Functions that have values for some arguments only."""
 
 
 def roundings(formula: Formula, single: bool) -> int:
@@ -68,7 +84,7 @@ def explained(single: bool) -> str:
     epsilon, angle = f"{precision.kind}_EPSILON", precision.angle_most
     return (
         "`unknown within N`: a comparison in it is decided unless its sides differ by at most N * "
-        f"{epsilon} * (size of the left side + size of the right side), or a divisor, an argument of sqrt, "
-        f"arcsin or pow is that close to where there is no value, or an angle is beyond {angle}, or numbers "
+        f"{epsilon} * (size of the left side + size of the right side), or a divisor, an argument of "
+        f"{LIMITED} is that close to where there is no value, or an angle is beyond {angle}, or numbers "
         f"are too large. {SIZES}"
     )

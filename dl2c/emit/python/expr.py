@@ -100,7 +100,12 @@ class Writer:
             case Pow(base, exponent):
                 return self._power(self.term(base), exponent)
             case Call(function, args):
-                return Bracketed(FUNCTIONS[function].python, tuple(map(self.term, args)))
+                row, parts = FUNCTIONS[function], tuple(map(self.term, args))
+                return (
+                    Bracketed("value_of", (row.python, *parts))
+                    if row.raises
+                    else Bracketed(row.python, parts)
+                )
             case _:
                 assert_never(term)
 

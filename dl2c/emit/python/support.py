@@ -45,20 +45,15 @@ def sqrt(x):
     return math.sqrt(x) if x >= 0 else math.nan
 
 
-def arcsin(x):
-    """NaN outside of [-1, 1]."""
-    return math.asin(x) if -1 <= x <= 1 else math.nan
-
-
 def exp(x):
     """NaN where it overflows."""
     return math.exp(x) if x < 709 else math.nan
 
 
-def power(x, y):
+def value_of(function, *args):
     """NaN where it has no value, or too large a one."""
     try:
-        return math.pow(x, y)
+        return function(*args)
     except (ValueError, OverflowError):
         return math.nan
 

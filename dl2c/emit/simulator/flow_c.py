@@ -153,8 +153,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     doubts = [f"doubt{j}" for j, w in enumerate(plan.edges) if w.kind != "equal" and len(w.margin) > 2]
     body += [
         "",
-        "DL2C_UNROLL",
-        "for (int k = 0; k < NX; k++) y[k] = x[k];",
+        "dl2c_copy(x, NX, y);",
         f"flow{k}_at(x, p, end, y);",
         *_snapped(k, plan, leaves),
         f"const bool defined = {' & '.join(conditions)};",
@@ -178,8 +177,7 @@ def _reached(k: int, flow: Flow, exits: list[str]) -> list[str]:
         "const bool met = first <= reach;",
         "first = dl2c_select(met, first, 0.0);",
         "real there[NX];",
-        "DL2C_UNROLL",
-        "for (int k = 0; k < NX; k++) there[k] = x[k];",
+        "dl2c_copy(x, NX, there);",
         f"flow{k}_at(x, p, first, there);",
         f"real end = dl2c_select(met & dl2c_all_finite(there, NX), reach, {number(float(flow.cap))});",
     ]

@@ -7,7 +7,7 @@ Sections: leaf functions of predicates, rewards, precondition and postcondition,
 import math
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import LANES, each_flag, each_lane, function, place, wrapped
+from dl2c.emit.cfile import LANES, each_flag, each_lane, function, in_each_lane, place, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import lane
 from dl2c.emit.plan import BuildPlan
@@ -102,13 +102,7 @@ def _revise(model: Model) -> str:
 
 
 def _judge(model: Model, leaves: Leaves) -> str:
-    body = [
-        "for (int64_t i = 0; i < count; i++) judged->reward[i] = 0.0;",
-        "for (int64_t i = 0; i < count; i++) {",
-        "  judged->cost[i] = 0;",
-        "  judged->undefined[i] = 0;",
-        "}",
-    ]
+    body = ["dl2c_unjudged(count, judged);"]
     for predicate in model.predicates:
         body += _rewards(predicate, leaves)
         if predicate.category == "safety":
@@ -145,14 +139,7 @@ def _reward(name: str, term: Term, when: str, leaves: Leaves) -> list[str]:
     defined = leaves.defined(f"{name}_defined", [term], "it has a value", lane)
     if defined is None:
         return each_lane("judged->reward[i]", f"judged->reward[i] + dl2c_select({when}, {value}, 0.0)")
-    return [
-        "for (int64_t i = 0; i < count; i++) {",
-        *(f"  {line}" for line in wrapped(f"const bool defined = {defined};")),
-        *(f"  {line}" for line in wrapped(f"const real value = {value};")),
-        f"  judged->reward[i] += dl2c_select({when} && defined, value, 0.0);",
-        f"  judged->undefined[i] |= (uint8_t)({when} & !defined);",
-        "}",
-    ]
+    return in_each_lane(f"dl2c_earn({when}, {defined}, {value}, i, judged);")
 
 
 def _shapes(model: Model, leaves: Leaves) -> str:
@@ -176,7 +163,7 @@ def _shapes(model: Model, leaves: Leaves) -> str:
 
 def _endings(model: Model) -> list[str]:
     """Triggers as selections, the least important first; a `continue` counts only where nothing ends."""
-    ending: list[tuple[Rank, str, str, str, str]] = []
+    ending: list[tuple[Rank, str]] = []
     going_on: list[tuple[Rank, str]] = []
     for k, predicate in enumerate(model.predicates):
         good = f"facts[F_{predicate.name}_holds * row + i]"
@@ -185,25 +172,17 @@ def _endings(model: Model) -> list[str]:
                 continue
             status = STATUS[trigger.status]
             if trigger.action == "continue":
-                line = f"status = dl2c_pick({when}, {status}, status);"
+                line = f"ending.status = dl2c_pick({when}, {status}, ending.status);"
                 going_on.append((rank(k, predicate, trigger), line))
             else:
-                reason = f"DL2C_REASON_PREDICATE + {k}"
-                ending.append((rank(k, predicate, trigger), when, ENDS[trigger.action], status, reason))
-    lines = [
-        "int32_t end = DL2C_GOES_ON;",
-        "int32_t status = DL2C_NONE;",
-        "int32_t reason = DL2C_REASON_NONE;",
+                fired = f"{when}, {ENDS[trigger.action]}, {status}, DL2C_REASON_PREDICATE + {k}"
+                ending.append((rank(k, predicate, trigger), f"dl2c_trigger({fired}, &ending);"))
+    lines = [line for found in (going_on, ending) for _, line in sorted(found, reverse=True)]
+    return [
+        "dl2c_ending ending = {DL2C_GOES_ON, DL2C_NONE, DL2C_REASON_NONE};",
+        *(part for line in lines for part in wrapped(line)),
+        "dl2c_ends(ending, i, judged);",
     ]
-    lines += [line for _, line in sorted(going_on, reverse=True)]
-    for j, (_, when, action, status, reason) in enumerate(sorted(ending, reverse=True)):
-        lines += [
-            f"const int32_t fires{j} = {when};",
-            f"end = dl2c_pick(fires{j}, {action}, end);",
-            f"status = dl2c_pick(fires{j}, {status}, status);",
-            f"reason = dl2c_pick(fires{j}, {reason}, reason);",
-        ]
-    return [*lines, "judged->end[i] = end;", "judged->status[i] = status;", "judged->reason[i] = reason;"]
 
 
 def _failed(predicate: Predicate, good: str) -> str:

@@ -7,6 +7,7 @@ looked for. `NAMESPACE` holds what the expressions call.
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, assert_never
 
 from dl2c.emit.python.expr import Writer, flat
@@ -27,24 +28,20 @@ def _greatest(a: float, b: float) -> float:
     return a if a > b else b if b >= a else math.nan
 
 
-def _or_nan(function: Callable[..., float]) -> Callable[..., float]:
-    def total(*args: float) -> float:
-        try:
-            return function(*args)
-        except (ValueError, ArithmeticError):
-            return math.nan
-
-    return total
+def _value_of(function: Callable[..., float], *args: float) -> float:
+    try:
+        return function(*args)
+    except (ValueError, ArithmeticError):
+        return math.nan
 
 
 NAMESPACE: dict[str, Any] = {
     "divide": _divide,
     "least": _least,
     "greatest": _greatest,
-    "sqrt": _or_nan(math.sqrt),
-    "exp": _or_nan(math.exp),
-    "arcsin": _or_nan(math.asin),
-    "power": _or_nan(math.pow),
+    "sqrt": partial(_value_of, math.sqrt),
+    "exp": partial(_value_of, math.exp),
+    "value_of": _value_of,
     "math": math,
 }
 

@@ -250,8 +250,7 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
   const bool hit1 = exit1 <= end;
   const bool moves = end > 0.0;
 
-  DL2C_UNROLL
-  for (int k = 0; k < NX; k++) y[k] = x[k];
+  dl2c_copy(x, NX, y);
   flow0_at(x, p, end, y);
   y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
   y[X_h] = dl2c_select(hit0, 0.0, y[X_h]);
@@ -289,8 +288,7 @@ static inline int64_t flow1_motion(const real *x, const real *p, real *y, real *
   real end = left0;
   const bool moves = end > 0.0;
 
-  DL2C_UNROLL
-  for (int k = 0; k < NX; k++) y[k] = x[k];
+  dl2c_copy(x, NX, y);
   flow1_at(x, p, end, y);
   y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
   const bool defined = isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
@@ -756,11 +754,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
                              dl2c_judgement *restrict judged)
 {
   (void)p;
-  for (int64_t i = 0; i < count; i++) judged->reward[i] = 0.0;
-  for (int64_t i = 0; i < count; i++) {
-    judged->cost[i] = 0;
-    judged->undefined[i] = 0;
-  }
+  dl2c_unjudged(count, judged);
   for (int64_t i = 0; i < count; i++)
     judged->reward[i] = judged->reward[i] + dl2c_select(!facts[F_closed_holds * row + i], -1.0, 0.0);
   for (int64_t i = 0; i < count; i++)
@@ -772,24 +766,14 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
     judged->reward[i] = judged->reward[i] + dl2c_select(true, delivered_shape(x[X_h * stride + i],
         x[X_load * stride + i]), 0.0);
   for (int64_t i = 0; i < count; i++) {
-    int32_t end = DL2C_GOES_ON;
-    int32_t status = DL2C_NONE;
-    int32_t reason = DL2C_REASON_NONE;
-    const int32_t fires0 = facts[F_delivered_holds * row + i];
-    end = dl2c_pick(fires0, DL2C_TERMINATE, end);
-    status = dl2c_pick(fires0, DL2C_SUCCESS, status);
-    reason = dl2c_pick(fires0, DL2C_REASON_PREDICATE + 1, reason);
-    const int32_t fires1 = facts[F_delivered_failed * row + i];
-    end = dl2c_pick(fires1, DL2C_TERMINATE, end);
-    status = dl2c_pick(fires1, DL2C_FAILURE, status);
-    reason = dl2c_pick(fires1, DL2C_REASON_PREDICATE + 1, reason);
-    const int32_t fires2 = !facts[F_closed_holds * row + i];
-    end = dl2c_pick(fires2, DL2C_TRUNCATE, end);
-    status = dl2c_pick(fires2, DL2C_FAILURE, status);
-    reason = dl2c_pick(fires2, DL2C_REASON_PREDICATE + 0, reason);
-    judged->end[i] = end;
-    judged->status[i] = status;
-    judged->reason[i] = reason;
+    dl2c_ending ending = {DL2C_GOES_ON, DL2C_NONE, DL2C_REASON_NONE};
+    dl2c_trigger(facts[F_delivered_holds * row + i], DL2C_TERMINATE, DL2C_SUCCESS,
+        DL2C_REASON_PREDICATE + 1, &ending);
+    dl2c_trigger(facts[F_delivered_failed * row + i], DL2C_TERMINATE, DL2C_FAILURE,
+        DL2C_REASON_PREDICATE + 1, &ending);
+    dl2c_trigger(!facts[F_closed_holds * row + i], DL2C_TRUNCATE, DL2C_FAILURE,
+        DL2C_REASON_PREDICATE + 0, &ending);
+    dl2c_ends(ending, i, judged);
   }
 }
 

@@ -139,8 +139,7 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
   const bool hit0 = exit0 <= end;
   const bool moves = end > 0.0;
 
-  DL2C_UNROLL
-  for (int k = 0; k < NX; k++) y[k] = x[k];
+  dl2c_copy(x, NX, y);
   flow0_at(x, p, end, y);
   y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
   y[X_x] = dl2c_select(hit0, 0.0, y[X_x]);
@@ -458,11 +457,7 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
                              int64_t count, const uint8_t *restrict facts, int64_t row,
                              dl2c_judgement *restrict judged)
 {
-  for (int64_t i = 0; i < count; i++) judged->reward[i] = 0.0;
-  for (int64_t i = 0; i < count; i++) {
-    judged->cost[i] = 0;
-    judged->undefined[i] = 0;
-  }
+  dl2c_unjudged(count, judged);
   for (int64_t i = 0; i < count; i++)
     judged->reward[i] = judged->reward[i] + dl2c_select(!facts[F_inside_holds * row + i], -10.0, 0.0);
   for (int64_t i = 0; i < count; i++)
@@ -471,16 +466,10 @@ DL2C_INLINE void model_judge(const real *restrict x, const real *restrict p, int
     judged->reward[i] = judged->reward[i] + dl2c_select(true, distance_shape(x[X_x * stride + i],
         p[P_H * stride + i]), 0.0);
   for (int64_t i = 0; i < count; i++) {
-    int32_t end = DL2C_GOES_ON;
-    int32_t status = DL2C_NONE;
-    int32_t reason = DL2C_REASON_NONE;
-    const int32_t fires0 = !facts[F_inside_holds * row + i];
-    end = dl2c_pick(fires0, DL2C_TERMINATE, end);
-    status = dl2c_pick(fires0, DL2C_FAILURE, status);
-    reason = dl2c_pick(fires0, DL2C_REASON_PREDICATE + 0, reason);
-    judged->end[i] = end;
-    judged->status[i] = status;
-    judged->reason[i] = reason;
+    dl2c_ending ending = {DL2C_GOES_ON, DL2C_NONE, DL2C_REASON_NONE};
+    dl2c_trigger(!facts[F_inside_holds * row + i], DL2C_TERMINATE, DL2C_FAILURE,
+        DL2C_REASON_PREDICATE + 0, &ending);
+    dl2c_ends(ending, i, judged);
   }
 }
 

@@ -1,13 +1,24 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * taylor_functions.h -- quotients, roots and functions of libm of Taylor models.
+ * functions.h -- quotients, roots and functions of libm: of Taylor models, and those of libm of hulls.
  *
- * The same operations in the same order as dl2c/flows/taylor.py.
+ * Functions of libm may be off by one unit, and are widened. The same operations in the same order as
+ * dl2c/flows/hull.py, dl2c/flows/taylor.py and the rows of dl2c/ir/functions.py.
  */
-#ifndef DL2C_TAYLOR_FUNCTIONS_H
-#define DL2C_TAYLOR_FUNCTIONS_H
+#ifndef DL2C_FUNCTIONS_H
+#define DL2C_FUNCTIONS_H
 
 #include "taylor.h"
+
+/* How far functions of libm may be off, relative to the result, or to 1 for sin and cos. */
+#define DL2C_LIBM_ERROR 0x1p-50
+
+/* A monotone function of libm, evaluated at the ends. */
+static inline dl2c_hull dl2c_hull_grown(real low, real high)
+{
+  return dl2c_hull_of(low - (fabs(low) * DL2C_LIBM_ERROR + DBL_MIN),
+                      high + (fabs(high) * DL2C_LIBM_ERROR + DBL_MIN));
+}
 
 /* 1/a. Unknown unless a keeps away from zero. */
 static inline dl2c_taylor dl2c_taylor_inverse(const dl2c_taylor *a)
@@ -72,6 +83,10 @@ static inline dl2c_taylor dl2c_taylor_max(const dl2c_taylor *a, const dl2c_taylo
   return dl2c_taylor_unknown(a->lacks | b->lacks, dl2c_hull_max(a->hull, b->hull));
 }
 
+static inline dl2c_hull dl2c_hull_exp(dl2c_hull a)
+{
+  return dl2c_hull_grown(exp(a.low), exp(a.high));
+}
 static inline dl2c_taylor dl2c_taylor_exp(const dl2c_taylor *a)
 {
   const dl2c_hull hull = dl2c_hull_exp(a->hull);
@@ -81,6 +96,24 @@ static inline dl2c_taylor dl2c_taylor_exp(const dl2c_taylor *a)
   const real value = exp(a->c[0]);
   const real f[] = {value, value, value / 2.0, value / 6.0, value / 24.0};
   return dl2c_taylor_compose(a, f, value * 0.023 * (d * d * d * d * d), 0.0, hull);
+}
+
+/* Sine and cosine change no faster than their argument: from the middle by half the width at most. */
+static inline real dl2c_hull_middle(dl2c_hull a) { return a.low + 0.5 * (a.high - a.low); }
+static inline dl2c_hull dl2c_hull_wave(dl2c_hull a, real value)
+{
+  const real middle = dl2c_hull_middle(a);
+  const real reach = dl2c_max(middle - a.low, a.high - middle) + DL2C_LIBM_ERROR;
+  if (reach >= 2.0) return (dl2c_hull){-1.0, 1.0};
+  return dl2c_hull_of(dl2c_max(-1.0, value - reach), dl2c_min(1.0, value + reach));
+}
+static inline dl2c_hull dl2c_hull_sin(dl2c_hull a)
+{
+  return dl2c_hull_wave(a, sin(dl2c_hull_middle(a)));
+}
+static inline dl2c_hull dl2c_hull_cos(dl2c_hull a)
+{
+  return dl2c_hull_wave(a, cos(dl2c_hull_middle(a)));
 }
 
 /* Sine and cosine from their values in the middle. */
@@ -102,6 +135,12 @@ static inline dl2c_taylor dl2c_taylor_cos(const dl2c_taylor *a)
 {
   return dl2c_taylor_wave(a, cos(a->c[0]), -sin(a->c[0]), dl2c_hull_cos(a->hull));
 }
+
+static inline dl2c_hull dl2c_hull_tan(dl2c_hull a)
+{
+  if (!(a.low > -1.57 && a.high < 1.57)) return dl2c_hull_unknown();
+  return dl2c_hull_grown(tan(a.low), tan(a.high));
+}
 static inline dl2c_taylor dl2c_taylor_tan(const dl2c_taylor *a)
 {
   const dl2c_taylor above = dl2c_taylor_sin(a);
@@ -111,7 +150,11 @@ static inline dl2c_taylor dl2c_taylor_tan(const dl2c_taylor *a)
   return t;
 }
 
-/* Of these two the fourth derivative is below 4.8 everywhere. */
+static inline dl2c_hull dl2c_hull_tanh(dl2c_hull a)
+{
+  return dl2c_hull_grown(tanh(a.low), tanh(a.high));
+}
+/* The fourth derivative is below 4.8 everywhere, as is that of arctan. */
 static inline dl2c_taylor dl2c_taylor_tanh(const dl2c_taylor *a)
 {
   const real d = dl2c_taylor_deviation(a);
@@ -120,6 +163,11 @@ static inline dl2c_taylor dl2c_taylor_tanh(const dl2c_taylor *a)
   const real f[] = {value, slope, -value * slope, slope * (3.0 * (value * value) - 1.0) / 3.0, 0.0};
   const real noise = 8.0 * DL2C_SLOP * (1.0 + d);
   return dl2c_taylor_compose(a, f, 0.2 * (d * d * d * d), noise, dl2c_hull_tanh(a->hull));
+}
+
+static inline dl2c_hull dl2c_hull_arctan(dl2c_hull a)
+{
+  return dl2c_hull_grown(atan(a.low), atan(a.high));
 }
 static inline dl2c_taylor dl2c_taylor_arctan(const dl2c_taylor *a)
 {
@@ -132,7 +180,11 @@ static inline dl2c_taylor dl2c_taylor_arctan(const dl2c_taylor *a)
   return dl2c_taylor_compose(a, f, 0.2 * (d * d * d * d), noise, dl2c_hull_arctan(a->hull));
 }
 
-/* The third derivative of arcsin grows with the size of its argument. */
+static inline dl2c_hull dl2c_hull_arcsin(dl2c_hull a)
+{
+  return dl2c_hull_grown(asin(a.low), asin(a.high));
+}
+/* The third derivative grows with the size of the argument. */
 static inline dl2c_taylor dl2c_taylor_arcsin(const dl2c_taylor *a)
 {
   const dl2c_hull hull = dl2c_hull_arcsin(a->hull);
@@ -164,7 +216,14 @@ static inline dl2c_taylor dl2c_taylor_log(const dl2c_taylor *a)
                              dl2c_hull_unknown());
 }
 
-/* A power of a positive base. */
+/* A power of a positive base: monotone in the base and in the exponent. */
+static inline dl2c_hull dl2c_hull_pow(dl2c_hull a, dl2c_hull b)
+{
+  if (!(a.low > 0.0) || !isfinite(b.low)) return dl2c_hull_unknown();
+  const dl2c_hull all =
+      dl2c_hull_four(pow(a.low, b.low), pow(a.low, b.high), pow(a.high, b.low), pow(a.high, b.high));
+  return dl2c_hull_grown(all.low, all.high);
+}
 static inline dl2c_taylor dl2c_taylor_pow(const dl2c_taylor *a, const dl2c_taylor *b)
 {
   const dl2c_taylor log_base = dl2c_taylor_log(a);
