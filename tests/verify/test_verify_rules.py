@@ -13,9 +13,11 @@ ALLOWED = {
     *("parse.parser", "parse.printer"),
     *("parse.annotations", "resolve.bind", "resolve.expand", "resolve.infer", "resolve.problem"),
     *("resolve.shape", "resolve.symbols", "resolve.unreadable", "flows.solution", "lower.terms"),
-    *("smt.lines", "smt.portfolio", "native.cache", "native.errors"),
+    *("smt.lines", "smt.portfolio", "native.cache", "native.errors", "native.notes", "ir.arrays"),
 }
-"""Modules that verify imports. Of `native` it uses the folder in which results are kept."""
+"""Modules that verify imports. Of `native` it uses the folder in which results are kept; `ir.arrays` evaluates
+what guesses are made from.
+"""
 
 TERMS_AND_FORMULAS = {
     *("Add", "And", "Bound", "Call", "Compare", "Div", "FALSE", "Flow", "Formula", "Mul", "Neg", "Number"),
