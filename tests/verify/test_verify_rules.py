@@ -15,8 +15,8 @@ ALLOWED = {
     *("resolve.shape", "resolve.symbols", "resolve.unreadable", "flows.solution", "lower.terms"),
     *("smt.lines", "smt.portfolio", "native.cache", "native.errors", "native.notes", "ir.arrays"),
 }
-"""Modules that verify imports. Of `native` it uses the folder in which results are kept; `ir.arrays` evaluates
-what guesses are made from.
+"""Modules that verify imports. Of `native` it uses the folder in which results are kept; `ir.arrays` gives
+numbers from which guesses are made.
 """
 
 TERMS_AND_FORMULAS = {
