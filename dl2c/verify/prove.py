@@ -18,7 +18,7 @@ from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.printer import print_formula
 from dl2c.parse.tree import Entry
-from dl2c.resolve.shape import conjuncts, statements
+from dl2c.resolve.shape import statements
 from dl2c.resolve.symbols import nodes
 from dl2c.resolve.unreadable import read_entry
 from dl2c.smt.portfolio import Portfolio
@@ -30,7 +30,15 @@ from dl2c.verify.refute import Refutation, examined
 from dl2c.verify.report import Answer, Attempt, Invariants, Obligation, Report, better, joined
 from dl2c.verify.stability import guesses
 from dl2c.verify.states import Event, Names, State, Unsupported, partial
-from dl2c.verify.theorem import Theorem, assumptions, conclusions, loops_of, theorem_of
+from dl2c.verify.theorem import (
+    Theorem,
+    candidates,
+    conclusions,
+    loops_of,
+    parts_of,
+    theorem_of,
+    with_consequent,
+)
 
 FINAL = ("proved", "refuted", "not checked")
 """Answers that no further search makes better: with the last all that is checked is proved."""
@@ -198,7 +206,7 @@ class Proof:
 
     def _steps(self, refute: bool) -> Iterator[Attempt | None]:
         """One attempt after the other, the most promising first."""
-        written = {loop.span: _parts(loop.invariants) for loop in self.loops}
+        written = {loop.span: parts_of(loop.invariants) for loop in self.loops}
         hopeful = all(written.values())
         for pace in PACES:
             self.prover.pace = pace
@@ -221,7 +229,7 @@ class Proof:
         if not self.loops:
             return
         for hint in self.theorem.hints.loops:
-            hinted = {span: parts or _parts((hint,)) for span, parts in written.items()}
+            hinted = {span: parts or parts_of((hint,)) for span, parts in written.items()}
             for found in self._efforts(hinted) if hinted != written else ():
                 yield found and replace(found, invented=True)
         yield from self._weakened(written)
@@ -283,16 +291,7 @@ class Proof:
 
     def _weakened(self, written: Invariants) -> Iterator[Attempt]:
         """Houdini: all that may be an invariant, without what is not kept, until the rest is."""
-        pool = dict.fromkeys(
-            part
-            for formula in (
-                *self.theorem.hints.loops,
-                *conclusions(self.theorem.formula),
-                *(f for _, f in self.theorem.safety),
-                *assumptions(self.theorem.formula),
-            )
-            for part in conjuncts(formula)
-        )
+        pool = candidates(self.theorem)
         invariants = {
             span: tuple(dict.fromkeys((*parts, *pool)))[:MAX_POOL] for span, parts in written.items()
         }
@@ -368,7 +367,7 @@ class Proof:
 
     def _executed(self, invariants: Invariants, effort: int) -> Execution:
         safety = self.theorem.safety
-        wanted = [p for parts in invariants.values() for part in parts for p in _with_consequent(part)]
+        wanted = [p for parts in invariants.values() for part in parts for p in with_consequent(part)]
         wanted += [*conclusions(self.theorem.formula), *(f for _, f in safety if self.one_step)]
         execution = Execution(
             Flows(self.prover, effort, self.theorem.hints.flows, wanted),
@@ -396,12 +395,3 @@ def _safe_with(known: Obligation | None, left: bool) -> bool:
     begin, or it is, for all states of the loop's invariant, which this step has not `left`.
     """
     return known is not None and (known.answer != "proved" or not left)
-
-
-def _with_consequent(formula: tree.Formula) -> tuple[tree.Formula, ...]:
-    """A formula, and of an implication what it is about where its condition holds."""
-    return (formula, formula.right) if isinstance(formula, tree.Imply) else (formula,)
-
-
-def _parts(formulas: Sequence[tree.Formula]) -> tuple[tree.Formula, ...]:
-    return tuple(part for f in formulas for part in conjuncts(f))

@@ -137,7 +137,7 @@ Rates: TypeAlias = tuple[Fraction, Fraction, Fraction]
 
 
 def _estimated(shape: Stability, functions: Sequence[tree.Term], names: Sequence[str]) -> Rates | None:
-    """The numbers, if the functions are quadratic and fall."""
+    """The numbers, if the functions are positive and fall."""
     scope = {name: Symbol(name, "variable") for name in names}
     directions = np.random.default_rng(0).normal(size=(len(names), SAMPLES))
     directions /= np.linalg.norm(directions, axis=0)
@@ -146,14 +146,15 @@ def _estimated(shape: Stability, functions: Sequence[tree.Term], names: Sequence
     norm = values(lower_term(shape.norm, scope), columns)
     least, most, decay = np.inf, 0.0, np.inf
     for mode, function in zip(shape.modes, functions, strict=True):
-        inside = truths(lower_formula(mode.domain, scope), columns) & (norm > 0)
+        inside = np.broadcast_to(truths(lower_formula(mode.domain, scope), columns), norm.shape) & (norm > 0)
         equations = [e for e in mode.equations if isinstance(e, tree.AtomicODE) and e.name in scope]
         field = Field({scope[e.name]: lower_term(e.term, scope) for e in equations}, Names(), lambda _: False)
         term = lower_term(function, scope)
         value, rate = values(term, columns), values(field.derivative(term), columns)
-        share = np.broadcast_to(value / norm, norm.shape)[np.broadcast_to(inside, norm.shape)]
-        fall = np.broadcast_to(-rate / value, norm.shape)[np.broadcast_to(inside, norm.shape)]
-        if not share.size or not np.isfinite(fall).all() or share.max() > 1e6 * max(share.min(), 1e-9):
+        with np.errstate(all="ignore"):
+            chosen = (np.broadcast_to(a, norm.shape)[inside] for a in (value / norm, -rate / value))
+            share, fall = chosen
+        if not share.size or not np.isfinite(fall).all():
             return None
         least, most, decay = min(least, share.min()), max(most, share.max()), min(decay, fall.min())
     if least <= 0 or decay < (-1e-9 if shape.clock is None else 1e-6):

@@ -18,7 +18,7 @@ from dl2c.resolve.bind import IN_HINTS, check, check_entry
 from dl2c.resolve.expand import NONE, Expander, expanded_formula
 from dl2c.resolve.infer import with_implied
 from dl2c.resolve.problem import resolve
-from dl2c.resolve.shape import written_variables
+from dl2c.resolve.shape import conjuncts, written_variables
 from dl2c.resolve.symbols import Node, Symbols, children, collect, nodes
 from dl2c.verify.arithmetic.total import PI, E
 from dl2c.verify.execution import Kind
@@ -255,3 +255,20 @@ def loops_of(formula: tree.Formula) -> Iterator[tree.Loop]:
                 if isinstance(node, tree.Loop):
                     yield node
                 stack.extend(reversed(children(node)))
+
+
+def candidates(theorem: Theorem) -> tuple[tree.Formula, ...]:
+    """What may be an invariant: conjuncts of hints, of what is to be shown, and of what is assumed."""
+    safety = (f for _, f in theorem.safety)
+    claims = *conclusions(theorem.formula), *safety, *assumptions(theorem.formula)
+    return parts_of((*theorem.hints.loops, *claims))
+
+
+def parts_of(formulas: Sequence[tree.Formula]) -> tuple[tree.Formula, ...]:
+    """The conjuncts of all formulas."""
+    return tuple(part for f in formulas for part in conjuncts(f))
+
+
+def with_consequent(formula: tree.Formula) -> tuple[tree.Formula, ...]:
+    """A formula, and of an implication what it is about where its condition holds."""
+    return (formula, formula.right) if isinstance(formula, tree.Imply) else (formula,)
