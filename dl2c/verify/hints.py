@@ -16,11 +16,14 @@ _TACTIC = re.compile(r'\bTactic\s+"[^"]*"(.*?)\bEnd\s*\.', re.DOTALL)
 _CALL = re.compile(
     r'\b(loop|dC|dI|dbx|barrier|diffCut|diffInvariant|ODEinv|cut|discreteGhost|MR|edit)\s*\(\s*"((?:[^"\\]|\\.)*)"'
 )
-_ARGUMENT = re.compile(r'\b\w+\s*\(\s*"((?:[^"\\]|\\.)*)"')
+_ARGUMENT = re.compile(r'\b\w+\s*\(\s*"([^"<>=!&|\[\]{}]*)"')
 _OLD_CALL = re.compile(r"\b(loop|dC|diffCut|diffInvariant)\s*\(\s*\{`(.*?)`\}", re.DOTALL)
 
 MOST = 60
 """Formulas taken from one entry."""
+
+LONGEST = 100_000
+"""Characters of tactics in which terms are looked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +55,8 @@ def _functions(
     """Arguments of tactics that are terms, alone or in a list, and functions that are only defined."""
     unused = tuple(_unused(entry))
     found = [(body,) for body in unused] + [unused] * (len(unused) > 1)
-    for tactic in _TACTIC.finditer(entry.span.text):
-        found += (_terms(call.group(1)) for call in _ARGUMENT.finditer(tactic.group(1)))
+    tactics = "".join(tactic.group(1) for tactic in _TACTIC.finditer(entry.span.text))
+    found += map(_terms, dict.fromkeys(_ARGUMENT.findall(tactics[:LONGEST])))
     for terms in found[:MOST]:
         known = [read(tree.Compare("=", term, tree.Number(Fraction(0)))) for term in terms]
         if known and all(isinstance(k, tree.Compare) for k in known):

@@ -44,8 +44,8 @@ places.
 
 @dataclass(frozen=True, slots=True)
 class Stability:
-    """That a loop started with norm < inner^2 keeps norm < outer^2; with `limit`, for clock >= limit only.
-    `modes` are its differential equations; without a loop the only one.
+    """That a loop started with norm < inner^2 keeps norm < outer^2; with a `clock`, once that has reached the
+    witness. `modes` are its differential equations; without a loop the only one.
     """
 
     witness: tree.Exists
