@@ -21,6 +21,7 @@ LAYERS = (
         "interruption",
         "inputs",
         "outputs",
+        "storage",
         "source",
         "diagnostics",
         "work",

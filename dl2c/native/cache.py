@@ -11,7 +11,6 @@ import importlib.metadata
 import json
 import os
 import shutil
-import stat
 import sysconfig
 import tempfile
 import time
@@ -21,13 +20,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import platformdirs
-
 from dl2c.code import code_digest
 from dl2c.inputs import MALFORMED, read_json
 from dl2c.native.errors import NativeError
 from dl2c.native.sundials import find_sundials
 from dl2c.native.toolchain import cpu_features, find_compiler, python_include
+from dl2c.storage import ADVICE, StorageError, private_folder
 
 DEFAULT_CAP = 2 * 1024**3
 """Bytes the cache may hold before the least recently used entries go."""
@@ -46,8 +44,6 @@ NOTES = "notes"
 KEY_LENGTH = 32
 
 Loaded = TypeVar("Loaded")
-
-ADVICE = "set DL2C_CACHE_DIR to a folder of yours"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,32 +80,12 @@ def build_key(sources: Mapping[str, str], options: Mapping[str, str], known: str
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:KEY_LENGTH]
 
 
-def cache_home() -> Path:
-    """Where everything is kept that can be made again; nothing is created. Raises `NativeError`."""
-    home = os.environ.get("DL2C_CACHE_DIR") or platformdirs.user_cache_dir("dl2c")
-    try:
-        return Path(home).expanduser().absolute()
-    except RuntimeError:
-        raise NativeError(f"there is no home of the user in {home}; {ADVICE}") from None
-
-
 def cache_dir() -> Path:
-    """The cache's folder: `builds` in `$DL2C_CACHE_DIR`, or else in the user's cache folder.
-
-    Created if need be, readable by this user alone. Raises `NativeError` if it cannot be
-    created or belongs to someone else.
-    """
-    root = cache_home() / "builds"
+    """The cache's folder, `builds` where dl2c keeps things. Raises `NativeError` if there can be none."""
     try:
-        root.mkdir(mode=0o700, parents=True, exist_ok=True)
-        owners = {root.lstat().st_uid, root.stat().st_uid}
-        if owners != {os.getuid()}:
-            raise NativeError(f"the build cache {root} belongs to another user; {ADVICE}")
-        if stat.S_IMODE(root.stat().st_mode) & 0o077:
-            root.chmod(0o700)
-    except OSError as problem:
-        raise NativeError(f"cannot use the build cache {root}: {problem.strerror}; {ADVICE}") from None
-    return root
+        return private_folder("builds")
+    except StorageError as problem:
+        raise NativeError(str(problem)) from None
 
 
 def cached(key: str, build: Callable[[Path], None], load: Callable[[Path], Loaded]) -> Loaded:

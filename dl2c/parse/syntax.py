@@ -4,11 +4,15 @@ In: a range of `Code`. Out: a lark tree whose positions are offsets into the sou
 than `MAX_DEPTH`. Syntax errors are raised as a `CompileError` in words of dL.
 """
 
+import sys
 from dataclasses import replace
-from functools import cache
+from fcntl import LOCK_EX, flock
+from functools import cache, partial
+from hashlib import sha256
 from importlib.resources import files
 from typing import TypeAlias, cast
 
+import lark
 from lark import Lark, Token, Tree
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 from lark.utils import TextSlice
@@ -17,6 +21,7 @@ from dl2c.diagnostics import CompileError, Diagnostic
 from dl2c.parse import errors, mistakes
 from dl2c.parse.recovery import MAX_MISTAKES, Recovery, without_mistake
 from dl2c.parse.scan import Code
+from dl2c.storage import StorageError, private_folder
 from dl2c.work import spend
 
 Node: TypeAlias = Tree[Token]
@@ -35,8 +40,10 @@ _LEFT = frozenset({"sum", "product"})
 
 @cache
 def _parser() -> Lark:
+    """The parser. Its tables take longer to make than to read, so lark keeps them."""
     grammar = files("dl2c.parse").joinpath("grammar.lark").read_text(encoding="utf-8")
-    return Lark(
+    made = partial(
+        Lark,
         grammar,
         parser="lalr",
         lexer="contextual",
@@ -45,6 +52,18 @@ def _parser() -> Lark:
         maybe_placeholders=True,
         lexer_callbacks=dict.fromkeys(COUNTED, _counted),
     )
+    try:
+        folder = private_folder("parser")
+        with (folder / "lock").open("w") as lock:  # lark writes in place
+            flock(lock, LOCK_EX)
+            return made(cache=str(folder / _name_of_tables(grammar)))
+    except (StorageError, OSError):
+        return made()
+
+
+def _name_of_tables(grammar: str) -> str:
+    """A name that says what the tables depend on."""
+    return sha256(repr((grammar, STARTS, lark.__version__, sys.version)).encode()).hexdigest()[:32]
 
 
 def _counted(token: Token) -> Token:

@@ -18,12 +18,11 @@ from typing import TYPE_CHECKING, Any
 from dl2c.code import code_digest
 from dl2c.diagnostics import CompileError
 from dl2c.inputs import MALFORMED, read_json
-from dl2c.native.cache import cache_home
-from dl2c.native.errors import NativeError
 from dl2c.native.notes import recalled, remember
 from dl2c.options import Options
 from dl2c.outputs import write_output
 from dl2c.source import Source
+from dl2c.storage import StorageError, cache_home
 
 if TYPE_CHECKING:
     from dl2c.parse.tree import Entry
@@ -72,14 +71,14 @@ def status(source: Source, options: Options, entry: "Entry | None" = None) -> St
 
 def any_kept() -> bool:
     """Whether there are answers, of this user: those of others count for nothing."""
-    with suppress(OSError, NativeError):
+    with suppress(OSError, StorageError):
         return folder().stat().st_uid == os.getuid()
     return False
 
 
 def kept(digest: str) -> Status:
     """The answer that is kept under a name, `not checked` where none is."""
-    with suppress(*MALFORMED, OSError, NativeError):
+    with suppress(*MALFORMED, OSError, StorageError):
         found: dict[str, Any] = read_json(folder() / f"{digest}.json", MAX_BYTES)
         return Status(str(found["answer"]), str(found["basis"]))
     return Status()
@@ -97,13 +96,13 @@ def store(source: Source, options: Options, report: "Report") -> None:
     if report.within_bounds != report.answer:
         basis += f"; within bounds {report.within_bounds}"
     said = {"answer": report.answer, "basis": basis}
-    with suppress(OSError, NativeError):
+    with suppress(OSError, StorageError):
         folder().mkdir(mode=0o700, parents=True, exist_ok=True)
         write_output(folder() / f"{digest}.json", json.dumps(said, indent=1) + "\n")
 
 
 def folder() -> Path:
-    """Where answers are kept. Raises `NativeError` where the user has no home."""
+    """Where answers are kept. Raises `StorageError` where the user has no home."""
     return cache_home() / "proofs"
 
 

@@ -13,9 +13,9 @@ ALLOWED = {
     *("parse.parser", "parse.printer"),
     *("parse.annotations", "resolve.bind", "resolve.expand", "resolve.infer", "resolve.problem"),
     *("resolve.shape", "resolve.symbols", "resolve.unreadable", "flows.solution", "lower.terms"),
-    *("smt.lines", "smt.portfolio", "native.cache", "native.errors", "native.notes", "ir.arrays"),
+    *("smt.lines", "smt.portfolio", "storage", "native.notes", "ir.arrays"),
 }
-"""Modules that verify imports. Of `native` it uses the folder in which results are kept; `ir.arrays` gives
+"""Modules that verify imports. With `storage` and `native.notes` it keeps results; `ir.arrays` gives
 numbers from which guesses are made.
 """
 
