@@ -11,6 +11,7 @@ from functools import cached_property, lru_cache, partial, reduce, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from dl2c.configuration import resolve_options as resolve_options  # noqa: PLC0414 # is a name of this module too
 from dl2c.diagnostics import CompileError, Diagnostic, as_stored, in_source_order, warning
 from dl2c.ir.model import LARGEST_STATE, TRUE
 from dl2c.ir.printer import print_model
