@@ -11,10 +11,13 @@ from dl2c.env.opening import EXAMPLE, source_of
 from dl2c.native.notes import recalled, remember
 from dl2c.source import Source
 
+TIMED = {"undecided-precondition", "too-much-work"}
+"""Codes that may not come again when there is more time."""
+
 
 def diagnostics_of(model: str, options: Mapping[str, Any], portable: bool) -> tuple[Diagnostic, ...]:
-    """All diagnostics of a model and of its project's defaults. Those of a model without errors are noted, so
-    that it is looked at once.
+    """All diagnostics of a model and of its project's defaults. Warnings of a model without errors are
+    noted, so that it is looked at once.
     """
     from dl2c.configuration import resolve_options
 
@@ -33,7 +36,7 @@ def diagnostics_of(model: str, options: Mapping[str, Any], portable: bool) -> tu
         found = examine(source, chosen, portable=portable)
     except CompileError as refused:
         return refused.diagnostics
-    if all(d.severity == "warning" and d.span.source == source for d in found):
+    if all(d.severity == "warning" and d.span.source == source and d.code not in TIMED for d in found):
         remember(kind, source, chosen, {"warnings": [as_stored(d) for d in found]})
     return found
 
