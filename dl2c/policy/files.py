@@ -40,8 +40,8 @@ MAX_ARRAYS = 256 * 1024**2
 """Bytes; what is larger is no policy for a controller."""
 
 LARGEST = sys.float_info.max
-BROKEN = (zipfile.BadZipFile, zlib.error, struct.error, SyntaxError)
-"""What reading a zip file of arrays may raise besides."""
+BROKEN = (zipfile.BadZipFile, zlib.error, struct.error, SyntaxError, RuntimeError)
+"""What reading a zip file of arrays may raise besides, the last where it is encrypted."""
 
 JSON, NPZ = "policy.json", "policy.npz"
 

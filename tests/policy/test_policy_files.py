@@ -118,6 +118,19 @@ def test_files_that_are_none_are_refused(content: bytes, tmp_path: Path) -> None
         read_policy(path)
 
 
+def test_encrypted_arrays_are_refused(tmp_path: Path) -> None:
+    path = write_policy(made(), tmp_path)
+    content = bytearray((tmp_path / NPZ).read_bytes())
+    for mark, offset in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        place = content.find(mark)
+        while place >= 0:
+            content[place + offset] |= 1
+            place = content.find(mark, place + 1)
+    (tmp_path / NPZ).write_bytes(content)
+    with pytest.raises(PolicyError, match="encrypted"):
+        read_policy(path)
+
+
 # The command ---------------------------------------------------------------------------------------
 
 
