@@ -1,7 +1,7 @@
 """A built model, and how it is found again without reading its text."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,7 +42,7 @@ class Reading:
     def keep(self, source: Source, given: Options) -> None:
         """Note it for the same text and the same given options."""
         stored = [as_stored(w) for w in self.warnings]
-        remember("reading", source, given, {**asdict(self), "warnings": stored})
+        remember("reading", source, given, {"options": dict(self.options), "warnings": stored})
 
 
 def reading_of(source: Source, given: Options) -> Reading | None:
