@@ -11,7 +11,7 @@ from dl2c.native.cache import build_key, reused
 from dl2c.native.errors import NativeError
 from dl2c.native.manifest import MAX_BYTES
 from dl2c.native.notes import recalled, remember
-from dl2c.options import Options
+from dl2c.options import Options, as_words
 from dl2c.source import Source
 
 if TYPE_CHECKING:
@@ -50,9 +50,10 @@ def reading_of(source: Source, given: Options) -> Reading | None:
     note = recalled("reading", source, given)
     try:
         warnings = tuple(restored(w, source) for w in note["warnings"])
-        return Reading(dict(note["options"]), warnings)
+        options = dict(note["options"])
     except (KeyError, TypeError, ValueError):
         return None
+    return Reading(options, warnings) if options.keys() == as_words(given).keys() else None
 
 
 def built_before(source: Source, options: Options, known: Callable[[], str]) -> Compiled | None:

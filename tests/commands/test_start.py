@@ -138,14 +138,17 @@ def test_a_note_is_about_one_text_with_its_options(place: Mapping[str, str], tmp
 
 
 def test_broken_notes_are_not_used(place: Mapping[str, str], tmp_path: Path) -> None:
-    words = ("check", str(MODEL))
-    first = dl2c(place, *words)
+    build, check = ("build", str(MODEL), "-o", str(tmp_path)), ("check", str(MODEL))
+    first = [dl2c(place, *words) for words in (build, check)]
     notes = list((tmp_path / "cache").rglob("notes/*.json"))
-    assert notes
-    for text in ("", "[]", "{}", '{"warnings": 1}', '{"warnings": [{"code": 1}]}', "nul\0"):
+    assert len(notes) == 2
+    odd = ("", "[]", "{}", '{"warnings": 1}', '{"warnings": [{"code": 1}]}', "nul\0")
+    for text in (*odd, '{"options": {}, "warnings": []}', '{"options": 1, "warnings": []}'):
         for note in notes:
             note.write_text(text)
-        assert dl2c(place, *words) == first
+        assert dl2c(place, *build) == first[0]
+        if '"warnings": []' not in text:
+            assert dl2c(place, *check) == first[1]
     dl2c(place, "cache", "clear")
     assert not list((tmp_path / "cache").rglob("notes/*.json"))
 
