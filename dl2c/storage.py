@@ -8,6 +8,9 @@ import platformdirs
 
 ADVICE = "set DL2C_CACHE_DIR to a folder of yours"
 
+DEFAULT_CAP = 2 * 1024**3
+"""Bytes of built models that are kept before the least recently used go."""
+
 
 class StorageError(RuntimeError):
     """There can be no such folder; the message says why."""

@@ -9,6 +9,7 @@ import typer
 from dl2c.commands.failures import to_json
 from dl2c.commands.flags import Json
 from dl2c.inputs import MALFORMED, read_json
+from dl2c.storage import DEFAULT_CAP
 
 if TYPE_CHECKING:
     from dl2c.native.cache import CacheEntry
@@ -37,14 +38,14 @@ def entries(json: Json = False) -> None:
 
 @app.command("prune")
 def shrink(
-    cap: Annotated[int | None, typer.Option(min=0, help="Megabytes to keep; default: 2048.")] = None,
+    cap: Annotated[int, typer.Option(min=0, help="Megabytes to keep.")] = DEFAULT_CAP // MEGABYTE,
     json: Json = False,
 ) -> None:
     """Remove the least recently used models until the rest fits; print those removed."""
     from dl2c.native.cache import prune
 
     names = _names()
-    _show("removed", prune() if cap is None else prune(cap * MEGABYTE), names, json)
+    _show("removed", prune(cap * MEGABYTE), names, json)
 
 
 @app.command("clear")

@@ -25,10 +25,7 @@ from dl2c.inputs import MALFORMED, read_json
 from dl2c.native.errors import NativeError
 from dl2c.native.sundials import find_sundials
 from dl2c.native.toolchain import cpu_features, find_compiler, python_include
-from dl2c.storage import ADVICE, StorageError, private_folder
-
-DEFAULT_CAP = 2 * 1024**3
-"""Bytes the cache may hold before the least recently used entries go."""
+from dl2c.storage import ADVICE, DEFAULT_CAP, StorageError, private_folder
 
 GRACE = 60.0
 """Seconds for which the automatic pruning spares an entry, so that its user can load it."""
