@@ -15,7 +15,7 @@
 
 #include "dl2c.h"
 
-/* The results that are numbers, as `outcome_memory` of dl2c/native/binding.py lays them out. */
+/* The results that are numbers, as dl2c/native/results.py lays them out. */
 typedef struct dl2c_results {
   double reward, duration, time;
   int32_t status, reason, cost;

@@ -25,6 +25,9 @@ Floats: TypeAlias = NDArray[np.floating[Any]]
 Write: TypeAlias = Callable[[Any], None]
 Read: TypeAlias = Callable[[], Any]
 
+_UNSIGNED = {size: np.dtype(f"u{size}") for size in (1, 2, 4, 8)}
+"""Types of integers by size."""
+
 
 class Encoding(ABC):
     """How actions are written. `kind` is what policies call such actions, None where none can act so."""
@@ -67,7 +70,7 @@ class NoDecision(Encoding):
         return spaces.Discrete(1)
 
     def write(self, batch: "Batch", actions: Any) -> None:
-        _indices(actions, (len(batch.rewards),), np.array(1))
+        _indices(actions, (len(batch.rewards),), 1)
 
     def executed(self, choices: Ints, inputs: Floats) -> Any:
         return np.zeros(len(choices), np.int64)
@@ -88,7 +91,7 @@ class OneChoice(Encoding):
         return spaces.Discrete(self.count)
 
     def write(self, batch: "Batch", actions: Any) -> None:
-        batch.choices[:, 0] = _indices(actions, (len(batch.rewards),), np.array(self.count))
+        batch.choices[:, 0] = _indices(actions, (len(batch.rewards),), self.count)
 
     def executed(self, choices: Ints, inputs: Floats) -> Any:
         return choices[:, 0].astype(np.int64)
@@ -160,7 +163,7 @@ class Runs(Encoding):
         return spaces.Discrete(len(self.table))
 
     def write(self, batch: "Batch", actions: Any) -> None:
-        run = _indices(actions, (len(batch.rewards),), np.array(len(self.table)))
+        run = _indices(actions, (len(batch.rewards),), len(self.table))
         batch.choices[:] = np.maximum(self.table[run.astype(np.intp, copy=False)], 0)
 
     def executed(self, choices: Ints, inputs: Floats) -> Any:
@@ -268,7 +271,7 @@ class Named(Encoding):
         for i, key in enumerate(self.input_keys):
             batch.inputs[:, i] = _numbers(actions[key], (n, 1))[:, 0]
         for i, key in enumerate(self.choice_keys):
-            batch.choices[:, i] = _indices(actions[key], (n,), self.counts[i])
+            batch.choices[:, i] = _indices(actions[key], (n,), int(self.counts[i]))
 
     def executed(self, choices: Ints, inputs: Floats) -> Any:
         taken = {k: inputs[:, i : i + 1].astype(self.low.dtype) for i, k in enumerate(self.input_keys)}
@@ -328,12 +331,14 @@ def _listed(counts: Ints) -> list[int]:
     return counts.tolist()
 
 
-def _indices(actions: ArrayLike, shape: tuple[int, ...], counts: Ints) -> Ints:
+def _indices(actions: ArrayLike, shape: tuple[int, ...], counts: int | Ints) -> Ints:
+    """Integers of that shape, each at least 0 and less than `counts` (of its column)."""
     given = np.asarray(actions)
     if given.shape != shape or given.dtype.kind not in "iub":
         raise ValueError(f"expected integers of shape {shape}, not {given.dtype} of shape {given.shape}")
-    if ((given < 0) | (given >= counts)).any():
-        raise ValueError(_outside(given.tolist(), counts.tolist()))
+    most = np.maximum.reduce(given.view(_UNSIGNED[given.itemsize]))  # negative ones are large then
+    if most >= counts if isinstance(counts, int) else (most >= counts).any():
+        raise ValueError(_outside(given.tolist(), np.asarray(counts).tolist()))
     return given
 
 

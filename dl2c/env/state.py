@@ -11,6 +11,7 @@ from dl2c.native.manifest import InputSpec, Manifest, Quantity
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Batch
+    from dl2c.native.results import Results
 
 
 def read_state(manifest: Manifest, batch: "Batch", i: int = 0) -> dict[str, float]:
@@ -46,14 +47,14 @@ def _values(quantities: tuple[Quantity, ...], state: Mapping[str, float]) -> NDA
     return np.array([state.get(q.name, q.value) for q in quantities], np.float64)
 
 
-def read_drawn(manifest: Manifest, batch: "Batch") -> dict[str, NDArray[Any]]:
+def read_drawn(manifest: Manifest, results: "Results") -> dict[str, NDArray[Any]]:
     """What the environment decided in the last step, by key: alternatives (-1 where it did not),
     values (NaN where it did not), each for all environments in fresh memory.
     """
     choices = {
-        c.key: batch.drawn_choices[:, k].astype(np.int64) for k, c in enumerate(manifest.drawn_choices)
+        c.key: results.drawn_choices[:, k].astype(np.int64) for k, c in enumerate(manifest.drawn_choices)
     }
-    return choices | {i.key: batch.drawn_inputs[:, k].copy() for k, i in enumerate(manifest.drawn_inputs)}
+    return choices | {i.key: results.drawn_inputs[:, k].copy() for k, i in enumerate(manifest.drawn_inputs)}
 
 
 def drawn_reader(manifest: Manifest, batch: "Batch") -> Callable[[], dict[str, int | float]]:

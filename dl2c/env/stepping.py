@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dl2c.env.encodings import Encoding, Flat, Named, OneChoice
 from dl2c.env.infos import ENTRIES, IS_SUCCESS, NUMBERS, STATUS, SUCCESS, reason_names
-from dl2c.native.binding import OUTCOME, OUTCOME_NAMES
+from dl2c.native.results import OUTCOME, OUTCOME_NAMES
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Batch
@@ -107,7 +107,7 @@ def python_step(parts: Parts) -> Callable[[Any], Step]:
     batch, ended, reasons = parts.batch, parts.ended, reason_names(parts.manifest)
     write, executed = parts.encoding.writer(batch), parts.encoding.reader(batch)
     native_step, check, observe = batch.native_step(), batch.check, batch.obs[0].copy
-    outcome, read = batch.outcome.data, OUTCOME.unpack_from
+    outcome, read = batch.memory.data, OUTCOME.unpack_from
     extras = {k: o.copy if isinstance(o, np.ndarray) else o for k, o in parts.extras.items()}
 
     def step(action: Any) -> Step:

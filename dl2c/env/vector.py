@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from dl2c.env.actions import encoding
 from dl2c.env.infos import ENTRIES, IS_SUCCESS, NUMBERS, STATUS, SUCCESS, reason_names
+from dl2c.env.lazy import LazyInfos
 from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin, spread
 from dl2c.env.snapshot import Snapshot, put, take
 from dl2c.env.spaces import observation_space
 from dl2c.env.state import check_reset_options, read_drawn, read_state, state_line
 from dl2c.env.targeted import check_uniform
+from dl2c.native.results import Results
 
 Bools: TypeAlias = NDArray[np.bool_]
 Infos: TypeAlias = dict[str, Any]
@@ -79,7 +81,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.status_names, self.reason_names = dict(enumerate(STATUS)), reason_names(self.manifest)
         self._seeded = np.zeros(num_envs, np.bool_)
-        self._ready = np.zeros(num_envs, np.bool_)
+        self._set_ready(np.zeros(num_envs, np.bool_))
 
     def reset(  # pyright: ignore[reportIncompatibleMethodOverride] # Gymnasium's own environments take lists too
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -92,50 +94,61 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         check_reset_options(options or {}, ("reset_mask",))
         mask = self._reset_mask(options or {})
         begin(self.batch, mask, spread(seed, self.num_envs), self._seeded, self.np_random)
-        self._ready |= mask
-        return self._out(self.batch.obs), self._reset_infos(mask) | self._masks(mask)
+        self._set_ready(self._ready | mask)
+        return self._out(self.batch.obs), self._reset_infos(mask) | self._masks(self.batch, mask)
 
     def step(self, actions: Any) -> tuple[NDArray[Any], NDArray[np.float64], Bools, Bools, Infos]:
         """One step of every environment. In NEXT_STEP mode an environment whose episode has ended
         begins the next one instead, with reward 0. Raises `ValueError` for an action outside the space.
         """
-        if not self._ready.all():
+        if not self._all_ready:
             raise gym.error.ResetNeeded(
                 f"call reset() for the environments {np.flatnonzero(~self._ready).tolist()}"
             )
-        self._encoding.write(self.batch, actions)
-        self.batch.step()
-        terminated, truncated, began = (
-            flags.copy() for flags in (self.batch.terminated, self.batch.truncated, self.batch.began)
-        )
-        ended = terminated | truncated
-        infos = self._step_infos(~began, ended) | self._reset_infos(began) | self._masks(np.ones_like(ended))
-        if self.autoreset_mode == AutoresetMode.SAME_STEP and ended.any():
-            infos |= self._final(ended)
-        if self.autoreset_mode == AutoresetMode.DISABLED:
-            self._ready = ~ended
-        return self._out(self.batch.obs), self._out(self.batch.rewards), terminated, truncated, infos
+        batch = self.batch
+        self._encoding.write(batch, actions)
+        batch.step()
+        ends = batch.ends.copy()
+        terminated, truncated = ends[0], ends[1]  # quicker than to unpack
+        last = None
+        if self.autoreset_mode != AutoresetMode.NEXT_STEP and np.count_nonzero(ends):
+            if self.autoreset_mode == AutoresetMode.SAME_STEP:
+                last = batch.final_obs[terminated | truncated]
+            else:
+                self._set_ready(~(terminated | truncated))
+        infos = LazyInfos(self._infos, batch.memory.copy(), last)
+        return self._out(batch.obs), self._out(batch.rewards), terminated, truncated, infos
 
-    def _step_infos(self, mask: Bools, ended: Bools) -> Infos:
-        """What the buffers say of the step just taken, where `mask` is true."""
-        b = self.batch
+    def _infos(self, memory: NDArray[np.uint8], last: NDArray[Any] | None) -> Infos:
+        """The infos of a step, whose results are in `memory`; `last` are the last observations (k, nobs) of
+        episodes that have ended, where others have begun.
+        """
+        results = self.batch.laid_over(memory)
+        ended, began = results.terminated | results.truncated, results.began
+        everywhere = np.ones_like(ended)
+        infos = self._step_infos(results, ~began, ended) | self._reset_infos(began)
+        infos |= self._masks(results, everywhere)
+        return infos if last is None else infos | self._final(results, ended, last)
+
+    def _step_infos(self, results: Results, mask: Bools, ended: Bools) -> Infos:
+        """What the results say of the step just taken, where `mask` is true."""
         values: Infos = dict.fromkeys(ENTRIES)
-        values |= {name: getattr(b, name).astype(ENTRIES[name].dtype) for name in NUMBERS}
-        values["executed_action"] = self._encoding.executed(b.executed_choices, b.executed_inputs)
-        if drawn := read_drawn(self.manifest, b):
+        values |= {name: getattr(results, name).astype(ENTRIES[name].dtype) for name in NUMBERS}
+        values["executed_action"] = self._encoding.executed(results.executed_choices, results.executed_inputs)
+        if drawn := read_drawn(self.manifest, results):
             values["environment"] = drawn
-        return _masked(values, mask) | _masked({IS_SUCCESS: b.status == SUCCESS}, mask & ended)
+        return _masked(values, mask) | _masked({IS_SUCCESS: results.status == SUCCESS}, mask & ended)
 
-    def _final(self, ended: Bools) -> Infos:
+    def _final(self, results: Results, ended: Bools, last: NDArray[Any]) -> Infos:
         """What same-step autoreset would otherwise hide: the last observation and infos of ended episodes."""
-        last = np.empty(self.num_envs, object)
-        for i in np.flatnonzero(ended):
-            last[i] = self.batch.final_obs[i].copy()
-        infos = self._step_infos(ended, ended) | self._masks(ended)
+        observations = np.empty(self.num_envs, object)
+        for i, row in zip(np.flatnonzero(ended), last, strict=True):
+            observations[i] = row.copy()
+        infos = self._step_infos(results, ended, ended) | self._masks(results, ended)
         if "action_mask" in infos:
             infos["action_mask"][ended] = 1
         return {
-            "final_obs": last,
+            "final_obs": observations,
             "_final_obs": ended.copy(),
             "final_info": infos,
             "_final_info": ended.copy(),
@@ -149,10 +162,14 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         certificates[mask] = self.manifest.certificate
         return {"initial_state_certificate": certificates, "_initial_state_certificate": mask.copy()}
 
-    def _masks(self, mask: Bools) -> Infos:
+    def _masks(self, results: Results, mask: Bools) -> Infos:
         if not self.manifest.choices:
             return {}
-        return _masked({"action_mask": self._encoding.masks(self.batch.mask)}, mask)
+        return _masked({"action_mask": self._encoding.masks(results.mask)}, mask)
+
+    def _set_ready(self, ready: Bools) -> None:
+        """Which environments may be stepped, all or an error: asked at every step, so known beforehand."""
+        self._ready, self._all_ready = ready, bool(ready.all())
 
     def _reset_mask(self, options: dict[str, Any]) -> Bools:
         given = options.get("reset_mask")
@@ -184,6 +201,7 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         put(self.batch, i, snapshot)
         self._seeded[i] = True
         self._ready[i] = self.autoreset_mode != AutoresetMode.DISABLED or not snapshot.ended
+        self._set_ready(self._ready)
 
     def render(self) -> tuple[str, ...] | None:
         """Time and state of every environment, one line each (mode `ansi`)."""

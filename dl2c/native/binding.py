@@ -5,7 +5,6 @@ when it is made; a step is then one C call and one comparison. Nothing here can 
 who wants an environment elsewhere sends the model's text and options.
 """
 
-import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from dl2c.native.errors import MonitorViolated, NativeError, ResetFailed
 from dl2c.native.loading import find, load
 from dl2c.native.manifest import Manifest
+from dl2c.native.results import Results, Widths
 from dl2c.native.single import single_step
 from dl2c.native.sundials import load_solver
 from dl2c.native.turns import Turns
@@ -49,32 +49,6 @@ class Sizes:
     nroot: int
     obs_size: int
     snapshot_size: int
-
-
-OUTCOME = struct.Struct("@3d3i6?")
-OUTCOME_NAMES = (
-    *("rewards", "duration", "time", "status", "reason", "cost"),
-    *("terminated", "truncated", "blocked", "postcondition", "saturated", "began"),
-)
-"""The buffers that `OUTCOME` reads, in their order."""
-
-
-def outcome_memory(
-    n: int,
-) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.int32], NDArray[np.bool_]]:
-    """The results that are one number for each environment, side by side in one memory.
-
-    Views of it follow: floats (3, n), whole numbers (3, n), flags (6, n). For a batch of one,
-    `OUTCOME` reads all of them at once.
-    """
-    memory = np.zeros(OUTCOME.size * n, np.uint8)
-    floats, whole, flags = memory[: 24 * n], memory[24 * n : 36 * n], memory[36 * n :]
-    return (
-        memory,
-        floats.view(np.float64).reshape(3, n),
-        whole.view(np.int32).reshape(3, n),
-        flags.view(np.bool_).reshape(6, n),
-    )
 
 
 @final
@@ -174,12 +148,11 @@ class Library:
 
 
 @final
-class Batch:
+class Batch(Results):
     """n environments of one model, and the arrays they read and write.
 
     Write `choices` and `inputs`, call `step`, read the rest; shapes are those of `dl2c_buffers`
-    in dl2c.h. Every call writes into the same arrays: copy what must last. The flags are numpy
-    bools. The buffer `reset` is here `began`, since `reset` is the method.
+    in dl2c.h. Every call writes into the same arrays: copy what must last.
 
     One call at a time: another one meanwhile, from a thread or a callback, raises `BatchBusy`, and
     after `close` `BatchClosed`.
@@ -187,19 +160,7 @@ class Batch:
 
     __slots__ = (
         *("_bound", "_handle", "_lib", "_native_step", "_turns", "library", "n"),
-        *("choices", "inputs", "obs", "final_obs", "rewards", "terminated", "truncated", "mask"),
-        *(
-            "executed_choices",
-            "executed_inputs",
-            "drawn_choices",
-            "drawn_inputs",
-            "status",
-            "reason",
-            "cost",
-            "blocked",
-            "postcondition",
-        ),
-        *("saturated", "began", "duration", "time", "outcome"),
+        *("choices", "inputs", "obs", "final_obs"),
     )
 
     def __init__(self, library: Library, n: int, options: dict[str, Any]) -> None:
@@ -207,21 +168,13 @@ class Batch:
         if n < 1:
             raise ValueError(f"a batch has at least one environment, not {n}")
         ffi, lib, s = library.ffi, library.lib, library.sizes
+        super().__init__(n, Widths(s.nchoice, s.ninput, s.nenvchoice, s.nenvinput, s.nmask))
         obs = np.float32 if s.obs_size == 4 else np.float64
         self.library, self.n = library, n
         self.choices = np.zeros((n, s.nchoice), np.int32)
         self.inputs = np.zeros((n, s.ninput), np.float64)
         self.obs: NDArray[Any] = np.zeros((n, s.nobs), obs)
         self.final_obs: NDArray[Any] = np.zeros((n, s.nobs), obs)
-        self.mask = np.zeros((n, s.nmask), np.int8)
-        self.executed_choices = np.zeros((n, s.nchoice), np.int32)
-        self.executed_inputs = np.zeros((n, s.ninput), np.float64)
-        self.drawn_choices = np.full((n, s.nenvchoice), -1, np.int32)
-        self.drawn_inputs = np.full((n, s.nenvinput), np.nan)
-        self.outcome, floats, whole, flags = outcome_memory(n)
-        self.rewards, self.duration, self.time = floats
-        self.status, self.reason, self.cost = whole
-        self.terminated, self.truncated, self.blocked, self.postcondition, self.saturated, self.began = flags
         self._lib = lib
         self._native_step = lib.dl2c_batch_step
         self._handle = ffi.NULL
@@ -259,7 +212,7 @@ class Batch:
             return None
         ffi = self.library.ffi
         pointers = (ffi.addressof(self._lib, "dl2c_batch_step"), self._handle)
-        memory = (ffi.from_buffer(array) for array in (self.outcome, self.choices, self.inputs))
+        memory = (ffi.from_buffer(array) for array in (self.memory, self.choices, self.inputs))
         addresses = (int(ffi.cast("uintptr_t", p)) for p in (*pointers, *memory))
         turns = self._turns
         return made((*addresses, turns.token, turns.closing, turns.refuse, turns.settle, *parts))

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dl2c.native.binding import outcome_memory
 from dl2c.native.describe import options_as_data
 from dl2c.native.errors import ResetFailed
 from dl2c.native.manifest import ChoiceSpec, InputSpec, Manifest, PredicateSpec, Quantity, TheoremSpec
+from dl2c.native.results import Results, Widths
 from dl2c.options import Options
 
 OPTIONS: dict[str, Any] = options_as_data(Options()) | {
@@ -77,21 +77,17 @@ class ToyLibrary:
         return ToyBatch(self.manifest, n, autoreset, max_steps)
 
 
-class ToyBatch:
+class ToyBatch(Results):
     def __init__(self, manifest: Manifest, n: int, autoreset: str, max_steps: int) -> None:
         counts = [len(c.alternatives) for c in manifest.choices]
-        self._n, self._counts, self._autoreset, self._max_steps = n, counts, autoreset, max_steps
+        super().__init__(n, Widths(len(counts), len(manifest.inputs), 0, 0, sum(counts)))
+        self._counts, self._autoreset, self._max_steps = counts, autoreset, max_steps
         self._x, self._k = np.zeros(n), np.zeros(n)
         self._seed, self._episode = [0] * n, [0] * n
         self._steps, self._ended = np.zeros(n, int), np.zeros(n, bool)
-        self.choices, self.executed_choices = np.zeros((2, n, len(counts)), np.int32)
-        self.inputs, self.executed_inputs = np.zeros((2, n, len(manifest.inputs)))
+        self.choices = np.zeros((n, len(counts)), np.int32)
+        self.inputs = np.zeros((n, len(manifest.inputs)))
         self.obs, self.final_obs = np.zeros((2, n, 2), manifest.options["obs_dtype"])
-        self.mask = np.zeros((n, sum(counts)), np.int8)
-        self.outcome, floats, whole, flags = outcome_memory(n)
-        self.rewards, self.duration, self.time = floats
-        self.status, self.reason, self.cost = whole
-        self.terminated, self.truncated, self.blocked, self.postcondition, self.saturated, self.began = flags
 
     def reset(self, mask: Any = None, seeds: Any = None) -> None:
         for i in range(self._n):
