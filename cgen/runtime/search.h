@@ -46,7 +46,7 @@ static bool dl2c_event_free(dl2c_stretch *stretch, const dl2c_hull *x, bool boun
  * Searches a track for the end of the flow, interval by interval. On a halt *place is where on the
  * track; sign: (NMARGIN) the signs there, else at the end. `bounded`: the domain counts too.
  */
-static dl2c_halt dl2c_search_track(dl2c_stretch *stretch, bool bounded, uint8_t *watch, real *place,
+DL2C_COLD static dl2c_halt dl2c_search_track(dl2c_stretch *stretch, bool bounded, uint8_t *watch, real *place,
                                  int8_t *sign)
 {
   dl2c_events events;

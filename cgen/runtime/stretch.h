@@ -227,7 +227,7 @@ static dl2c_leg dl2c_keeps(const dl2c_stretch *stretch, int j, int sign, bool tu
  * The sign of a margin at a place of the track, 0 if rounding may change it: that of the margin, or
  * that of the state, by the margin's slopes.
  */
-static int dl2c_sure_sign(const dl2c_stretch *stretch, int margin, real place)
+DL2C_COLD static int dl2c_sure_sign(const dl2c_stretch *stretch, int margin, real place)
 {
   dl2c_taylor x[NX];
   dl2c_taylor g[NMARGIN] = {{.r = 0.0}};

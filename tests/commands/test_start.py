@@ -166,3 +166,8 @@ def test_tables_of_the_parser_are_kept(place: Mapping[str, str], tmp_path: Path)
     folder.rename(tmp_path / "away")
     folder.write_text("no folder")
     assert dl2c(place, *words) == first
+
+
+def test_measuring_knows_the_ids_of_gymnasium(place: Mapping[str, str]) -> None:
+    out, _ = dl2c(place, "bench", "example:thermostat", "--seconds", "0.05", "--json")
+    assert {"gym", "vector64"} <= {row["key"] for row in json.loads(out)["rows"]}

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from dl2c.configuration import resolve_options
 from dl2c.env.opening import batch_options, open_library
+from dl2c.env.registration import register
 from dl2c.experiments.bench.baseline import Baseline, Start
 from dl2c.experiments.bench.hand_written import HandWritten, is_there
 from dl2c.pipeline import step_model
@@ -73,6 +74,7 @@ class Subject:
 
 def subject(source: Source, options: Mapping[str, Any]) -> Subject:
     """Build what is measured. Raises what `open_library` does."""
+    register()  # a command has not
     chosen = {**options, **POLICY}
     return Subject(source, chosen, open_library(source, chosen))
 
