@@ -118,9 +118,10 @@ def options_of_dl2c(
 @model_options
 def build(
     model: Model,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for build/<model>/.")] = Path(
-        "build"
-    ),
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="Folder for <model>/, else build; see also --native."),
+    ] = None,
     json: Json = False,
     *,
     options: Mapping[str, Any],
@@ -128,9 +129,11 @@ def build(
     """Compile a model and write its C, library and manifest to a folder."""
     from dl2c.emit.names import file_stem
 
+    if output is not None:
+        options = {"native": False, **options}  # it may be taken elsewhere
     compiled = _compile(model, options)
     show(compiled.warnings)
-    target = output / file_stem(compiled.library.manifest.name)
+    target = (output or Path("build")) / file_stem(compiled.library.manifest.name)
     with output_folder(target) as folder:
         shutil.copytree(
             compiled.directory, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*INTERNAL)

@@ -239,7 +239,11 @@ class Options:
     loop: int | None = _option(
         None, "Which of several top-level loops is the episode's, counted from 1.", least=1
     )
-    native: bool = _option(False, "Tune for this machine's CPU.", episode="")
+    native: bool | None = _option(
+        None,
+        "Compile for this processor alone, or for all of its kind (default: for all where `-o` is given).",
+        episode="",
+    )
     sundials: Provider = _option(
         "casadi", "Which SUNDIALS solves flows: that of casadi, or an installed one.", episode=""
     )
@@ -249,6 +253,7 @@ class Options:
 
 _KINDS: dict[Any, Kind] = {
     bool: "boolean",
+    bool | None: "boolean",
     int: "integer",
     int | None: "integer",
     float: "decimal",

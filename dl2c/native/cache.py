@@ -58,10 +58,10 @@ def build_key(sources: Mapping[str, str], options: Mapping[str, str], known: str
     effective ones as words, `known` what its files say of its theorem.
 
     Covers also this version of dl2c, the compiler, its flags, the interpreter's ABI and casadi,
-    and for the option `native` the CPU. Raises `CompilerMissing`, `CompilerFailed`.
+    and the CPU where the build is for that one alone. Raises `CompilerMissing`, `CompilerFailed`.
     """
     compiler = find_compiler()
-    flags = compiler.flags(options["native"] == "True")
+    flags = compiler.flags({"True": True, "False": False}.get(options["native"]))
     facts = {
         "sources": dict(sources),
         "known": known,

@@ -37,12 +37,12 @@ def compile_library(
     module: str,
     directory: Path,
     *,
-    native: bool = False,
+    native: bool | None = None,
     sundials: Sundials | None = None,
 ) -> Path:
     """Write `sources` into `directory`, compile those that are C there and return the library.
 
-    `native` tunes for this machine's CPU; `sundials` is what flows are solved with. Raises
+    `native` is that of `Compiler.flags`; `sundials` is what flows are solved with. Raises
     `CompilerMissing`, `CompilerFailed`.
     """
     assert module.isidentifier() and f"{module}.c" in sources
@@ -78,7 +78,7 @@ class _Job:
     module: str
     directory: Path
     scratch: Path
-    native: bool
+    native: bool | None
     sundials: Sundials | None
     others: tuple[str, ...] = ()
 

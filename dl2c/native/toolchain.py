@@ -87,12 +87,15 @@ class Compiler:
     version: str
     zig: bool = False
 
-    def flags(self, native: bool, size: int = 0) -> tuple[str, ...]:
-        """The flags for generated code of so many characters, without the warnings; `native` tunes for this
-        CPU. Long code is optimised less, which takes a tenth of the time and changes no result.
+    def flags(self, native: bool | None, size: int = 0) -> tuple[str, ...]:
+        """The flags for generated code of so many characters, without the warnings. `native` tunes for this
+        CPU, None where that replaces clones for several. Long code is optimised less, which takes a tenth of
+        the time and changes no result.
 
         Raises `CompilerFailed` if CFLAGS asks for arithmetic that is not exact.
         """
+        if native is None:
+            native = not self.zig and (sys.platform, platform.machine()) == ("linux", "x86_64")
         tuning = NATIVE if native else ("-mcpu=baseline",) if self.zig else ()
         lacking = ZIG_LACKS if self.zig else ()
         less = LONG_FLAGS if size > LONG_CODE else ()

@@ -46,7 +46,7 @@ class HandWritten:
 
     __slots__ = ("_envs", "_lib", "_out", "_step", "n", "results", "state")
 
-    def __init__(self, n: int, native: bool = False) -> None:
+    def __init__(self, n: int, native: bool | None = None) -> None:
         self._lib, self.n = _compiled(native), n
         self._envs = np.zeros((n, WORDS))
         self.state = self._envs[:, :STATE]
@@ -70,7 +70,7 @@ class HandWritten:
         self._lib.waypoint_refresh(*self._all())
 
 
-def _compiled(native: bool) -> ctypes.CDLL:
+def _compiled(native: bool | None) -> ctypes.CDLL:
     compiler = find_compiler()
     with tempfile.TemporaryDirectory(prefix="dl2c-") as folder:
         library = Path(folder, "waypoint_loop.so")

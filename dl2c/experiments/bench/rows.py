@@ -90,7 +90,7 @@ def rows(what: Subject) -> tuple[list[Row], list[str]]:
     else:
         found += [*(sb3_row(what, n) for n in (*PYTHON_BATCHES, MANY)), infos_row(what, MANY)]
     if is_there(what.source) and not what.options.keys() - POLICY.keys() - {"native"}:
-        loop = HandWritten(LOOP, what.options.get("native", False))
+        loop = HandWritten(LOOP, what.options.get("native"))
         found.append(Row("loop", f"hand-written C loop, n = {LOOP}", LOOP, _repeated(loop.step)))
     found += [memory_row(what, LOOP), cartpole_row(), cartpole_vector_row(LOOP), empty_row(what)]
     return found, notes

@@ -1,0 +1,41 @@
+"""For which processors C is compiled: the one at hand in the cache, any where it is written to a folder."""
+
+import json
+import platform
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from dl2c import build
+from dl2c.cli import app
+from dl2c.native.toolchain import find_compiler
+
+CLONES = (sys.platform, platform.machine()) == ("linux", "x86_64")
+
+
+@pytest.mark.skipif(not CLONES, reason="clones for several processors are those of x86-64 on Linux")
+@pytest.mark.parametrize("name", ["waypoint", "pendulum"])
+def test_a_processor_of_its_own_changes_no_bit(name: str) -> None:
+    seen: list[bytes] = []
+    for native in (None, False):
+        batch = build(f"example:{name}", native=native).library.batch(70, autoreset="same_step")
+        batch.reset(seeds=np.arange(70, dtype=np.uint64))
+        for _ in range(50):
+            batch.step()
+            seen.append(b"".join(array.tobytes() for array in batch.arrays()))
+    assert seen[:50] == seen[50:]
+
+
+def test_what_a_folder_asks_for_runs_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "-march=native" not in find_compiler().flags(native=False)
+    assert ("-march=native" in find_compiler().flags(native=None)) == CLONES
+    monkeypatch.chdir(tmp_path)
+    for words in ([], ["-o", "taken"], ["-o", "here", "--native"]):
+        assert CliRunner().invoke(app, ["build", "example:thermostat", *words]).exit_code == 0
+    manifests = [
+        json.loads(Path(f, "Thermostat", "manifest.json").read_text()) for f in ("build", "taken", "here")
+    ]
+    assert [m["options"]["native"] for m in manifests] == [None, False, True]
