@@ -39,6 +39,12 @@ class UnknownOption(Mistake):
     """An option name or value that does not exist; the message says what does."""
 
 
+class UnknownName(UnknownOption, TypeError):
+    """An option name that does not exist. What Python raises for a keyword argument that a function does not
+    take: TorchRL tries keywords and leaves out those that are refused so.
+    """
+
+
 @dataclass(frozen=True, slots=True)
 class Option:
     """All that is known of one option.
@@ -286,12 +292,13 @@ def as_words(options: Options) -> dict[str, str]:
 def with_options(options: Options, given: Mapping[str, Any]) -> Options:
     """`options` with the given ones replaced, each checked and converted.
 
-    Raises `UnknownOption` for a name or value that does not exist.
+    Raises `UnknownName` or `UnknownOption` for a name or value that does not exist.
     """
     changes: dict[str, Any] = {}
     for name, value in given.items():
         if name not in OPTIONS:
-            raise UnknownOption(f"no option `{name}`; the options are {', '.join(sorted(OPTIONS))}")
+            said = f"no option `{name}` (unexpected keyword argument '{name}')"
+            raise UnknownName(f"{said}; the options are {', '.join(sorted(OPTIONS))}")
         if instead := deprecation(name, value):
             warn(instead, DeprecationWarning, stacklevel=2)
         changes[name] = OPTIONS[name].converted(value)

@@ -170,8 +170,12 @@ def test_an_observation_is_the_state_it_shows() -> None:
 def test_options_that_do_not_exist_are_named() -> None:
     with pytest.raises(UnknownOption, match="no option `on_block`"):
         dl2c.make(WAYPOINT, on_block="terminate")
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):  # TorchRL asks so
+        gym.make("dl2c/Waypoint-v0", frameskip=4)
     with pytest.raises(UnknownOption, match="'terminate'"):
         dl2c.make(WAYPOINT, on_blocked="stop")
+    limited = gym.make("dl2c/Waypoint-v0", max_steps=7)
+    assert limited.spec is not None and limited.spec.max_episode_steps == 7
     assert dl2c.make(WAYPOINT, max_steps=7).manifest.options["max_episode_steps"] == 7
 
 

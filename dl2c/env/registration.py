@@ -1,6 +1,13 @@
 """The environments' names in Gymnasium. Importing dl2c registers them."""
 
+from copy import copy
+from typing import TYPE_CHECKING
+
 import gymnasium as gym
+from gymnasium.envs.registration import EnvSpec
+
+if TYPE_CHECKING:
+    from dl2c.native.manifest import Manifest
 
 ENTRY_POINT = "dl2c.env.single:Dl2cEnv"
 VECTOR_ENTRY_POINT = "dl2c.env.vector:Dl2cVectorEnv"
@@ -21,6 +28,16 @@ EXAMPLES = {
     "Thermostat": "thermostat",
 }
 """The models that come with dl2c: `dl2c/<key>-v0` is `examples/<value>.kyx`."""
+
+
+def with_limit(spec: EnvSpec | None, manifest: "Manifest") -> EnvSpec | None:
+    """A spec that says after how many steps episodes are truncated, unless it says so already."""
+    limit = manifest.options["max_episode_steps"]
+    if spec is None or spec.max_episode_steps is not None or not limit:
+        return spec
+    known = copy(spec)
+    known.max_episode_steps = limit
+    return known
 
 
 def register() -> None:

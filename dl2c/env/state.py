@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -91,7 +92,7 @@ def state_line(manifest: Manifest, batch: "Batch", i: int = 0) -> str:
 
 
 def check_reset_options(options: Mapping[str, object], known: tuple[str, ...]) -> None:
-    """Refuse what `reset(options=...)` would otherwise silently ignore."""
+    """Warn of what `reset(options=...)` ignores, as environments of Gymnasium do."""
     for name in options:
         if name not in known:
-            raise ValueError(f"no reset option `{name}`; there is {', '.join(known)}")
+            gym.logger.warn(f"reset ignores the option `{name}`; there is {', '.join(known)}")

@@ -18,6 +18,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dl2c.env.actions import encoding
+from dl2c.env.registration import register
+from dl2c.env.single import Dl2cEnv
 from dl2c.env.spaces import observation_space
 from dl2c.native.errors import ResetFailed
 from dl2c.options import UnknownOption
@@ -288,8 +290,21 @@ def test_a_state_can_be_set_at_reset(toy: Any) -> None:
         env.reset(options={"state": {"x": 0.1}})
     with pytest.raises(ValueError, match="no variable or constant `y`"):
         env.reset(options={"state": {"x": 0.1, "k": 0.2, "y": 1.0}})
-    with pytest.raises(ValueError, match="no reset option `stat`"):
+    with pytest.warns(UserWarning, match="reset ignores the option `stat`; there is state"):
         env.reset(options={"stat": {}})
+
+
+def test_the_spec_says_when_episodes_are_truncated(toy: Any) -> None:
+    toy()
+    register()
+    for made in (gym.make("dl2c/Model-v0", model=MODEL), gym.make_vec("dl2c/Model-v0", 2, model=MODEL)):
+        assert made.spec is not None and made.spec.max_episode_steps == 20
+        again = pickle.loads(pickle.dumps(made))
+        assert again.spec.max_episode_steps == 20
+    cut = gym.make("dl2c/Model-v0", model=MODEL, max_episode_steps=3)
+    assert cut.spec is not None and cut.spec.max_episode_steps == 3
+    assert gym.spec("dl2c/Model-v0").max_episode_steps is None
+    assert Dl2cEnv(MODEL).spec is None
 
 
 def test_episodes_without_a_seed_differ_between_environments(toy: Any) -> None:
