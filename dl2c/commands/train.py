@@ -19,7 +19,7 @@ from dl2c.training.run import ALGORITHMS, Algorithm, Run, Settings
 
 if TYPE_CHECKING:
     from dl2c.training.provable import Taught, Verify
-    from dl2c.training.run import Evaluation
+    from dl2c.training.run import Estimate, Evaluation
 
 OUTPUT = Path("build/train")
 
@@ -254,19 +254,43 @@ def _present(wanted: Wanted, run: Run, json: bool, more: Mapping[str, Any] = Map
     masked = wanted.algo == "maskable-ppo"
     options = {**wanted.options, **wanted.settings.eval_options}
     found = evaluate(wanted.output, wanted.model, masked=masked, **options)
+    random = evaluate("random", wanted.model, masked=masked, **options)
+    steps = run.curve[-1].steps if run.curve else 0
     if run.interrupted and not quiet():
-        steps = run.curve[-1].steps if run.curve else 0
         print(f"stopped after {steps} steps; --resume {wanted.output} goes on", file=sys.stderr)
-    data = {"policy": str(run.policy), "interrupted": run.interrupted} | asdict(found) | dict(more)
-    print(to_json(data) if json else f"{run.policy}: {_sentence(found)}")
+    if json:
+        data = {"policy": str(run.policy), "interrupted": run.interrupted, "steps": steps}
+        print(to_json(data | asdict(found) | {"random": asdict(random)} | dict(more)))
+        return
+    print(f"{run.policy}: {_length(wanted, run, steps)}, then {found.episodes} episodes")
+    for line in _table({"random": random, "trained": found}):
+        print(line)
 
 
-def _sentence(found: "Evaluation") -> str:
-    def percent(name: str) -> str:
-        e = asdict(found)[name]
-        return f"{e['value']:.1%} [{e['low']:.1%}, {e['high']:.1%}]"
+def _length(wanted: Wanted, run: Run, steps: int) -> str:
+    """How long the training was, and why not as long as was asked for."""
+    from dl2c.training.hyper import complete
 
-    text = f"{found.episodes} episodes: success {percent('success')}, violations {percent('violations')}"
-    if math.isnan(found.travel_time.value):
+    settings = complete(wanted.algo, wanted.settings)
+    text = f"{steps:,} steps in {run.seconds:.0f} s"
+    if run.interrupted or steps == settings.steps or wanted.algo == "sac":
         return text
-    return f"{text}, mean duration of successes {found.travel_time.value:.3g} s"
+    return f"{text} ({settings.hyper['n_steps'] * (settings.n_envs or 1):,} at a time)"
+
+
+def _table(rows: "Mapping[str, Evaluation]") -> list[str]:
+    """What policies achieved, with 95 % intervals, in aligned columns."""
+    lines = [("policy", "success", "violations", "blocked", "return", "time to success / s")]
+    for name, found in rows.items():
+        rates = (_interval(e, ".1%") for e in (found.success, found.violations, found.blocked))
+        means = (_interval(e, ".4g") for e in (found.episode_return, found.travel_time))
+        lines.append((name, *rates, *means))
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return ["  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines]
+
+
+def _interval(estimate: "Estimate", form: str) -> str:
+    if math.isnan(estimate.value):
+        return "-"
+    low, high = (format(end, form) for end in (estimate.low, estimate.high))
+    return f"{estimate.value:{form}} [{low}, {high}]"

@@ -23,18 +23,25 @@ def working(what: str) -> Generator[Callable[[str], None]]:
 @contextmanager
 def progress(steps: int) -> Generator[Any]:
     """A bar on a terminal's stderr, nothing elsewhere; yields what takes a point of the learning curve."""
-    from rich.progress import TextColumn
+    from rich.progress import TextColumn, TimeRemainingColumn
 
-    with _bar(TextColumn("{task.percentage:3.0f} %"), TextColumn("{task.description}")) as bar:
+    columns = (TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.description}"))
+    with _bar(TextColumn("{task.percentage:3.0f} %"), *columns) as bar:
         task = bar.add_task("", total=steps)
 
         def note(point: Any) -> None:
-            rates = f"success {point.success:4.0%}  violations {point.violations:4.0%}"
-            bar.update(
-                task, completed=point.steps, description=f"{rates}  {point.steps_per_second:,.0f} steps/s"
-            )
+            bar.update(task, completed=point.steps, description=described(point))
 
         yield note
+
+
+def described(point: Any) -> str:
+    """A point of the learning curve on one line."""
+    speed = f"{point.steps_per_second:,.0f} steps/s"
+    if not point.episodes:
+        return f"no episode ended  {speed}"
+    rates = f"success {point.success:4.0%}  violations {point.violations:4.0%}"
+    return f"{rates}  return {point.episode_return:.4g}  {speed}"
 
 
 @contextmanager

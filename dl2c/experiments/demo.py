@@ -1,6 +1,6 @@
-"""The waypoint example, with and without masks, with and without learning (`make demo`).
+"""A model in which a policy learns its way, and the paper's, with and without masks (`make demo`).
 
-Prints a table and writes pictures to `build/demo`.
+Prints tables and writes pictures to `build/demo`.
 """
 
 import time
@@ -18,6 +18,9 @@ from dl2c.training.evaluation import evaluate
 from dl2c.training.plots import plot_curves, plot_trajectory
 from dl2c.training.rollout import rollout
 from dl2c.training.run import Algorithm, Estimate, Evaluation, Point, Settings
+
+LEARNED, LEARNED_STEPS = "example:evasion", 300_000
+"""Where random actions hardly ever succeed, and PPO learns within a minute."""
 
 MODEL = "example:waypoint"
 FOLDER = Path("build/demo")
@@ -45,10 +48,20 @@ GUARDS = Settings(
 )
 """Long enough to find the guards. A request blocks or not at once, so nothing needs to look ahead."""
 
-ABOUT = """\
+ROWS = """\
 Every row: {episodes} episodes with random constants and initial states; 95 % intervals in brackets.
 Success is info["is_success"], a violation an episode in which a @safety predicate failed, blocked an
-episode that a request without a run ended (on_blocked="terminate"); it counts as no success.
+episode in which a request blocked.
+"""
+
+ABOUT_LEARNED = """\
+examples/evasion.kyx: get to a goal while an adversary moves an obstacle about. The guard of the model
+keeps every policy away from the obstacle; the way to the goal is learned.
+"""
+
+ABOUT = """\
+examples/waypoint.kyx, the paper's model: stop in an area before a deadline. A request that blocks ends
+the episode here (on_blocked="terminate"), and counts as no success.
 
 The guards of Theorem 14 leave the controller almost no choice: in nearly every state exactly one
 alternative is enabled. Masks alone therefore solve this model, and the masked rows say nothing
@@ -75,37 +88,54 @@ def main() -> None:
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=120)
-    table = Table("policy", "masks", "success", "violations", "blocked", "travel time / s", box=None)
+    table = _table()
     for name, policy, masked in (
         ("first enabled", "first", True),
         ("uniform random", "random", True),
         ("uniform random", "random", False),
     ):
         _add(table, name, masked, evaluate(policy, MODEL, EPISODES, masked=masked, **STRICT))
-    console.print(f"training {2 * len(SEEDS)} policies; this takes a few minutes")
-    trained = _train_all()
+    console.print(f"training {1 + 2 * len(SEEDS)} policies; this takes a few minutes")
+    learned, *trained = _train_all()
     for run in trained:
         _add(table, f"{run.name}, seed {run.seed}", run.algo == "maskable-ppo", run.found)
-    console.print(table)
-    console.print()
-    console.print(ABOUT.format(episodes=EPISODES), markup=False)
-    console.print()
+    first = _table()
+    _add(first, "uniform random", False, evaluate("random", LEARNED, EPISODES, masked=False))
+    _add(first, learned.name, False, learned.found)
+    console.print(ROWS.format(episodes=EPISODES), markup=False)
+    for about, rows in ((ABOUT_LEARNED, first), (ABOUT, table)):
+        console.print(about, markup=False)
+        console.print(rows)
+        console.print()
     for path in _pictures(trained):
         console.print(f"wrote {path}", markup=False)
     console.print(f"{time.perf_counter() - started:.0f} s in all")
 
 
 def _train_all() -> list[Trained]:
-    """Every algorithm with every seed, the longest first, in parallel; results in a fixed order."""
+    """The policy of `LEARNED`; then those of `MODEL`, every algorithm with every seed. In parallel, the longest
+    first; results in a fixed order.
+    """
     console = Console(stderr=True)
     algorithms: tuple[Algorithm, ...] = ("ppo", "maskable-ppo")
     jobs = {(algo, seed): partial(_train, algo, seed) for algo in algorithms for seed in SEEDS}
+    jobs["learned", 0] = _learn
     from rich.progress import Progress
 
     with Progress(console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("training")
         found = in_parallel(jobs, lambda done, of: bar.update(task, completed=done, total=of))
-    return [found[name] for name in sorted(found)]
+    learned = found.pop(("learned", 0))
+    return [learned, *(found[name] for name in sorted(found))]
+
+
+def _learn() -> Trained:
+    from dl2c.training.learning import train
+
+    settings = Settings(steps=LEARNED_STEPS)
+    run = train(LEARNED, seed=0, directory=FOLDER / "evasion", settings=settings, whole=True)
+    found = evaluate(run.policy, LEARNED, EPISODES, masked=False)
+    return Trained("PPO", "ppo", 0, run.policy, run.curve, found)
 
 
 def _train(algo: Algorithm, seed: int) -> Trained:
@@ -118,6 +148,10 @@ def _train(algo: Algorithm, seed: int) -> Trained:
     run = train(MODEL, algo, seed=seed, directory=directory, settings=settings, whole=True, **options)
     found = evaluate(run.policy, MODEL, EPISODES, masked=masked, **STRICT)
     return Trained("MaskablePPO" if masked else "PPO", algo, seed, run.policy, run.curve, found)
+
+
+def _table() -> Table:
+    return Table("policy", "masks", "success", "violations", "blocked", "travel time / s", box=None)
 
 
 def _add(table: Table, name: str, masked: bool, found: Evaluation) -> None:

@@ -72,7 +72,7 @@ def outcomes(
     while running.any():
         observations, rewards, terminated, truncated, infos = env.step(act(observations, env.action_masks()))
         found.total[running] += rewards[running]
-        _note_violations(found, infos, running)
+        _note_step(found, infos, running)
         if (ended := running & (terminated | truncated)).any():
             _note_ends(found, infos["final_info"], ended, env.manifest)
             running &= ~ended
@@ -93,9 +93,10 @@ def _nothing_yet(n: int) -> Outcomes:
     return Outcomes(none, none.copy(), none.copy(), np.zeros(n), np.zeros(n))
 
 
-def _note_violations(found: Outcomes, infos: dict[str, Any], running: NDArray[np.bool_]) -> None:
+def _note_step(found: Outcomes, infos: dict[str, Any], running: NDArray[np.bool_]) -> None:
     if "cost" in infos:
         found.violated[running & (infos["cost"] > 0)] = True
+        found.blocked[running & infos["blocked"]] = True
 
 
 def _note_ends(found: Outcomes, final: dict[str, Any], ended: NDArray[np.bool_], manifest: Manifest) -> None:
@@ -103,7 +104,7 @@ def _note_ends(found: Outcomes, final: dict[str, Any], ended: NDArray[np.bool_],
     unsafe = (final["status"] == 2) & np.isin(final["reason"], safety)
     found.violated[ended & ((final["cost"] > 0) | unsafe)] = True
     found.success[ended] = final["is_success"][ended]
-    found.blocked[ended] = final["reason"][ended] == 1
+    found.blocked[ended & final["blocked"]] = True
     found.time[ended] = final["time"][ended]
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -206,7 +207,12 @@ def test_train_writes_its_results(capsys: Any, model: str, tmp_path: Path) -> No
         capsys, "train", model, "--algo", "maskable-ppo", "--steps", "128", "--n-envs", "1", "-o", str(output)
     )
     assert code == 0
-    assert out.startswith(f"{output / 'policy.zip'}: 200 episodes: success")
+    first, *table = out.splitlines()
+    assert re.fullmatch(
+        rf"{re.escape(str(output / 'policy.zip'))}: 128 steps in \d+ s, then 200 episodes", first
+    )
+    assert [line.split()[0] for line in table] == ["policy", "random", "trained"]
+    assert table[0].split()[:5] == ["policy", "success", "violations", "blocked", "return"]
     assert {p.name for p in output.iterdir()} == {
         *("policy.zip", "policy.json", "policy.npz", "vecnormalize.pkl"),
         *("model.kyx", "run.json", "curve.png"),
