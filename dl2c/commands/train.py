@@ -280,7 +280,9 @@ def _length(wanted: Wanted, run: Run, steps: int) -> str:
 
 def _table(rows: "Mapping[str, Evaluation]") -> list[str]:
     """What policies achieved, with 95 % intervals, in aligned columns."""
-    lines = [("policy", "success", "violations", "blocked", "return", "time to success / s")]
+    lines: list[tuple[str, ...]] = [
+        ("policy", "success", "violations", "blocked", "return", "time to success / s")
+    ]
     for name, found in rows.items():
         rates = (_interval(e, ".1%") for e in (found.success, found.violations, found.blocked))
         means = (_interval(e, ".4g") for e in (found.episode_return, found.travel_time))

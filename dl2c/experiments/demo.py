@@ -113,13 +113,14 @@ def main() -> None:
 
 
 def _train_all() -> list[Trained]:
-    """The policy of `LEARNED`; then those of `MODEL`, every algorithm with every seed. In parallel, the longest
-    first; results in a fixed order.
+    """The policy of `LEARNED`; then those of `MODEL`, every algorithm with every seed.
+
+    In parallel, the longest first; results in a fixed order.
     """
     console = Console(stderr=True)
     algorithms: tuple[Algorithm, ...] = ("ppo", "maskable-ppo")
     jobs = {(algo, seed): partial(_train, algo, seed) for algo in algorithms for seed in SEEDS}
-    jobs["learned", 0] = _learn
+    jobs["learned", 0] = partial(_learn)
     from rich.progress import Progress
 
     with Progress(console=console, disable=not console.is_terminal) as bar:

@@ -74,7 +74,8 @@ class Evaluation:
     """What a policy achieved. `success`, `violations` and `blocked` are fractions of the episodes.
 
     A violation is an episode in which a @safety predicate failed; blocked is one in which a request
-    blocked, whether that ended it or not. `travel_time` is the mean duration of the successful episodes in seconds.
+    blocked, whether that ended it or not. `travel_time` is the mean duration of the successful episodes in
+    seconds.
     """
 
     episodes: int
