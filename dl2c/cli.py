@@ -186,6 +186,9 @@ def check(
             raise typer.Exit(1)
 
 
+NO_GOAL = "nothing says what an agent should reach; write `@progress: ...` above a Bool definition that does"
+
+
 @app.command()
 @model_options
 def annotate(
@@ -206,6 +209,8 @@ def annotate(
     else:
         write_output(output, content)
         print(output)
+    if b"@progress" not in content and not quiet():
+        print(f"note: {NO_GOAL}", file=sys.stderr)
 
 
 @app.command()

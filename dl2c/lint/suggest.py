@@ -3,7 +3,8 @@
 Comes in: a source and options. Go out: comments to insert, each in lines of its own, or, where a
 declaration stands behind other text in its line, with a line end inside. Whoever removes them has
 the model as it was. Bounds come from the precondition, and from a default where it limits nothing:
-of what a step changes they are at least as wide as that default, since they limit observations too.
+of what a step changes they are as wide as that default, since they limit observations too, but for
+what the loop's invariant and the domain of its last flow exclude.
 """
 
 import math
@@ -13,12 +14,25 @@ from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context
 from fractions import Fraction
 
-from dl2c.interval.arithmetic import WHOLE, Interval, hull_of
-from dl2c.interval.bounded import Range, bounded, initial_box
+from dl2c.interval.arithmetic import WHOLE, Box, Interval, hull_of
+from dl2c.interval.bounded import Range, bounded, initial_box, interval_of
+from dl2c.interval.contract import contract
 from dl2c.ir.liveness import read_first
-from dl2c.ir.model import Constant, Model, Symbol, Variable
+from dl2c.ir.logic import conjunction, symbols
+from dl2c.ir.model import (
+    TRUE,
+    UNBOUNDED,
+    Bound,
+    Constant,
+    Evolve,
+    Formula,
+    Model,
+    Symbol,
+    Variable,
+)
 from dl2c.lint.edits import Edit
 from dl2c.lint.world import changing
+from dl2c.lower.invariant import invariant
 from dl2c.lower.problem import lower
 from dl2c.options import Options
 from dl2c.parse import tree
@@ -32,6 +46,9 @@ from dl2c.resolve.symbols import free_variables
 from dl2c.source import Source
 
 DEFAULT: Range = (Fraction(-10), Fraction(10))
+CLOCK: Range = (Fraction(1, 10), Fraction(1))
+"""Of a constant that limits how long a flow may last, in place of the default."""
+
 SAFETY = "@safety: penalty=-1, on_failure=terminate:failure"
 PROGRESS = "@progress: reward=1, on_success=terminate:success"
 
@@ -55,26 +72,55 @@ def suggestions(source: Source, options: Options) -> tuple[Edit, ...]:
     problem, options = found.problem, found.options
     default = options.default_bound or DEFAULT
     model = lower(problem, replace(options, default_bound=default))
-    drawn = bounded(model, default)
+    drawn = bounded(_with_clocks(model), default)
     model = replace(model, constants=drawn.constants)
     scanned = scan(source)
     code, sections = scanned.text, find_sections(scanned, [])
-    wishes = [*_variables(problem, model, drawn, default), *_constants(problem, options, model, drawn)]
+    kept = _kept(problem, model)
+    wishes = [*_variables(problem, model, drawn, kept, default), *_constants(problem, options, model, drawn)]
     declared = [w for w in wishes if _is_declared(w.declaration, sections)]
     edits = [*_bounds(code, declared), *_conclusions(problem, code, source)]
     return tuple(sorted(edits, key=lambda e: e.start))
 
 
-def _variables(problem: Problem, model: Model, drawn: Model, default: Range) -> Iterator[_Wish]:
+def _with_clocks(model: Model) -> Model:
+    """The model with `CLOCK` for constants that limit how long a flow lasts and have no upper limit."""
+    limiting = {h.bound for flow in model.flows for h in flow.horizons}
+    box = initial_box(model) or {}
+    usual = Bound(*CLOCK)
+    constants = tuple(
+        replace(c, bound=usual)
+        if c.symbol in limiting and c.bound == UNBOUNDED and _contains(box.get(c.symbol, WHOLE), usual)
+        else c
+        for c in model.constants
+    )
+    return replace(model, constants=constants)
+
+
+def _contains(limits: Interval, bound: Bound) -> bool:
+    inner = interval_of(bound)
+    return limits.low <= inner.low and inner.high <= limits.high and math.isinf(limits.high)
+
+
+def _kept(problem: Problem, model: Model) -> Formula:
+    """What holds after every step of a proved model: its invariant, the domain of the flow that ends it."""
+    last = model.body[-1] if model.body else None
+    domain = model.flows[last.flow].domain if isinstance(last, Evolve) else TRUE
+    return conjunction([invariant(problem) or TRUE, domain])
+
+
+def _variables(
+    problem: Problem, model: Model, drawn: Model, kept: Formula, default: Range
+) -> Iterator[_Wish]:
     """Variables to annotate: those that lack limits or, if nothing is annotated, all that a step depends on,
     and its inputs.
     """
     box, unlimited = initial_box(drawn) or {}, _unlimited(model, drawn)
-    moving = changing(model)
+    usual = Interval(float(default[0]), float(default[1]))
+    reached = _reached(model, box, usual, kept)
     inputs: dict[str, list[Interval]] = {}
     for given in enumerate_paths(model, default).inputs:
         inputs.setdefault(given.variable, []).append(Interval(float(given.low), float(given.high)))
-    usual = Interval(float(default[0]), float(default[1]))
     for (declaration, annotation), variable in zip(problem.variables, model.variables, strict=True):
         name = declaration.name
         own = [box.get(Symbol(name, "variable"), WHOLE)] if variable.initial == "sampled" else []
@@ -83,8 +129,20 @@ def _variables(problem: Problem, model: Model, drawn: Model, default: Range) -> 
         limits = (*own, *inputs.get(name, ()))
         wanted = name in unlimited or name in inputs if problem.annotated else limits
         if annotation is None and wanted:
-            wide = hull_of((*limits, usual) if name in moving else limits)
+            wide = hull_of((*limits, reached[name]) if name in reached else limits)
             yield _Wish(declaration, "var", wide, problem.annotated)
+
+
+def _reached(model: Model, start: Box, usual: Interval, kept: Formula) -> dict[str, Interval]:
+    """What variables that change may be later: the default, but for what `kept` excludes."""
+    names = changing(model)
+    sampled = {v.symbol: start.get(v.symbol, WHOLE) for v in model.variables if v.initial == "sampled"}
+    moving = {
+        v.symbol: hull_of((sampled.get(v.symbol, usual), usual)) for v in model.variables if v.name in names
+    }
+    box = dict.fromkeys(symbols(kept), WHOLE) | dict(start) | moving
+    narrowed = contract(kept, box) or box
+    return {symbol.name: narrowed.get(symbol, limits) for symbol, limits in moving.items()}
 
 
 def _constants(problem: Problem, options: Options, model: Model, drawn: Model) -> Iterator[_Wish]:

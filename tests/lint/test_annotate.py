@@ -9,6 +9,7 @@ from commands.test_cli import run
 from conftest import shared
 
 import dl2c
+import dl2c.cli
 from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError
 from dl2c.lint.check import examine
@@ -96,11 +97,27 @@ def test_suggestions_follow_the_precondition() -> None:
     copy = annotated(BRAKE.encode()).decode()
     assert "@const: bound=[0:10] */Real A" in copy
     assert "@const: bound=[-10:10] */Real B, m" in copy
-    assert "\t/* @var: bound=[-10:10] */\n\tReal v" in copy
+    assert "\t/* @var: bound=[0:10] */\n\tReal v" in copy
     assert "@var: bound=[-10:10] */Real a" in copy and "*/Real t" not in copy
     assert "@safety: penalty=-1, on_failure=terminate:failure */Bool safe" in copy
     wide = annotated(BRAKE.encode(), default_bound="-0.25:0.25").decode()
-    assert "\t/* @var: bound=[-0.25:0.334] */\n\tReal v" in wide
+    assert "\t/* @var: bound=[0:0.334] */\n\tReal v" in wide
+
+
+def test_suggestions_are_what_a_person_would_write() -> None:
+    """Clocks have short limits, and what invariant or domain exclude is left out."""
+    text = (
+        BRAKE.replace("t <= 1", "t <= ep")
+        .replace("Real A;", "Real A, ep;")
+        .replace("A > 0 &", "A > 0 & ep > 0 &")
+    )
+    assert (
+        "@const: bound=[0.1:1] */Real ep"
+        in annotated(text.replace("Real A, ep;", "Real A; Real ep;").encode()).decode()
+    )
+    kept = text.replace("}*]", "}*@invariant(v <= 5 & x >= 2)]")
+    copy = annotated(kept.encode()).decode()
+    assert "/* @var: bound=[0:5] */\n\tReal v" in copy and "/* @var: bound=[-10:10] */\n  Real x" in copy
 
 
 def test_what_only_the_program_before_the_loop_sets_is_observed() -> None:
@@ -162,7 +179,11 @@ def test_what_the_program_afterwards_changes_cannot_be_a_predicate() -> None:
 def test_the_command_writes_bytes(capsys: Any, tmp_path: Path) -> None:
     path, copy = tmp_path / "brake.kyx", tmp_path / "copy.kyx"
     path.write_bytes(BRAKE.replace("\n", "\r\n").encode())
-    assert run(capsys, "annotate", str(path), "-o", str(copy)) == (0, f"{copy}\n", "")
+    assert run(capsys, "annotate", str(path), "-o", str(copy)) == (
+        0,
+        f"{copy}\n",
+        f"note: {dl2c.cli.NO_GOAL}\n",
+    )
     assert copy.read_bytes() == annotated(path.read_bytes())
     assert run(capsys, "check", "--portable", str(copy))[0] == 0
     code, out, _ = run(capsys, "annotate", "example:acc")
