@@ -1,6 +1,6 @@
 """How failures reach the user: mistakes in a model as diagnostics, the rest in one line.
 
-Exit code 1: the model, an option, a file or the machine. Exit code 70: a bug of dl2c; 130: Ctrl-C. `verify`
+Exit code 1: the model, a file or the machine. 2: the command line. 70: a bug of dl2c; 130: Ctrl-C. `verify`
 ends with 0 where the theorem is proved, 1 where it is refuted, 3 where neither is known.
 """
 
@@ -18,10 +18,11 @@ from rich.text import Text
 from dl2c.commands.verbosity import detailed, quiet
 from dl2c.diagnostics import MOST_SHOWN, CompileError, Diagnostic, Mistake, not_shown, render
 from dl2c.native.errors import NativeError
+from dl2c.options import UnknownOption
 from dl2c.source import NOWHERE
 from dl2c.version import __version__
 
-USER, BUG = 1, 70
+USER, USAGE, BUG = 1, 2, 70
 """Exit codes; 70 is EX_SOFTWARE of sysexits.h."""
 
 COLOURS = {"error": "bold red", "warning": "bold yellow", "note": "cyan", "help": "green"}
@@ -47,6 +48,9 @@ def report(failure: BaseException) -> int:
         case CompileError(diagnostics=diagnostics):
             show(diagnostics)
             return USER
+        case UnknownOption():
+            _line(str(failure))
+            return USAGE
         case NativeError() | Mistake():
             _line(str(failure))
             return USER

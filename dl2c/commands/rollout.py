@@ -1,6 +1,7 @@
 """`dl2c rollout`: run a policy, here or on a cluster, say how its episodes ended, write every step."""
 
 import csv
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
@@ -13,6 +14,7 @@ import typer
 from dl2c.commands.arguments import Episodes, Masked, Model, PolicyName, Seed
 from dl2c.commands.failures import CommandError, to_json
 from dl2c.commands.flags import Json
+from dl2c.commands.verbosity import quiet
 from dl2c.commands.waiting import working
 from dl2c.outputs import output_file
 
@@ -69,6 +71,9 @@ def rollout(
         print(to_json(summary))
     else:
         _show(summary)
+    failed = any(end["status"] == "failure" for end in summary["ends"])
+    if save_failures is not None and not failed and not quiet():
+        print("no episode failed, so none is saved", file=sys.stderr)
 
 
 # Where the rows come from ------------------------------------------------------

@@ -5,9 +5,11 @@ built library. The pipeline is imported on first use, so that importing dl2c sta
 """
 
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from dl2c.diagnostics import Mistake
 from dl2c.progress import LOG, Progress, silent
 from dl2c.source import Source
 
@@ -24,6 +26,16 @@ Model: TypeAlias = Source | Path | str
 EXAMPLE = "example:"
 
 
+class UnknownExample(Mistake):
+    """No model of this name comes with dl2c; the message says which do."""
+
+    def __init__(self, name: str) -> None:
+        names = sorted(path.stem for path in examples_dir().glob("*.kyx"))
+        near = get_close_matches(name, names, 1)
+        others = f"did you mean `{near[0]}`? There are" if near else "there are"
+        super().__init__(f"no example `{name}`; {others} {', '.join(names)}")
+
+
 def examples_dir() -> Path:
     """Where the example models are: inside the installed package, or else in the checkout."""
     packaged = Path(__file__).resolve().parent.parent / "examples"
@@ -34,7 +46,7 @@ def source_of(model: Model) -> Source:
     """The text a model stands for. A string of several lines is the text itself,
     `example:NAME` a model that comes with dl2c, anything else a path.
 
-    Raises `OSError` if there is no such file.
+    Raises `OSError` if there is no such file, `UnknownExample`.
     """
     match model:
         case Source():
@@ -43,6 +55,8 @@ def source_of(model: Model) -> Source:
             return Source("<string>", model.removeprefix("\ufeff"))
         case str() if model.startswith(EXAMPLE):
             path = examples_dir() / f"{model.removeprefix(EXAMPLE)}.kyx"
+            if not path.is_file():
+                raise UnknownExample(model.removeprefix(EXAMPLE))
             return Source(f"examples/{path.name}", Source.read(path).text)
         case _:
             return Source.read(model)

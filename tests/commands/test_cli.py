@@ -115,17 +115,26 @@ def test_check_json_of_a_wrong_model(capsys: Any, monkeypatch: Any, model: str) 
 
 
 @pytest.mark.parametrize(
-    ("failure", "text"),
+    ("failure", "exit_code", "text"),
     [
-        (CompilerMissing("no C compiler"), "error: no C compiler\n"),
-        (UnknownOption("no option `x`"), "error: no option `x`\n"),
+        (CompilerMissing("no C compiler"), 1, "error: no C compiler\n"),
+        (UnknownOption("no option `x`"), 2, "error: no option `x`\n"),
     ],
 )
 def test_other_user_errors_are_one_line(
-    capsys: Any, monkeypatch: Any, model: str, failure: Exception, text: str
+    capsys: Any, monkeypatch: Any, model: str, failure: Exception, exit_code: int, text: str
 ) -> None:
     failing(monkeypatch, failure)
-    assert run(capsys, "build", model) == (1, "", text)
+    assert run(capsys, "build", model) == (exit_code, "", text)
+
+
+def test_an_example_that_is_none_names_those_that_are(capsys: Any) -> None:
+    code, out, err = run(capsys, "build", "example:waypint")
+    assert (code, out) == (1, "")
+    assert err.startswith(
+        "error: no example `waypint`; did you mean `waypoint`? There are acc, bouncing_ball, "
+    )
+    assert str(Path.cwd()) not in err
 
 
 @pytest.mark.parametrize("verbose", [True, False])
