@@ -4,7 +4,7 @@ Everything that happens in a step happens in C; this module reads buffers and ha
 objects. Numbers that depend on the model are worked out once, in the constructor.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
@@ -55,7 +55,8 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
             raise ValueError(f"no render mode {render_mode!r}; there is 'ansi', 'rgb_array', 'human'")
         self.render_mode = render_mode
         self.source = source_of(model)
-        library = open_library(self.source, options)
+        shown = render_mode in ("rgb_array", "human")
+        library = open_library(self.source, options, inspect=shown)
         self.manifest = library.manifest
         self._batch = library.batch(1, autoreset="disabled", **batch_options(self.manifest))
         self._encoding = encoding(self.manifest)
@@ -69,9 +70,10 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         self._closed = False
         self._bind(self._batch)
         self._screen: Screen | None = None
-        if render_mode in ("rgb_array", "human"):
-            self._screen = Screen(self.source, options, render_mode, self.metadata["render_fps"])
-            self._transition = self._screen.watching(self._transition, lambda: self.state)
+        if shown:
+            fps = self.metadata["render_fps"]
+            self._screen = Screen(self.source, options, self._batch, render_mode, fps)
+            self._transition = self._screen.watching(self._transition)
 
     def _bind(self, batch: "Batch") -> None:
         """Views of a batch and functions over it, made once."""
@@ -126,7 +128,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         if self.manifest.choices:
             info["action_mask"] = self._fresh_mask()
         if self._screen is not None:
-            self._screen.begin(self.state)
+            self._screen.begin()
         return self._obs.copy(), info
 
     def step(self, action: Any) -> Step:
@@ -151,7 +153,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         put(self._batch, 0, snapshot)
         self._seeded, self._act = True, _not_running if snapshot.ended else self._transition
         if self._screen is not None:
-            self._screen.begin(self.state)
+            self._screen.begin()
         info: dict[str, Any] = {"action_mask": self._fresh_mask()} if self.manifest.choices else {}
         return self._obs.copy(), info
 
@@ -192,13 +194,21 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         return read_chosen(self.manifest, self._batch)
 
     def render(self) -> str | NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride] # generic in an unused parameter there
-        """Mode `ansi`: time and state on one line. `rgb_array`: the episode so far, as the model's `plot=`
-        asks for, (height, width, 3). `human`: the same in a window, brought up to date by resets and steps.
+        """Mode `ansi`: time and state on one line. `rgb_array`: the model's scene (needs pygame-ce), or else
+        the episode so far as its `plot=` asks for (needs matplotlib), (height, width, 3). `human`: the same
+        in a window, brought up to date by resets and steps.
         """
         self._batch.check_open()
         if self._screen is not None:
             return self._screen.render()
         return state_line(self.manifest, self._batch) if self.render_mode == "ansi" else None
+
+    def watch(self, step: Callable[[], Step], fractions: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
+        """Pictures as `render` gives them, inside a step: `step` makes it, then they come, at rising
+        fractions of the time that it takes. Needs mode `rgb_array`.
+        """
+        assert self._screen is not None, "there are no pictures in this render mode"
+        yield from self._screen.inside(step, fractions)
 
     def close(self) -> None:
         """Free the native environment. Closing twice is fine."""

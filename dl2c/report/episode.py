@@ -130,12 +130,12 @@ def replay(episode: Episode, source: Source | None = None) -> Episode:
     """The episode once more, with its own text or another. Raises what `Dl2cEnv` and `play` raise."""
     env = Dl2cEnv(source or episode.source, **episode.options)
     try:
-        return play(env, episode.start, [_as_given(env, a) for a in episode.actions])
+        return play(env, episode.start, [action_of(env, a) for a in episode.actions])
     finally:
         env.close()
 
 
-def _as_given(env: Dl2cEnv, action: Any) -> Any:
+def action_of(env: Dl2cEnv, action: Any) -> Any:
     """An action of a file, as the environment takes it."""
     if isinstance(action, dict):
         return cast("dict[str, Any]", action)
