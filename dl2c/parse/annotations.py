@@ -7,15 +7,16 @@ Names inside expressions are not looked up here. `options.py` reads `@episode`.
 
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal, TypeAlias, TypeVar, cast
+from typing import Literal, TypeAlias, TypeVar, cast, get_args
 
 from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.options import IN_EPISODE
 from dl2c.parse import errors
 from dl2c.parse.build import MAX_DIGITS
-from dl2c.parse.options import Value, read_option
+from dl2c.parse.options import ALLOW, Value, read_option
 from dl2c.parse.parser import parse_annotated
 from dl2c.parse.tree import Annotation, Declaration, Formula, Term
 from dl2c.source import Span
@@ -112,6 +113,27 @@ _VARIABLE = ("bound", "def", "plot", "role", "unit", "observe")
 _CONSTANT = ("bound", "def", "plot", "unit", "observe")
 _PREDICATE = ("reward", "penalty", "shape", "on_success", "on_failure")
 _CHOICE = ("role", "name")
+ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
+    "var": _VARIABLE,
+    "const": _CONSTANT,
+    **dict.fromkeys(get_args(Category), _PREDICATE),
+    "choice": _CHOICE,
+    "episode": (ALLOW, *IN_EPISODE),
+}
+"""The attributes of each annotation that has any."""
+
+WORDS: Mapping[str, tuple[str, ...]] = {
+    "plot": get_args(Plot),
+    "role": get_args(Role),
+    "observe": ("true", "false"),
+    "on_success": get_args(Action),
+    "on_failure": get_args(Action),
+}
+"""What attributes outside of `@episode` may be where that is a few words; a status may follow an action."""
+
+EXPRESSIONS = frozenset({"reward", "penalty", "shape"})
+"""Attributes whose values are terms or formulas."""
+
 _BOUND = re.compile(r"\[\s*([^:\]]*?)\s*:\s*([^:\]]*?)\s*\]")
 _DECIMAL = re.compile(r"[+-]?\s*[0-9]+(\.[0-9]+)?")
 _TRIGGER = re.compile(r"(\w+)\s*(?::\s*(?:status\s*=\s*)?(\w+))?")
@@ -341,15 +363,15 @@ def _string(text: str, span: Span) -> str:
 
 
 def _boolean(text: str, span: Span) -> bool:
-    return _one_of(text, span, ("true", "false")) == "true"
+    return _one_of(text, span, WORDS["observe"]) == "true"
 
 
 def _plot(text: str, span: Span) -> Plot:
-    return cast("Plot", _one_of(text, span, ("line", "hist", "scatter", "none")))
+    return cast("Plot", _one_of(text, span, WORDS["plot"]))
 
 
 def _role(text: str, span: Span) -> Role:
-    return cast("Role", _one_of(text, span, ("agent", "env")))
+    return cast("Role", _one_of(text, span, WORDS["role"]))
 
 
 def _one_of(text: str, span: Span, known: Sequence[str]) -> str:
@@ -364,8 +386,8 @@ def _trigger(text: str, span: Span) -> Trigger:
     found = _TRIGGER.fullmatch(text)
     if found is None:
         raise CompileError(errors.malformed_trigger(span))
-    action = _one_of(found.group(1), span, ("terminate", "truncate", "continue"))
-    status = _one_of(found.group(2) or "none", span, ("success", "failure", "none"))
+    action = _one_of(found.group(1), span, get_args(Action))
+    status = _one_of(found.group(2) or "none", span, get_args(Status))
     return Trigger(cast("Action", action), cast("Status", status), span)
 
 
