@@ -6,18 +6,16 @@ A lint is a warning with a code of `codes.py`; `@episode: allow=code|code` silen
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from dl2c.diagnostics import CompileError, Diagnostic, in_source_order, warning
+from dl2c.diagnostics import CompileError, Diagnostic, in_source_order
 from dl2c.lint import annotations, choices, runs
-from dl2c.lint.codes import CODES
+from dl2c.lint.allowed import allowed, unknown
 from dl2c.lint.conditions import constant_tests
 from dl2c.lint.portable import portability, quotients
 from dl2c.lint.units import unit_mismatches
 from dl2c.lower.doubts import program_warnings
 from dl2c.options import Options
-from dl2c.parse.errors import REJECTS, suggestion
-from dl2c.parse.options import ALLOW
+from dl2c.parse.errors import REJECTS
 from dl2c.pipeline import Compilation, compilation
-from dl2c.resolve.problem import Problem
 from dl2c.smt.query import Oracle
 from dl2c.source import Source
 from dl2c.work import at_place, at_stage, budgeted
@@ -37,7 +35,7 @@ def examine(source: Source, options: Options, *, portable: bool = False) -> tupl
 def examined(
     source: Source, model: Compilation, before: Sequence[Diagnostic] = (), *, solving: bool = True
 ) -> tuple[Diagnostic, ...]:
-    """All diagnostics of a compilation and those found `before`; without `solving` only what needs no solver."""
+    """All diagnostics of a compilation, and those `before`; without `solving`, what needs no solver."""
     found = [*before]
     try:
         warnings = model.warnings if solving else _plain_warnings(model)
@@ -87,27 +85,7 @@ def plain_lints(source: Source, model: Compilation) -> Iterator[Diagnostic]:
     yield from choices.flattened(problem)
     yield from runs.standstill(step, paths, options)
     yield from unit_mismatches(problem)
-    yield from _unknown(problem)
-
-
-def allowed(found: list[Diagnostic], problem: Problem) -> Iterator[Diagnostic]:
-    """Those that are errors, or that the model does not allow."""
-    silent = {code for code, _ in _allow(problem)}
-    return (d for d in found if d.severity == "error" or d.code not in silent)
-
-
-def _allow(problem: Problem) -> Iterator[tuple[str, Diagnostic]]:
-    """The codes of `allow`, each with what to say if there is no such code."""
-    for name, value, span in problem.episode.options if problem.episode else ():
-        if name == ALLOW:
-            for code in str(value).split("|"):
-                title = f"there is no lint `{code.strip()}`"
-                advice = suggestion(code.strip(), CODES)
-                yield code.strip(), warning("unknown-lint", title, span, "", advice)
-
-
-def _unknown(problem: Problem) -> Iterator[Diagnostic]:
-    return (message for code, message in _allow(problem) if code not in CODES)
+    yield from unknown(problem)
 
 
 def _within(inner: Diagnostic, outer: Diagnostic) -> bool:

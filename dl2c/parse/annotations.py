@@ -275,9 +275,9 @@ def _declared(annotation: Annotation, problems: list[Diagnostic]) -> Declaration
             given = _attributes(annotation, _PREDICATE, problems)
             return PredicateAnnotation(
                 cast("Category", category),
-                _get(given, "reward", _expression, None, problems),
-                _get(given, "penalty", _expression, None, problems),
-                _get(given, "shape", _expression, None, problems),
+                _get(given, "reward", expression, None, problems),
+                _get(given, "penalty", expression, None, problems),
+                _get(given, "shape", expression, None, problems),
                 _get(given, "on_success", _trigger, None, problems),
                 _get(given, "on_failure", _trigger, None, problems),
                 annotation.span,
@@ -391,7 +391,7 @@ def _trigger(text: str, span: Span) -> Trigger:
     return Trigger(cast("Action", action), cast("Status", status), span)
 
 
-def _expression(text: str, span: Span) -> Term | Formula:
+def expression(text: str, span: Span) -> Term | Formula:
     """A term or formula; braces around all of it are dropped."""
     if text.startswith("{") and text.endswith("}"):
         span = Span(span.source, span.start + 1, span.end - 1)
