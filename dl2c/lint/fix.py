@@ -6,14 +6,14 @@ from pathlib import Path
 
 from dl2c.diagnostics import Diagnostic
 from dl2c.lint.edits import Edit, edited
-from dl2c.lint.portable import portability, quotients
+from dl2c.lint.portable import Read, portability, quotients
 from dl2c.outputs import write_output
 from dl2c.parse import errors
 from dl2c.parse.archive import refused_comments
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.scan import Comment, scan
 from dl2c.parse.sections import find_sections
-from dl2c.parse.tree import Declaration
+from dl2c.parse.tree import Archive, Declaration
 from dl2c.resolve.errors import UNDECLARED
 from dl2c.resolve.infer import inferred
 from dl2c.source import Source, Span
@@ -56,15 +56,16 @@ def edits_of(source: Source) -> Iterator[Edit]:
         yield from fix.edits
 
 
-def fixes(source: Source) -> Iterator[Fix]:
-    """The same, by the warnings that they answer."""
-    for found in portability(source):
+def fixes(source: Source, read: Read | None = None) -> Iterator[Fix]:
+    """The same, by the warnings that they answer. `read` is what the parser makes of the source."""
+    read = read or parse_archive(source)
+    for found in portability(source, read):
         if edits := tuple(_edits(found)):
             yield Fix(found.code, found.span, edits)
     for comments in _groups(source, refused_comments(source)):
         yield Fix(errors.REJECTS, comments[0].span, tuple(_comment(comments)))
-    yield from _declarations(source)
-    for found in quotients(source):
+    yield from _declarations(source, read[0])
+    for found in quotients(source, read):
         span = found.span
         edit = Edit(span.start, span.end, f"(-({span.text[1:].strip()}))")
         yield Fix(found.code, span, (edit,))
@@ -72,14 +73,14 @@ def fixes(source: Source) -> Iterator[Fix]:
 
 def declarations(source: Source) -> Iterator[Edit]:
     """Declarations of what is not declared, before the problem of each entry, in sections of their own."""
-    for fix in _declarations(source):
+    for fix in _declarations(source, parse_archive(source)[0]):
         yield from fix.edits
 
 
-def _declarations(source: Source) -> Iterator[Fix]:
+def _declarations(source: Source, archive: Archive) -> Iterator[Fix]:
     code = scan(source)
     sections = find_sections(code, [])
-    for entry in parse_archive(source)[0].entries:
+    for entry in archive.entries:
         found = inferred(entry)
         text = _section("Definitions", found.constants) + _section("ProgramVariables", found.variables)
         if not text:

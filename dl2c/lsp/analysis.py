@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from dl2c.diagnostics import CompileError, Diagnostic, in_source_order
 from dl2c.lint.allowed import allowed, unknown
+from dl2c.lint.portable import Read
 from dl2c.lsp.names import Names, names_of
 from dl2c.options import Options
 from dl2c.parse.archive import Unreadable
@@ -33,6 +34,7 @@ OBSTACLES = (NEVER_CLOSED, "control-character", "not-utf8")
 class Analysis:
     """`code` and `sections` are those of the text, where it could be scanned. `problems` has one for each
     entry, None for one with errors; it is empty, and `readable` False, where there are errors of syntax.
+    `read` is what the parser made of the text then.
     """
 
     source: Source
@@ -42,6 +44,7 @@ class Analysis:
     problems: tuple[Problem | None, ...] = ()
     diagnostics: tuple[Diagnostic, ...] = ()
     readable: bool = False
+    read: Read | None = None
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -79,8 +82,8 @@ def _read(source: Source) -> Analysis:
     except CompileError as refused:
         return replace(read, diagnostics=in_source_order((*found, *refused.diagnostics)))
     found += warnings
-    names = names_of(archive, code)
-    return replace(read, names=names, diagnostics=in_source_order(found), readable=view is source)
+    read = replace(read, names=names_of(archive, code), diagnostics=in_source_order(found))
+    return replace(read, readable=view is source, read=(archive, warnings))
 
 
 def _readable(source: Source) -> tuple[Source, list[Diagnostic]]:

@@ -25,7 +25,7 @@ from dl2c.options import Options
 from dl2c.progress import LOG
 from dl2c.source import Source, Span
 
-PATIENCE = 0.1
+PATIENCE = 0.05
 """Seconds that an answer waits for the analysis of the present text, before an earlier one has to do."""
 
 PAUSE = 0.7

@@ -6,10 +6,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.lint.codes import LINTS
 from dl2c.lint.edits import Edit, apart
 from dl2c.lint.fix import fixes
 from dl2c.lsp.analysis import Analysis
 from dl2c.resolve.errors import UNDECLARED
+
+FIXABLE = frozenset(lint.code for lint in LINTS if lint.fixable)
 
 _PROPOSED = re.compile(r"did you mean `([^`]+)`\?")
 _WORD = re.compile(r"@?[A-Za-z_]\w*", re.ASCII)
@@ -24,15 +27,23 @@ class Correction:
     answers: Diagnostic | None = None
 
 
-def corrections(analysis: Analysis, shown: Sequence[Diagnostic]) -> Iterator[Correction]:
-    """What can be done about the diagnostics, and about all that `check --fix` corrects."""
+def corrections(
+    analysis: Analysis, diagnostics: Sequence[Diagnostic], start: int, end: int
+) -> Iterator[Correction]:
+    """What can be done about those of the diagnostics that touch a range, and about all that `check --fix`
+    corrects.
+    """
+    shown = [d for d in diagnostics if d.span.start <= end and start <= d.span.end]
     for d in shown:
         yield from _proposed(d)
-    if not analysis.readable:
+    if not analysis.readable or all(d.code not in FIXABLE for d in diagnostics):
         return
-    found = ()
     with suppress(CompileError):
-        found = tuple(fixes(analysis.source))
+        yield from _fixes(analysis, shown)
+
+
+def _fixes(analysis: Analysis, shown: Sequence[Diagnostic]) -> Iterator[Correction]:
+    found = tuple(fixes(analysis.source, analysis.read))
     for fix in found:
         for d in shown:
             same = d.span.start == fix.span.start or (

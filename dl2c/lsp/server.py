@@ -3,6 +3,8 @@
 Positions are in the units that the editor offers, UTF-16 by default. Texts come whole with each change.
 """
 
+import asyncio
+import gc
 import os
 import sys
 from collections.abc import Callable, Coroutine
@@ -30,6 +32,9 @@ from dl2c.version import __version__
 
 SWITCH_INTERVAL = 0.001
 """Seconds that a thread may work before another one gets its turn: questions wait for it."""
+
+GARBAGE = (100_000, 50, 100)
+"""When Python looks for circles: trees have none, and looking through large ones delays answers."""
 
 LONG_PATIENCE = 5.0
 """Seconds that a new name waits for the analysis of the present text."""
@@ -72,6 +77,10 @@ class ModelServer(LanguageServer):
         self.documents[uri] = document
         document.change(text, version)
 
+    async def aside(self, work: Callable[[], _Answer]) -> _Answer:
+        """The result of work that may take longer, while other questions are answered."""
+        return await asyncio.get_running_loop().run_in_executor(self._executor, work)
+
     def _publish(self, uri: str, document: Document) -> None:
         if self.documents.get(uri) is document:
             found = convert.diagnostics(document.diagnostics, document.lines)
@@ -95,7 +104,10 @@ def serve() -> None:
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no message
     sys.setswitchinterval(SWITCH_INTERVAL)
-    make_server().start_io(sys.stdin.buffer, out)
+    server = make_server()
+    gc.freeze()
+    gc.set_threshold(*GARBAGE)
+    server.start_io(sys.stdin.buffer, out)
 
 
 def make_server() -> ModelServer:
@@ -324,9 +336,9 @@ async def _actions(
         return []
     lines, uri = view.lines, params.text_document.uri
     start, end = (lines.offset((p.line, p.character)) for p in (params.range.start, params.range.end))
-    shown = [d for d in document.diagnostics if d.span.start <= end and start <= d.span.end]
     found: list[types.CodeAction] = []
-    for correction in corrections(view.analysis, shown):
+    diagnostics = document.diagnostics
+    for correction in await server.aside(lambda: [*corrections(view.analysis, diagnostics, start, end)]):
         answers = correction.answers
         action = types.CodeAction(
             correction.title,

@@ -1,13 +1,14 @@
 """What each word of a text is, for colours."""
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 from dl2c.lsp import words
 from dl2c.lsp.analysis import Analysis
 from dl2c.lsp.names import Kind
 from dl2c.parse.comments import KNOWN
+from dl2c.parse.sections import Section
 
 KINDS = (
     *("variable", "parameter", "function", "method", "macro"),
@@ -41,8 +42,7 @@ _ANNOTATION = re.compile(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Token:
+class Token(NamedTuple):
     """A range of one line. `kind` is one of `KINDS`; `modifiers` are bits, in the order of `MODIFIERS`."""
 
     start: int
@@ -57,21 +57,30 @@ def tokens(analysis: Analysis, begin: int = 0, end: int | None = None) -> tuple[
     if code is None:
         return ()
     stop = len(code.text) if end is None else end
-    found = {t.start: t for t in _plain(code.text, begin, stop)}
+    found: dict[int, Token] = {}
+    for first, last in _without_tactics(analysis.sections, begin, stop):
+        _plain(code.text, first, last, found)
     for comment in code.comments:
         if comment.span.start < stop and begin < comment.span.end:
-            found |= {
-                t.start: t for t in _comment(analysis.source.text, comment.span.start, comment.span.end)
-            }
+            _comment(analysis.source.text, comment.span.start, comment.span.end, found)
     for o in analysis.names.occurrences:
         if begin <= o.start < stop:
             bits = 1 * (o.use == "declared") | 2 * (o.symbol.kind == "constant")
             bits |= 4 * (o.symbol.kind == "library") | 8 * (o.use == "written")
             found[o.start] = Token(o.start, o.end, _OF[o.symbol.kind], bits)
-    return tuple(_apart(sorted(found.values(), key=lambda t: t.start)))
+    return tuple(_apart(sorted(found.values())))
 
 
-def _apart(found: list[Token]) -> Iterator[Token]:
+def _without_tactics(sections: Sequence[Section], begin: int, end: int) -> Iterator[tuple[int, int]]:
+    """A range without the tactics in it, which are blank and may be long."""
+    for section in sections:
+        if section.kind == "Tactic" and begin < section.end and section.begin < end:
+            yield begin, max(begin, section.begin)
+            begin = max(begin, section.end)
+    yield begin, max(begin, end)
+
+
+def _apart(found: Iterable[Token]) -> Iterator[Token]:
     """Without those that begin inside the one before."""
     end = 0
     for token in found:
@@ -80,25 +89,24 @@ def _apart(found: list[Token]) -> Iterator[Token]:
             end = token.end
 
 
-def _plain(text: str, begin: int, end: int) -> Iterator[Token]:
+def _plain(text: str, begin: int, end: int, found: dict[int, Token]) -> None:
     for word in _WORD.finditer(text, begin, end):
-        kind = word.lastgroup
-        if kind == "keyword" and word.group().rstrip(".") not in _KEYWORDS and word.group()[0].isalpha():
+        kind, (first, last) = word.lastgroup or "", word.span()
+        if kind == "keyword" and text[first].isalpha() and word.group().rstrip(".") not in _KEYWORDS:
             continue
-        assert kind is not None
-        yield from _lines(text, word.start(), word.end(), kind)
+        if kind == "string":
+            found |= {t.start: t for t in _lines(text, first, last, kind)}
+        else:
+            found[first] = Token(first, last, kind)
 
 
-def _comment(text: str, start: int, end: int) -> Iterator[Token]:
+def _comment(text: str, start: int, end: int, found: dict[int, Token]) -> None:
     """A comment without annotations as a whole; of others what is an annotation."""
-    marks = list(_ANNOTATION.finditer(text, start, end))
+    marks = list(_ANNOTATION.finditer(text, start, end)) if text.find("@", start, end) >= 0 else []
     if not any(m.lastgroup == "decorator" for m in marks):
-        yield from _lines(text, start, end, "comment")
+        found |= {t.start: t for t in _lines(text, start, end, "comment")}
         return
-    for mark in marks:
-        kind = mark.lastgroup
-        assert kind is not None
-        yield Token(mark.start(), mark.end(), kind)
+    found |= {m.start(): Token(m.start(), m.end(), m.lastgroup or "") for m in marks}
 
 
 def _lines(text: str, start: int, end: int, kind: str) -> Iterator[Token]:
