@@ -34,7 +34,7 @@ OBSTACLES = (NEVER_CLOSED, "control-character", "not-utf8")
 class Analysis:
     """`code` and `sections` are those of the text, where it could be scanned. `problems` has one for each
     entry, None for one with errors; it is empty, and `readable` False, where there are errors of syntax.
-    `read` is what the parser made of the text then.
+    `read` is what the parser made of the text, perhaps without what had to be left out.
     """
 
     source: Source
@@ -58,7 +58,7 @@ def analyse(source: Source, options: Options, stopped: Callable[[], bool] | None
             read = _read(source)
     except CompileError as unfinished:
         return Analysis(source, diagnostics=unfinished.diagnostics)
-    if not read.readable:
+    if read.read is None:
         return read
     try:
         with budgeted(stopped=stopped):
@@ -136,7 +136,7 @@ def _resolved(read: Analysis, options: Options) -> Analysis:
         found += (*problem.warnings, *deprecated_values(problem), *unknown(problem))
         problems.append(problem)
     shown = tuple(d for d in in_source_order(found) if _is_shown(d, problems))
-    return replace(read, problems=tuple(problems), diagnostics=shown)
+    return replace(read, problems=tuple(problems) if read.readable else (), diagnostics=shown)
 
 
 def _is_shown(found: Diagnostic, problems: Iterable[Problem | None]) -> bool:

@@ -5,18 +5,21 @@ Positions are in the units that the editor offers, UTF-16 by default. Texts come
 
 import asyncio
 import gc
+import logging
 import os
 import sys
+import traceback
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar, cast
 
 from lsprotocol import types
-from pygls.exceptions import JsonRpcException
+from pygls.exceptions import FeatureRequestError, JsonRpcException
 from pygls.lsp.server import LanguageServer
 from pygls.uris import to_fs_path
 
 from dl2c.lsp import convert
+from dl2c.lsp.analysis import Analysis
 from dl2c.lsp.checker import Checker
 from dl2c.lsp.complete import completions
 from dl2c.lsp.documents import Document, View
@@ -94,9 +97,9 @@ class ModelServer(LanguageServer):
         self.window_show_message(types.ShowMessageParams(types.MessageType.Error, f"dl2c: {message}"))
 
     def report_server_error(self, error: Exception, source: type[Any]) -> None:
-        """Log what could not be read or done, and tell the user, unless it answers a question."""
-        LOG.error("%s: %s", type(error).__name__, error)
-        super().report_server_error(error, source)
+        """Tell of messages that cannot be read or followed; a question has its answer."""
+        if not issubclass(source, FeatureRequestError):
+            self.complain(f"{type(error).__name__}: {error}")
 
 
 def serve() -> None:
@@ -104,6 +107,7 @@ def serve() -> None:
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no message
     sys.setswitchinterval(SWITCH_INTERVAL)
+    logging.getLogger("pygls").setLevel(logging.CRITICAL)  # `ModelServer` tells what goes wrong
     server = make_server()
     gc.freeze()
     gc.set_threshold(*GARBAGE)
@@ -125,7 +129,16 @@ def _about(server: ModelServer, kind: str, options: Any = None) -> Callable[[_Ha
     def register(handler: _Handler[Any, Any]) -> None:
         async def answer(params: Any) -> Any:
             document = server.documents.get(params.text_document.uri)
-            return None if document is None else await handler(server, document, params)
+            if document is None:
+                return None
+            try:
+                return await handler(server, document, params)
+            except Refused as refused:
+                raise _failed(types.LSPErrorCodes.RequestFailed, str(refused)) from None
+            except Exception as failure:
+                LOG.error("%s", traceback.format_exc())
+                message = f"a bug of dl2c: {type(failure).__name__}: {failure}"
+                raise _failed(types.ErrorCodes.InternalError, message) from None
 
         server.feature(kind, options)(answer)
 
@@ -243,34 +256,29 @@ async def _prepare_rename(
     server: ModelServer, document: Document, params: types.PrepareRenameParams
 ) -> types.Range:
     view = await document.view(LONG_PATIENCE)
-    try:
-        found = renamable(_present(view), _place(view, params.position))
-    except Refused as refused:
-        raise _refusal(refused) from None
+    found = renamable(_present(view), _place(view, params.position))
     return convert.moved(view, found.start, found.end)
 
 
 async def _rename(server: ModelServer, document: Document, params: types.RenameParams) -> types.WorkspaceEdit:
     view = await document.view(LONG_PATIENCE)
-    try:
-        done = rename(_present(view), _place(view, params.position), params.new_name)
-    except Refused as refused:
-        raise _refusal(refused) from None
+    done = rename(_present(view), _place(view, params.position), params.new_name)
     _tell_of_tactics(server, done)
     edits = convert.text_edits(view.lines, done.edits, document.ending)
     return types.WorkspaceEdit(changes={params.text_document.uri: edits})
 
 
-def _present(view: View) -> Any:
+def _present(view: View) -> Analysis:
     """The analysis, which must be of the present text. Raises `Refused`."""
     if not view.fresh:
         raise Refused("the text is still being read: try again in a moment")
     return view.analysis
 
 
-def _refusal(refused: Refused) -> JsonRpcException:
-    error = JsonRpcException(str(refused))
-    error.code = types.LSPErrorCodes.RequestFailed.value
+def _failed(code: types.LSPErrorCodes | types.ErrorCodes, message: str) -> JsonRpcException:
+    """The answer to a question that has no other one."""
+    error = JsonRpcException(message)
+    error.code = code.value
     return error
 
 
