@@ -28,6 +28,9 @@ from dl2c.source import Source, Span
 PATIENCE = 0.05
 """Seconds that an answer waits for the analysis of the present text, before an earlier one has to do."""
 
+LONG_PATIENCE = 5.0
+"""Seconds that it waits where there is no earlier one, or where that will not do."""
+
 PAUSE = 0.7
 """Seconds without a change before solvers are asked."""
 
@@ -68,7 +71,10 @@ class View:
 
 
 class Document:
-    """`published` is told when diagnostics have changed; `failed` of what went wrong in dl2c itself."""
+    """`published` is told when diagnostics have changed; `failed` of what went wrong in dl2c itself.
+
+    `coloured_before` says whether colours were asked before the present text was analysed.
+    """
 
     def __init__(
         self,
@@ -83,13 +89,14 @@ class Document:
         self.ending = "\n"
         self.version: int | None = None
         self.diagnostics: tuple[Diagnostic, ...] = ()
+        self.coloured_before = False
         self._encoding: Encoding = encoding
         self._executor, self._checker = executor, checker
         self._published, self._failed = published, failed
         self._source = Source(name, "")
         self.lines = Lines("", encoding)
-        self._latest = Analysis(self._source)
-        self._known = self._latest
+        self._nothing = Analysis(self._source)
+        self._latest = self._known = self._nothing
         self._checked: tuple[Checked, ...] = ()
         self._fresh = asyncio.Event()
         self._running: asyncio.Task[None] | None = None
@@ -116,6 +123,7 @@ class Document:
     async def view(self, patience: float = PATIENCE) -> View:
         """What is known, of the present text if that is found out soon enough."""
         if not self._fresh.is_set():
+            patience = LONG_PATIENCE if self._known is self._nothing else patience
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._fresh.wait(), patience)
         known = self._known

@@ -22,7 +22,7 @@ from dl2c.lsp import convert
 from dl2c.lsp.analysis import Analysis
 from dl2c.lsp.checker import Checker
 from dl2c.lsp.complete import completions
-from dl2c.lsp.documents import Document, View
+from dl2c.lsp.documents import LONG_PATIENCE, Document, View
 from dl2c.lsp.fixes import corrections
 from dl2c.lsp.hover import hover
 from dl2c.lsp.names import Occurrence
@@ -38,9 +38,6 @@ SWITCH_INTERVAL = 0.001
 
 GARBAGE = (100_000, 50, 100)
 """When Python looks for circles: trees have none, and looking through large ones delays answers."""
-
-LONG_PATIENCE = 5.0
-"""Seconds that a new name waits for the analysis of the present text."""
 
 TRIGGERS = ("@", ":", ",", "=", " ")
 
@@ -90,6 +87,16 @@ class ModelServer(LanguageServer):
             self.text_document_publish_diagnostics(
                 types.PublishDiagnosticsParams(uri=uri, diagnostics=found, version=document.version)
             )
+            if document.coloured_before and self._can_colour_again:
+                document.coloured_before = False
+                self.workspace_semantic_tokens_refresh(None)
+
+    @property
+    def _can_colour_again(self) -> bool:
+        """Whether the editor can be told to ask for colours again."""
+        workspace = self.client_capabilities.workspace
+        tokens = workspace.semantic_tokens if workspace else None
+        return bool(tokens and tokens.refresh_support)
 
     def complain(self, message: str) -> None:
         """Tell the user, and the log, what went wrong."""
@@ -372,6 +379,7 @@ async def _tokens(
     server: ModelServer, document: Document, params: types.SemanticTokensParams
 ) -> types.SemanticTokens:
     view = await document.view()
+    document.coloured_before |= not view.fresh
     return types.SemanticTokens(convert.encoded(tokens(view.analysis), view))
 
 

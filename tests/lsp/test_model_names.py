@@ -12,7 +12,7 @@ from dl2c.lint.edits import Edit
 from dl2c.lsp.analysis import Analysis, analyse
 from dl2c.lsp.hover import hover
 from dl2c.lsp.names import Occurrence
-from dl2c.lsp.rename import Refused, rename, renamable
+from dl2c.lsp.rename import Refused, renamable, rename
 from dl2c.options import Options
 from dl2c.pipeline import Compilation
 from dl2c.source import Source

@@ -29,8 +29,16 @@ class Editor:
         self.told: dict[str, list[types.PublishDiagnosticsParams]] = {}
         self.messages: list[str] = []
         self.version = 0
-        self.client.feature(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)(self._tell)
-        self.client.feature(types.WINDOW_SHOW_MESSAGE)(lambda p: self.messages.append(p.message))
+        told, messages = self.told, self.messages
+
+        @self.client.feature(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
+        def tell(params: types.PublishDiagnosticsParams) -> None:
+            told.setdefault(params.uri, []).append(params)
+
+        @self.client.feature(types.WINDOW_SHOW_MESSAGE)
+        def show(params: types.ShowMessageParams) -> None:
+            messages.append(params.message)
+
         self.run(self.client.start_io(sys.executable, "-m", "dl2c", "lsp", cwd=str(REPOSITORY)))
         item = types.ClientCompletionItemOptions(snippet_support=snippets)
         text = types.TextDocumentClientCapabilities(
@@ -41,10 +49,8 @@ class Editor:
         asked = types.InitializeParams(capabilities=capabilities)
         self.capabilities = self.run(self.client.initialize_async(asked)).capabilities
         self.client.initialized(types.InitializedParams())
-        self.encoding: Any = getattr(self.capabilities.position_encoding, "value", "utf-16")
-
-    def _tell(self, params: types.PublishDiagnosticsParams) -> None:
-        self.told.setdefault(params.uri, []).append(params)
+        encoding = self.capabilities.position_encoding
+        self.encoding: Any = getattr(encoding, "value", encoding)
 
     def run(self, work: Coroutine[Any, Any, Any]) -> Any:
         return asyncio.run_coroutine_threadsafe(work, self.loop).result(PATIENCE)
@@ -52,8 +58,8 @@ class Editor:
     def _notify(self, send: Callable[[], None]) -> None:
         self.loop.call_soon_threadsafe(send)
 
-    def open(self, text: str, name: str = "model.kyx") -> "File":
-        uri = f"file:///tmp/dl2c-lsp/{name}"
+    def open(self, text: str, name: str = "model.kyx", uri: str = "") -> "File":
+        uri = uri or f"file:///nowhere/{name}"
         document = types.TextDocumentItem(uri, "dl", self.next(), text)
         self._notify(lambda: self.client.text_document_did_open(types.DidOpenTextDocumentParams(document)))
         return File(self, uri, text)
