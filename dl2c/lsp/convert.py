@@ -53,7 +53,7 @@ def range_of(lines: Lines, start: int, end: int) -> types.Range:
 
 def moved(view: View, start: int, end: int) -> types.Range:
     """A range of the analysis in the present text."""
-    return range_of(view.lines, view.shift.later(start), view.shift.later(end))
+    return range_of(view.lines, *view.shift.later(start, end))
 
 
 def text_edits(lines: Lines, edits: Iterable[Edit], ending: str) -> list[types.TextEdit]:
@@ -95,7 +95,7 @@ def symbols(parts: Iterable[Part], view: View) -> list[types.DocumentSymbol]:
 def folding(folds: Iterable[Fold], view: View) -> list[types.FoldingRange]:
     found: list[types.FoldingRange] = []
     for fold in folds:
-        first, last = (view.lines.position(view.shift.later(at))[0] for at in (fold.start, fold.end))
+        first, last = (view.lines.position(at)[0] for at in view.shift.later(fold.start, fold.end))
         kind = types.FoldingRangeKind.Comment if fold.comment else types.FoldingRangeKind.Region
         if last > first:
             found.append(types.FoldingRange(start_line=first, end_line=last, kind=kind))
@@ -120,7 +120,7 @@ def encoded(tokens: Iterable[Token], view: View) -> list[int]:
     data: list[int] = []
     line = column = 0
     for token in tokens:
-        start, end = view.shift.later(token.start), view.shift.later(token.end)
+        start, end = view.shift.later(token.start, token.end)
         at_line, at = view.lines.position(start)
         length = view.lines.units(view.lines.text[start:end])
         data += (at_line - line, at - column if at_line == line else at, length)

@@ -254,7 +254,7 @@ def _moved(checked: Checked, source: Source) -> tuple[Diagnostic, ...]:
         return checked.found
     shift = Shift.between(checked.source.text, source.text)
     return tuple(
-        replace(d, span=Span(source, shift.later(d.span.start), shift.later(d.span.end)))
+        replace(d, span=Span(source, *shift.later(d.span.start, d.span.end)))
         for d in checked.found
         if not shift.touches(d.span.start, d.span.end)
     )

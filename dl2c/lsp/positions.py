@@ -84,11 +84,12 @@ class Shift:
         tail = _same_end(old, new, most - start)
         return Shift(start, len(old) - tail, len(new) - len(old))
 
-    def later(self, offset: int) -> int:
-        """Where a place of the old text is in the new one; inside the change, its end."""
-        if offset <= self.start:
-            return offset
-        return max(offset, self.end) + self.longer
+    def later(self, start: int, end: int) -> tuple[int, int]:
+        """Where a range of the old text is in the new one. What is put in beside it does not belong to it."""
+        inserted = self.start == self.end
+        stays = start < self.start or (start == self.start and not inserted)
+        first = start if stays else max(start, self.end) + self.longer
+        return first, max(first, end if end <= self.start else max(end, self.end) + self.longer)
 
     def earlier(self, offset: int) -> int:
         """Where a place of the new text was in the old one; inside the change, its beginning."""
