@@ -66,6 +66,8 @@ class Checker:
             self._waiting.append(self._present)
         self._present = _Task(asker, content, told)
         await self.start()
+        if self._process is None or self._process.returncode is not None:
+            told({"failure": "no checks that need more time: their process ends again and again"})
         self._send()
 
     def forget(self, asker: object) -> None:

@@ -17,7 +17,6 @@ MOST_SHOWN = 500
 
 _SYMBOLS: dict[PartKind, types.SymbolKind] = {
     "entry": types.SymbolKind.Module,
-    "section": types.SymbolKind.Namespace,
     "variable": types.SymbolKind.Variable,
     "constant": types.SymbolKind.Constant,
     "function": types.SymbolKind.Function,

@@ -10,9 +10,7 @@ from dl2c.lsp.names import EntryNames
 from dl2c.parse.scan import Code
 from dl2c.parse.sections import is_bare
 
-PartKind: TypeAlias = Literal[
-    "entry", "section", "variable", "constant", "function", "predicate", "program", "problem"
-]
+PartKind: TypeAlias = Literal["entry", "variable", "constant", "function", "predicate", "program", "problem"]
 
 _BRACES = re.compile(r"[{}]")
 _STATEMENT_END = re.compile(r";")

@@ -22,6 +22,7 @@ from dl2c.lsp import convert
 from dl2c.lsp.analysis import Analysis
 from dl2c.lsp.checker import Checker
 from dl2c.lsp.complete import completions
+from dl2c.lsp.context import comment_before
 from dl2c.lsp.documents import LONG_PATIENCE, Document, View
 from dl2c.lsp.fixes import corrections
 from dl2c.lsp.hover import hover
@@ -303,15 +304,17 @@ async def _complete(
     at = view.lines.offset((params.position.line, params.position.character))
     start, items = completions(view.analysis, view.lines.text, at, view.shift.earlier(at))
     where = convert.range_of(view.lines, start, at)
-    context = params.context
-    if context is not None and context.trigger_character == " " and not _in_list(view.lines.text, at):
+    if params.context is not None and not _is_wanted(view.lines.text, at, params.context.trigger_character):
         items = ()
     return types.CompletionList(False, [convert.item(item, where, server.snippets) for item in items])
 
 
-def _in_list(text: str, at: int) -> bool:
-    """Whether a blank follows what an attribute may follow."""
-    return text[max(0, at - 100) : at].rstrip().endswith((":", ",", ";"))
+def _is_wanted(text: str, at: int, trigger: str | None) -> bool:
+    """Whether a character by itself asks for completion: in comments alone, a blank before attributes."""
+    if trigger is None:
+        return True
+    listed = trigger != " " or text[max(0, at - 100) : at].rstrip().endswith((":", ",", ";"))
+    return listed and comment_before(text, at) is not None
 
 
 # ---------------------------------------------------------------- files

@@ -67,6 +67,19 @@ def test_completion_knows_where_it_is(tank: File, typed: str, wanted: set[str], 
     assert wanted <= {*found} and not unwanted & {*found}
 
 
+def test_characters_ask_for_completion_in_comments_alone(tank: File) -> None:
+    tank.change(MODEL.replace("f := 0;", "f := 0, ;").replace('unit="m/s"', 'unit="m/s", '))
+
+    def asked(mark: str, within: int, trigger: str) -> int:
+        kind = types.CompletionTriggerKind.TriggerCharacter
+        context = types.CompletionContext(kind, trigger)
+        params = types.CompletionParams(tank.identifier, tank.at(mark, within), context)
+        return len(tank.ask("completion", params).items)
+
+    assert asked('m/s", ', 6, " ") > 3 and asked('m/s", ', 5, ",") > 3
+    assert asked("f := 0, ", 8, " ") == asked("f := 0, ", 7, ",") == asked("f := 0, ", 4, "=") == 0
+
+
 def test_completion_fills_in_places_for_those_who_can(tank: File, plain: Editor) -> None:
     found = tank.completions(tank.at("t := 0; fill"))
     assert found["after"].text_edit.new_text == "after(${1:x}, ${2:f})"

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,39 @@ def test_a_bug_is_told_and_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None
     bugs, codes = asyncio.run(scene())
     assert len(bugs) == 2 and all("ZeroDivisionError: no such thing" in bug for bug in bugs)
     assert codes == ["syntax"]
+
+
+def test_an_analysis_that_nobody_waits_for_is_given_up() -> None:
+    source = Source("model.kyx", "\n".join(MODEL.replace("Tank", f"Tank {k}") for k in range(20)))
+    given_up = analyse(source, Options(), stopped=lambda: True)
+    assert [d.code for d in given_up.diagnostics] == ["too-much-work"] and not given_up.names.entries
+
+
+def test_a_check_gives_way_to_the_next_one() -> None:
+    """One of the same file is given up; that of another file goes on afterwards."""
+    task = {"name": "m.kyx", "text": MODEL, "entries": [0], "folder": str(REPOSITORY), "pause": 0.1}
+
+    async def scene() -> list[tuple[str, bool]]:
+        found: list[tuple[str, bool]] = []
+        ended = asyncio.Event()
+
+        def told(name: str, report: Any) -> None:
+            found.append((name, "done" in report))
+            if sum(done for _, done in found) == 2:
+                ended.set()
+
+        checker = Checker()
+        for asker, name in (("a", "a1"), ("a", "a2"), ("b", "b1")):
+            await checker.check(asker, task, partial(told, name))
+        await asyncio.wait_for(ended.wait(), 60)
+        await checker.stop()
+        return found
+
+    found = asyncio.run(scene())
+    assert not [name for name, _ in found if name == "a1"] and [name for name, done in found if done] == [
+        "b1",
+        "a2",
+    ]
 
 
 def test_a_check_that_dies_is_told_and_started_again() -> None:
