@@ -42,7 +42,8 @@ _TABOO = re.compile(r"\|([^|]*)\|")
 @dataclass(frozen=True, slots=True, eq=False)
 class Symbol:
     """What a name stands for: `place` is where it is declared, or first used if nothing declares it; None for
-    functions of the library. `declaration` is None for names with a scope of their own.
+    functions of the library, which a model may declare without definition. `declaration` is None for names
+    with a scope of their own.
     """
 
     name: str
@@ -163,7 +164,9 @@ class _Entry:
         symbols, _ = collect(complete)
         self.opened = frozenset((d.name, d.span) for d in without_quantifiers(self.entry).declared)
         for name, declaration in symbols.declarations.items():
-            self.scope[name] = self._symbol(declaration, symbols.roles[name])
+            arity = len(declaration.parameters or ())
+            role = "library" if symbols.is_builtin(name, arity) else symbols.roles[name]
+            self.scope[name] = self._symbol(declaration, role)
         self.text = self.code.text
         for declaration in (*self.entry.definitions, *self.entry.variables):
             self._add(declaration.span, self.scope[declaration.name], "declared", {})

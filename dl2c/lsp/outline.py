@@ -71,7 +71,8 @@ def _declared(analysis: Analysis, entry: EntryNames, begin: int, end: int) -> It
         if not begin <= span.start < end or span.text != declaration.name:
             continue
         kind = entry.scope[declaration.name].kind
-        assert kind in ("variable", "constant", "function", "predicate", "program")
+        kind = "function" if kind == "library" else kind
+        assert kind not in ("parameter", "quantified")
         start = code.text.rfind("\n", 0, span.start) + 1
         start += len(code.text[start : span.start]) - len(code.text[start : span.start].lstrip())
         last = span.end if declaration.body is None else max(span.end, declaration.body.span.end)

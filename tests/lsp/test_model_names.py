@@ -230,6 +230,16 @@ def test_names_of_public_models_can_be_renamed() -> None:
             assert [d.code for d in after.diagnostics] == [d.code for d in analysis.diagnostics], path
 
 
+def test_a_function_of_the_library_may_be_declared() -> None:
+    text = MODEL.replace("  Real g;", "  Real g;\n  Real max(Real x, Real y);")
+    analysis = analysed(text.replace("2 * x", "max(x, x)"))
+    assert not [d for d in analysis.diagnostics if d.severity == "error"]
+    (found,) = analysis.names.at(at(analysis, "max(x, x)"))
+    assert found.symbol.place is not None and found.symbol.place.line == 3
+    with pytest.raises(Refused, match="library"):
+        rename(analysis, at(analysis, "max(x, x)"), "largest")
+
+
 def test_a_parameter_without_call_is_renamed_with_its_variable() -> None:
     path = NAMES["rewards/distance.kyx"]
     analysis = analysed(Source.read(path).text)
