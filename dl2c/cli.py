@@ -28,6 +28,7 @@ from dl2c.commands.verbosity import begin, quiet, talkative
 from dl2c.commands.verify import verify
 from dl2c.commands.waiting import working
 from dl2c.interruption import INTERRUPTED, was_asked
+from dl2c.lsp.command import lsp
 from dl2c.outputs import output_folder, write_output
 from dl2c.version import __version__
 
@@ -275,6 +276,7 @@ app.command()(model_options(train))
 app.command()(model_options(falsify))
 app.command()(replay)
 app.command("report")(report_command)
+app.command()(talkative(lsp))
 
 
 app.command()(model_options(monitor))

@@ -8,7 +8,7 @@ budget, as in tests of a single stage, nothing is counted.
 import resource
 import sys
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -32,16 +32,20 @@ class OutOfWork(Exception):
 
 @dataclass(slots=True)
 class _Budget:
+    seconds: float
     until: float
     most: int
     stage: str = "reading the model"
     span: Span = NOWHERE
     calls: int = 0
+    stopped: Callable[[], bool] | None = None
 
     def look(self) -> None:
         self.calls = CALLS
+        if self.stopped is not None and self.stopped():
+            raise OutOfWork("it was no longer wanted")
         if time.thread_time() > self.until:
-            raise OutOfWork(f"{SECONDS:g} seconds of processor time")
+            raise OutOfWork(f"{self.seconds:g} seconds of processor time")
         if _memory() > self.most:
             raise OutOfWork(f"{BYTES // 1024**2} MB of memory")
 
@@ -72,13 +76,13 @@ def at_place(span: Span) -> None:
 
 
 @contextmanager
-def budgeted() -> Generator[None]:
-    """Work within the budget that is running, or a new one. Raises `CompileError` where it is used up,
-    and where terms have become so deep that Python gives up."""
+def budgeted(seconds: float = SECONDS, stopped: Callable[[], bool] | None = None) -> Generator[None]:
+    """Work within the budget that is running, or a new one. Raises `CompileError` where it is used up, where
+    `stopped` says that nobody waits for the result, and where terms are so deep that Python gives up."""
     if _RUNNING.get() is not None:
         yield
         return
-    budget = _Budget(time.thread_time() + SECONDS, _memory() + BYTES)
+    budget = _Budget(seconds, time.thread_time() + seconds, _memory() + BYTES, stopped=stopped)
     token = _RUNNING.set(budget)
     try:
         yield

@@ -32,7 +32,7 @@ LAYERS = (
     *("ir", "parse", "resolve", "quantifiers", "flows", "lower", "interval", "paths", "interp"),
     *("smt", "sampling", "symbolic", "monitor", "policy", "emit"),
     *("native", "verify", "policy_proof", "pipeline", "picture", "env", "training", "ray"),
-    *("lint", "report", "commands", "cli", "experiments", "__main__"),
+    *("lint", "report", "lsp", "commands", "cli", "experiments", "__main__"),
 )
 """Everything in dl2c, in the order of the way through. A layer imports only what stands before it."""
 
@@ -43,23 +43,18 @@ OWNERS = {
     "flint": "verify",
     "casadi": "symbolic",
     "cffi": "native",
+    "pygls": "lsp",
+    "lsprotocol": "lsp",
 }
 """Libraries that one layer alone may import."""
 
 EXTRAS = {
-    "matplotlib",
-    "pygame",
-    "imageio_ffmpeg",
-    "stable_baselines3",
-    "sb3_contrib",
-    "torch",
-    "ray",
-    "pyarrow",
-    "yaml",
-    "onnx",
+    *("matplotlib", "stable_baselines3", "sb3_contrib", "torch", "ray", "pyarrow", "yaml", "onnx"),
+    *("pygame", "imageio_ffmpeg", "pygls", "lsprotocol"),
 }
 EXTRAS_ARE_NEEDED = {
     *("env/sb3.py", "report/callback.py"),
+    *("lsp/server.py", "lsp/convert.py"),
     *("training/learning.py", "training/callbacks.py", "training/standardised.py", "training/teaching.py"),
 }
 """Optional libraries, and the modules that are of no use without them: others import these lazily."""

@@ -32,6 +32,7 @@ EXTRA: dict[str | None, str] = {
     **dict.fromkeys(("ray", "pyarrow"), "ray"),
     **dict.fromkeys(("onnx", "google"), "onnx"),
     "imageio_ffmpeg": "film",
+    **dict.fromkeys(("pygls", "lsprotocol"), "lsp"),
 }
 """Which extra installs an optional library."""
 

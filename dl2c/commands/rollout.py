@@ -76,9 +76,6 @@ def rollout(
         print(to_json(summary))
     else:
         _show(summary)
-    failed = any(end["status"] == "failure" for end in summary["ends"])
-    if save_failures is not None and not failed and not quiet():
-        print("no episode failed, so none is saved", file=sys.stderr)
 
 
 # Where the rows come from ------------------------------------------------------
@@ -90,6 +87,7 @@ class _Ended:
     def __init__(self, failures: Path | None, film: Path | None) -> None:
         self._failures, self._film = failures, film
         self._seen: list[Episode] = []
+        self._failed = False
         if film is not None:
             from dl2c.report.film import check_film
 
@@ -110,13 +108,16 @@ class _Ended:
         """One has ended."""
         from dl2c.report.recording import failures_to
 
+        self._failed |= episode.status == "failure"
         if self._failures is not None:
             failures_to(self._failures)(episode)
         if self._film is not None:
             self._seen.append(episode)
 
     def show(self) -> None:
-        """Make the film."""
+        """Make the film; say where there are no failures to save."""
+        if self._failures is not None and not self._failed and not quiet():
+            print("no episode failed, so none is saved", file=sys.stderr)
         if self._film is not None:
             from dl2c.report.film import write_film
 

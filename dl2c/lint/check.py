@@ -3,20 +3,19 @@
 A lint is a warning with a code of `codes.py`; `@episode: allow=code|code` silences it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from dl2c.diagnostics import CompileError, Diagnostic, in_source_order, warning
+from dl2c.diagnostics import CompileError, Diagnostic, in_source_order
 from dl2c.lint import annotations, choices, runs
-from dl2c.lint.codes import CODES
+from dl2c.lint.allowed import allowed, unknown
 from dl2c.lint.conditions import constant_tests
 from dl2c.lint.portable import portability, quotients
 from dl2c.lint.units import unit_mismatches
+from dl2c.lower.doubts import program_warnings
 from dl2c.options import Options
-from dl2c.parse.errors import REJECTS, suggestion
-from dl2c.parse.options import ALLOW
+from dl2c.parse.errors import REJECTS
 from dl2c.pipeline import Compilation, compilation
-from dl2c.resolve.problem import Problem
 from dl2c.smt.query import Oracle
 from dl2c.source import Source
 from dl2c.work import at_place, at_stage, budgeted
@@ -24,12 +23,22 @@ from dl2c.work import at_place, at_stage, budgeted
 
 def examine(source: Source, options: Options, *, portable: bool = False) -> tuple[Diagnostic, ...]:
     """All diagnostics of a model. With `portable` what KeYmaera X 5 does not read is an error."""
-    found: list[Diagnostic] = []
+    found: tuple[Diagnostic, ...] = ()
+    if portable:
+        try:
+            found = tuple(replace(d, severity="error") for d in portability(source))
+        except CompileError as unreadable:
+            return unreadable.diagnostics
+    return examined(source, compilation(source, options), found)
+
+
+def examined(
+    source: Source, model: Compilation, before: Sequence[Diagnostic] = (), *, solving: bool = True
+) -> tuple[Diagnostic, ...]:
+    """All diagnostics of a compilation, and those `before`; without `solving`, what needs no solver."""
+    found = [*before]
     try:
-        if portable:
-            found += (replace(d, severity="error") for d in portability(source))
-        model = compilation(source, options)
-        warnings = model.warnings
+        warnings = model.warnings if solving else _plain_warnings(model)
     except CompileError as refused:
         return in_source_order((*found, *refused.diagnostics))
     places = {d.span for d in found}
@@ -38,16 +47,34 @@ def examine(source: Source, options: Options, *, portable: bool = False) -> tupl
         with budgeted():
             at_place(model.place)
             at_stage("looking for what it may not mean")
-            found += lints(source, model)
+            found += (lints if solving else plain_lints)(source, model)
     except CompileError as unfinished:
         found += (replace(d, severity="warning") for d in unfinished.diagnostics)
     return in_source_order(allowed(found, model.resolved.problem))
 
 
+def _plain_warnings(model: Compilation) -> tuple[Diagnostic, ...]:
+    """Those of a build that need no solver. Raises `CompileError` for such errors."""
+    assert model.flows is not None
+    return (*model.resolved.warnings, *program_warnings(model.lowered.model))
+
+
 def lints(source: Source, model: Compilation) -> Iterator[Diagnostic]:
     """The lints of a model that can be built."""
+    problem, step, paths, oracle = model.resolved.problem, model.lowered.model, model.paths, Oracle()
+    yield from plain_lints(source, model)
+    yield from runs.postcondition(step, problem, paths, oracle)
+    yield from annotations.shapes(step, problem, oracle)
+    dead = tuple(runs.dead_alternatives(step, paths, oracle))
+    yield from dead
+    yield from (d for d in constant_tests(step, oracle) if not any(_within(d, other) for other in dead))
+    yield from runs.deadlock(step, problem, paths, oracle)
+
+
+def plain_lints(source: Source, model: Compilation) -> Iterator[Diagnostic]:
+    """Those that need no solver."""
     problem, options = model.resolved.problem, model.resolved.options
-    step, paths, oracle = model.lowered.model, model.paths, Oracle()
+    step, paths = model.lowered.model, model.paths
     yield from quotients(source)
     yield from annotations.ends_of_episodes(problem)
     yield from annotations.penalties(step, problem)
@@ -58,33 +85,7 @@ def lints(source: Source, model: Compilation) -> Iterator[Diagnostic]:
     yield from choices.flattened(problem)
     yield from runs.standstill(step, paths, options)
     yield from unit_mismatches(problem)
-    yield from runs.postcondition(step, problem, paths, oracle)
-    yield from annotations.shapes(step, problem, oracle)
-    dead = tuple(runs.dead_alternatives(step, paths, oracle))
-    yield from dead
-    yield from (d for d in constant_tests(step, oracle) if not any(_within(d, other) for other in dead))
-    yield from runs.deadlock(step, problem, paths, oracle)
-    yield from _unknown(problem)
-
-
-def allowed(found: list[Diagnostic], problem: Problem) -> Iterator[Diagnostic]:
-    """Those that are errors, or that the model does not allow."""
-    silent = {code for code, _ in _allow(problem)}
-    return (d for d in found if d.severity == "error" or d.code not in silent)
-
-
-def _allow(problem: Problem) -> Iterator[tuple[str, Diagnostic]]:
-    """The codes of `allow`, each with what to say if there is no such code."""
-    for name, value, span in problem.episode.options if problem.episode else ():
-        if name == ALLOW:
-            for code in str(value).split("|"):
-                title = f"there is no lint `{code.strip()}`"
-                advice = suggestion(code.strip(), CODES)
-                yield code.strip(), warning("unknown-lint", title, span, "", advice)
-
-
-def _unknown(problem: Problem) -> Iterator[Diagnostic]:
-    return (message for code, message in _allow(problem) if code not in CODES)
+    yield from unknown(problem)
 
 
 def _within(inner: Diagnostic, outer: Diagnostic) -> bool:

@@ -23,12 +23,20 @@ def edited(content: bytes, edits: Iterable[Edit]) -> bytes:
     places = _places(raw)
     ending = "\r\n" if "\r\n" in raw[: raw.find("\n") + 1] else "\n"
     pieces: list[str] = []
-    at = done = 0
-    for edit in sorted(edits, key=lambda e: (e.start, e.end)):
-        if edit.start >= done:
-            pieces += [raw[at : places[edit.start]], edit.text.replace("\n", ending)]
-            at, done = places[edit.end], edit.end
+    at = 0
+    for edit in apart(edits):
+        pieces += [raw[at : places[edit.start]], edit.text.replace("\n", ending)]
+        at = places[edit.end]
     return "".join((*pieces, raw[at:])).encode("utf-8", "surrogateescape")
+
+
+def apart(edits: Iterable[Edit]) -> tuple[Edit, ...]:
+    """Edits in the order of their places; of those that overlap the first."""
+    found: list[Edit] = []
+    for edit in sorted(edits, key=lambda e: (e.start, e.end)):
+        if not found or edit.start >= found[-1].end:
+            found.append(edit)
+    return tuple(found)
 
 
 def _places(raw: str) -> list[int]:

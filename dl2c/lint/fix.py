@@ -1,23 +1,36 @@
 """What `dl2c check --fix` writes: corrections that do not change what a model means."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from dl2c.diagnostics import Diagnostic
 from dl2c.lint.edits import Edit, edited
-from dl2c.lint.portable import portability, quotients
+from dl2c.lint.portable import Read, portability, quotients
 from dl2c.outputs import write_output
 from dl2c.parse import errors
 from dl2c.parse.archive import refused_comments
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.scan import Comment, scan
 from dl2c.parse.sections import find_sections
-from dl2c.parse.tree import Declaration
+from dl2c.parse.tree import Archive, Declaration
+from dl2c.resolve.errors import UNDECLARED
 from dl2c.resolve.infer import inferred
-from dl2c.source import Source
+from dl2c.source import Source, Span
 
 ROUNDS = 10
 """Corrections inside others are made one after the other."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """The edits that answer the warning with this code at `span`; names without declaration are warned of at
+    the first of an entry.
+    """
+
+    code: str
+    span: Span
+    edits: tuple[Edit, ...]
 
 
 def fix_file(path: Path) -> int:
@@ -38,29 +51,48 @@ def fix_file(path: Path) -> int:
 
 
 def edits_of(source: Source) -> Iterator[Edit]:
-    """The corrections of a source."""
-    for found in portability(source):
-        yield from _edits(found)
-    yield from _comments(source, refused_comments(source))
-    yield from declarations(source)
-    for found in quotients(source):
-        yield Edit(found.span.start, found.span.end, f"(-({found.span.text[1:].strip()}))")
+    """The corrections of a source. Raises `CompileError` for one that cannot be parsed."""
+    for fix in fixes(source):
+        yield from fix.edits
+
+
+def fixes(source: Source, read: Read | None = None) -> Iterator[Fix]:
+    """The same, by the warnings that they answer. `read` is what the parser makes of the source."""
+    read = read or parse_archive(source)
+    for found in portability(source, read):
+        if edits := tuple(_edits(found)):
+            yield Fix(found.code, found.span, edits)
+    for comments in _groups(source, refused_comments(source)):
+        yield Fix(errors.REJECTS, comments[0].span, tuple(_comment(comments)))
+    yield from _declarations(source, read[0])
+    for found in quotients(source, read):
+        span = found.span
+        edit = Edit(span.start, span.end, f"(-({span.text[1:].strip()}))")
+        yield Fix(found.code, span, (edit,))
 
 
 def declarations(source: Source) -> Iterator[Edit]:
     """Declarations of what is not declared, before the problem of each entry, in sections of their own."""
+    for fix in _declarations(source, parse_archive(source)[0]):
+        yield from fix.edits
+
+
+def _declarations(source: Source, archive: Archive) -> Iterator[Fix]:
     code = scan(source)
     sections = find_sections(code, [])
-    for entry in parse_archive(source)[0].entries:
+    for entry in archive.entries:
         found = inferred(entry)
         text = _section("Definitions", found.constants) + _section("ProgramVariables", found.variables)
+        if not text:
+            continue
+        first = min((*found.constants, *found.variables), key=lambda d: d.span.start).span
         number = next(k for k, s in enumerate(sections) if s.begin <= entry.problem.span.start < s.end)
-        if text and number > 0:
+        if number > 0:
             at = sections[number - 1].over
-            yield Edit(at, at, "\n\n" + text.rstrip("\n"))
-        elif text:
+            yield Fix(UNDECLARED, first, (Edit(at, at, "\n\n" + text.rstrip("\n")),))
+        else:
             at = 0 if not code.text[: sections[0].start].strip() else sections[0].start
-            yield Edit(at, at, text)
+            yield Fix(UNDECLARED, first, (Edit(at, at, text),))
 
 
 def _section(word: str, declared: tuple[Declaration, ...]) -> str:
@@ -81,8 +113,8 @@ def _edits(found: Diagnostic) -> Iterator[Edit]:
         yield Edit(span.end, span.end, "\n\nEnd.")
 
 
-def _comments(source: Source, comments: tuple[Comment, ...]) -> Iterator[Edit]:
-    """Each group of `//` comments in neighbouring lines as one `/* */`: an annotation may go on."""
+def _groups(source: Source, comments: tuple[Comment, ...]) -> list[list[Comment]]:
+    """`//` comments in neighbouring lines together: an annotation may go on."""
     groups: list[list[Comment]] = []
     for comment in comments:
         last = groups[-1][-1].span.end if groups else -1
@@ -91,8 +123,12 @@ def _comments(source: Source, comments: tuple[Comment, ...]) -> Iterator[Edit]:
             groups[-1].append(comment)
         else:
             groups.append([comment])
-    for group in groups:
-        for k, comment in enumerate(group):
-            text = comment.span.text.lstrip("/").rstrip().replace("*/", "* /")
-            closing = " */" if k == len(group) - 1 else ""
-            yield Edit(comment.span.start, comment.span.end, ("  " if k else "/*") + text + closing)
+    return groups
+
+
+def _comment(group: list[Comment]) -> Iterator[Edit]:
+    """A group of `//` comments as one `/* */`."""
+    for k, comment in enumerate(group):
+        text = comment.span.text.lstrip("/").rstrip().replace("*/", "* /")
+        closing = " */" if k == len(group) - 1 else ""
+        yield Edit(comment.span.start, comment.span.end, ("  " if k else "/*") + text + closing)

@@ -5,6 +5,7 @@ Comes in: a source that dl2c can parse. Go out: diagnostics, from the text and f
 
 import re
 from collections.abc import Iterator
+from typing import TypeAlias
 
 from dl2c.diagnostics import Diagnostic, in_source_order, warning
 from dl2c.parse import errors, tree
@@ -14,15 +15,20 @@ from dl2c.parse.scan import scan
 from dl2c.resolve.symbols import BUILTINS, NULLARY_BUILTINS, nodes
 from dl2c.source import Source, Span
 
+Read: TypeAlias = tuple[tree.Archive, tuple[Diagnostic, ...]]
+"""What `parse_archive` returns."""
+
 SYMBOLS = "→←↔∧∨•∀∃⎵≠≥≤∪∩×"
 """The characters beyond ASCII that KeYmaera X reads outside strings."""
 
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 
 
-def portability(source: Source) -> tuple[Diagnostic, ...]:
-    """`keymaera-rejects`, everything once. Raises `CompileError` for what dl2c does not read either."""
-    archive, warnings = parse_archive(source)
+def portability(source: Source, read: Read | None = None) -> tuple[Diagnostic, ...]:
+    """`keymaera-rejects`, everything once. `read` is what the parser makes of the source, if that is known.
+    Raises `CompileError` for what dl2c does not read either.
+    """
+    archive, warnings = read or parse_archive(source)
     found = [d for d in warnings if d.code == errors.REJECTS]
     found += [errors.line_comment(comment.span) for comment in refused_comments(source)]
     found += _characters(source)
@@ -31,9 +37,9 @@ def portability(source: Source) -> tuple[Diagnostic, ...]:
     return in_source_order(found)
 
 
-def quotients(source: Source) -> Iterator[Diagnostic]:
+def quotients(source: Source, read: Read | None = None) -> Iterator[Diagnostic]:
     """`minus-in-quotient`: a bare minus after `/` takes all the rest of the product."""
-    archive, _ = parse_archive(source)
+    archive, _ = read or parse_archive(source)
     code = scan(source).text
     seen: set[Span] = set()
     for entry in archive.entries:

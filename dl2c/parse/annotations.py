@@ -7,15 +7,16 @@ Names inside expressions are not looked up here. `options.py` reads `@episode`, 
 
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal, TypeAlias, TypeVar, cast
+from typing import Literal, TypeAlias, TypeVar, cast, get_args
 
 from dl2c.diagnostics import CompileError, Diagnostic
+from dl2c.options import IN_EPISODE
 from dl2c.parse import errors
 from dl2c.parse.build import MAX_DIGITS
-from dl2c.parse.options import Value, read_option
+from dl2c.parse.options import ALLOW, Value, read_option
 from dl2c.parse.parser import parse_annotated
 from dl2c.parse.tree import Annotation, Declaration, Formula, Term
 from dl2c.source import Span
@@ -112,6 +113,27 @@ _VARIABLE = ("bound", "def", "plot", "role", "unit", "observe")
 _CONSTANT = ("bound", "def", "plot", "unit", "observe")
 _PREDICATE = ("reward", "penalty", "shape", "on_success", "on_failure")
 _CHOICE = ("role", "name")
+ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
+    "var": _VARIABLE,
+    "const": _CONSTANT,
+    **dict.fromkeys(get_args(Category), _PREDICATE),
+    "choice": _CHOICE,
+    "episode": (ALLOW, *IN_EPISODE),
+}
+"""The attributes of each annotation that has any."""
+
+WORDS: Mapping[str, tuple[str, ...]] = {
+    "plot": get_args(Plot),
+    "role": get_args(Role),
+    "observe": ("true", "false"),
+    "on_success": get_args(Action),
+    "on_failure": get_args(Action),
+}
+"""What attributes outside of `@episode` may be where that is a few words; a status may follow an action."""
+
+EXPRESSIONS = frozenset({"reward", "penalty", "shape"})
+"""Attributes whose values are terms or formulas."""
+
 _BOUND = re.compile(r"\[\s*([^:\]]*?)\s*:\s*([^:\]]*?)\s*\]")
 _DECIMAL = re.compile(r"[+-]?\s*[0-9]+(\.[0-9]+)?")
 _TRIGGER = re.compile(r"(\w+)\s*(?::\s*(?:status\s*=\s*)?(\w+))?")
@@ -253,9 +275,9 @@ def _declared(annotation: Annotation, problems: list[Diagnostic]) -> Declaration
             given = _attributes(annotation, _PREDICATE, problems)
             return PredicateAnnotation(
                 cast("Category", category),
-                _get(given, "reward", _expression, None, problems),
-                _get(given, "penalty", _expression, None, problems),
-                _get(given, "shape", _expression, None, problems),
+                _get(given, "reward", expression, None, problems),
+                _get(given, "penalty", expression, None, problems),
+                _get(given, "shape", expression, None, problems),
                 _get(given, "on_success", _trigger, None, problems),
                 _get(given, "on_failure", _trigger, None, problems),
                 annotation.span,
@@ -342,15 +364,15 @@ def string(text: str, span: Span) -> str:
 
 
 def _boolean(text: str, span: Span) -> bool:
-    return one_of(text, span, ("true", "false")) == "true"
+    return one_of(text, span, WORDS["observe"]) == "true"
 
 
 def _plot(text: str, span: Span) -> Plot:
-    return cast("Plot", one_of(text, span, ("line", "hist", "scatter", "none")))
+    return cast("Plot", one_of(text, span, WORDS["plot"]))
 
 
 def _role(text: str, span: Span) -> Role:
-    return cast("Role", one_of(text, span, ("agent", "env")))
+    return cast("Role", one_of(text, span, WORDS["role"]))
 
 
 def one_of(text: str, span: Span, known: Sequence[str]) -> str:
@@ -366,12 +388,12 @@ def _trigger(text: str, span: Span) -> Trigger:
     found = _TRIGGER.fullmatch(text)
     if found is None:
         raise CompileError(errors.malformed_trigger(span))
-    action = one_of(found.group(1), span, ("terminate", "truncate", "continue"))
-    status = one_of(found.group(2) or "none", span, ("success", "failure", "none"))
+    action = one_of(found.group(1), span, get_args(Action))
+    status = one_of(found.group(2) or "none", span, get_args(Status))
     return Trigger(cast("Action", action), cast("Status", status), span)
 
 
-def _expression(text: str, span: Span) -> Term | Formula:
+def expression(text: str, span: Span) -> Term | Formula:
     """A term or formula; braces around all of it are dropped."""
     if text.startswith("{") and text.endswith("}"):
         span = Span(span.source, span.start + 1, span.end - 1)

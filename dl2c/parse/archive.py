@@ -31,7 +31,7 @@ from dl2c.parse.sections import (
     trimmed_end,
 )
 from dl2c.parse.syntax import parse_tree
-from dl2c.parse.tree import Annotation, Archive, Declaration, Entry, Formula
+from dl2c.parse.tree import Annotation, Archive, Declaration, Entry, Formula, Truth
 from dl2c.source import Source, Span
 
 _STATEMENT = re.compile(
@@ -98,9 +98,8 @@ def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
         raise CompileError(errors.no_entry(code.span(0, min(1, len(source.text)))))
     shared = _shared(sections[: heads[0]], sections[heads[0]].start, work)
     entries = [
-        entry
+        _entry(sections[head:following], shared, _over(sections, following, code), work)
         for head, following in pairwise([*heads, None])
-        if (entry := _entry(sections[head:following], shared, _over(sections, following, code), work))
     ]
     archive = Archive(tuple(entries), span=code.span(0, len(source.text)))
     recovery.lost |= bool(problems)
@@ -222,8 +221,8 @@ def _check_comments(start: int, end: int, work: Work) -> None:
 # ---------------------------------------------------------------- entries
 
 
-def _entry(sections: Sequence[Section], shared: Sequence[Block], over: int, work: Work) -> Entry | None:
-    """One entry from its sections, of which the first is its head; None after an error."""
+def _entry(sections: Sequence[Section], shared: Sequence[Block], over: int, work: Work) -> Entry:
+    """One entry from its sections, of which the first is its head."""
     head, code, problems = sections[0], work.code, work.problems
     name = entry_name(code, head, problems)
     ended = next((i for i, section in enumerate(sections) if section.kind == "End"), None)
@@ -243,8 +242,6 @@ def _entry(sections: Sequence[Section], shared: Sequence[Block], over: int, work
     blocks = [*shared, *own]
     inside = placement.inside_programs(blocks, work.annotations, problems)
     above = placement.above_problem(sections, over, work.annotations, problems)
-    if problem is None:
-        return None
     return Entry(
         head.word,
         name,
@@ -268,15 +265,15 @@ def _declared(blocks: Sequence[Block], kind: str) -> tuple[Declaration, ...]:
     )
 
 
-def _problem(sections: Sequence[Section], name: str, work: Work) -> Formula | None:
-    """The formula of the entry's only Problem; None, with an error, if there is no such."""
+def _problem(sections: Sequence[Section], name: str, work: Work) -> Formula:
+    """The formula of the entry's only Problem; after an error `true` stands in for it."""
     problems = [section for section in sections if section.kind == "Problem"]
     for extra in problems[1:]:
         work.problems.append(errors.second_problem(work.code.span(extra.start, extra.begin)))
     if not problems:
         head = sections[0]
         work.problems.append(errors.no_problem(work.code.span(head.start, head.end), name))
-        return None
+        return Truth(True, span=work.code.span(head.start, head.end))
     begin, end = problems[0].begin, trimmed_end(work.code, problems[0].begin, problems[0].end)
     _check_comments(begin, end, work)
     try:
@@ -284,7 +281,8 @@ def _problem(sections: Sequence[Section], name: str, work: Work) -> Formula | No
         return build.formula(build.nodes(build.parts(root))[0], work.read)
     except CompileError as found:
         work.fail(found)
-        return None
+        work.recovery.gaps.append((begin, end))
+        return Truth(True, span=work.code.span(begin, end))
 
 
 def refused_comments(source: Source) -> tuple[Comment, ...]:

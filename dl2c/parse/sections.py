@@ -181,9 +181,7 @@ def previous_characters(code: Code, begin: int, at: int, count: int) -> str:
 
 def trimmed_end(code: Code, start: int, end: int) -> int:
     """The end of a range without the blanks at its end."""
-    while end > start and code.text[end - 1].isspace():
-        end -= 1
-    return end
+    return start + len(code.text[start:end].rstrip())
 
 
 OLD_SORT = r"[RBPTF](?=\s+[A-Za-z])"

@@ -70,6 +70,8 @@ def also_at(found: Diagnostic, others: Sequence[Span]) -> Diagnostic:
     return replace(found, notes=(*found.notes, f"also at {shown}{more}"))
 
 
+UNDECLARED = "undeclared-names"
+
 MANY_NAMES = 8
 """More names than these are counted."""
 
@@ -83,7 +85,7 @@ def inferred(variables: Sequence[str], constants: Sequence[str], span: Span) -> 
         if names
     ]
     title = "names without declaration"
-    return warning("undeclared-names", title, span, ", ".join(parts), "`dl2c check --fix` declares them")
+    return warning(UNDECLARED, title, span, ", ".join(parts), "`dl2c check --fix` declares them")
 
 
 def existential(names: Sequence[str], span: Span) -> Diagnostic:

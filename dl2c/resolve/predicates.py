@@ -116,7 +116,7 @@ def _bound(
     declaration: tree.Declaration, annotation: PredicateAnnotation, shape: Shape, symbols: Symbols
 ) -> AnnotatedPredicate:
     _check_kind(declaration, annotation)
-    arguments = _arguments(declaration, shape, symbols)
+    arguments = arguments_of(declaration, shape, symbols)
     values = bound_parameters(declaration, arguments)
     binding = _Binding(declaration, values, shape, symbols)
     expander = Expander(symbols)
@@ -161,8 +161,10 @@ def _not_a_predicate(
     )
 
 
-def _arguments(declaration: tree.Declaration, shape: Shape, symbols: Symbols) -> Arguments:
-    """The one argument list that binds the parameters."""
+def arguments_of(declaration: tree.Declaration, shape: Shape, symbols: Symbols) -> Arguments:
+    """The one argument list that binds the parameters. An argument that no call gives has the span of its
+    parameter. Raises `CompileError`.
+    """
     places: list[tuple[tree.Formula, ...]] = [
         tuple(f for f in (shape.written_postcondition, shape.written_progress) if f is not None),
         shape.loop.invariants if shape.loop else (),
@@ -312,7 +314,7 @@ def _bare(name: tree.Variable, uses: dict[str, _Use], binding: _Binding) -> tree
     declaration = binding.symbols.declarations[name.name]
     values = binding.values
     if declaration.name != binding.declaration.name:
-        values = bound_parameters(declaration, _arguments(declaration, binding.shape, binding.symbols))
+        values = bound_parameters(declaration, arguments_of(declaration, binding.shape, binding.symbols))
     own = tuple(tree.Variable(p.name, span=name.span) for p in declaration.parameters or ())
     return _fresh(tree.PredOf(name.name, own, span=name.span), values, uses)
 

@@ -92,6 +92,16 @@ def resolve(entry: tree.Entry, loop: int | None = None) -> Problem:
     )
 
 
+def annotation_errors(entry: tree.Entry, symbols: Symbols) -> list[Diagnostic]:
+    """What is wrong with the annotations of an entry, each by itself."""
+    found: list[Diagnostic] = []
+    _annotations(entry, symbols, found)
+    _decoded(found, lambda: decode_problem(entry.problem_annotations))
+    _decoded(found, lambda: decode_conclusion(entry.problem_annotations))
+    _decoded(found, lambda: decode_program(entry.program_annotations))
+    return found
+
+
 def expansion(entry: tree.Entry) -> tree.Formula:
     """The problem of an entry without its definitions, also of one that nothing can run.
 

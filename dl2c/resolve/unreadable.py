@@ -1,12 +1,13 @@
 """Reading one entry of a file, and what is wrong with the names of a model that has syntax errors too.
 
 Comes in: a file. Goes out: one of its entries. Where there are syntax errors, stand-ins take the place of
-what cannot be read, and errors of names in other lines are told too, but for names that the missing text
-may declare or write.
+what cannot be read, and errors of names and annotations in other lines are told too, but for names that the
+missing text may declare or write.
 """
 
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 
 from dl2c.diagnostics import CompileError, Diagnostic, error
 from dl2c.parse.archive import Unreadable
@@ -14,6 +15,7 @@ from dl2c.parse.parser import parse_archive
 from dl2c.parse.tree import Archive, Entry
 from dl2c.resolve.bind import check_entry
 from dl2c.resolve.infer import with_inferred
+from dl2c.resolve.problem import annotation_errors
 from dl2c.resolve.symbols import collect
 from dl2c.source import Source, Span
 
@@ -47,10 +49,16 @@ def _explained(broken: Unreadable, name: str | None) -> CompileError:
     """All errors of a file, in the entry chosen also those of names."""
     names: list[Diagnostic] = []
     with suppress(CompileError):
-        names += _name_errors(entry_of(broken.archive, name)) if broken.archive.entries else ()
+        names += name_errors(broken, entry_of(broken.archive, name))
+    return CompileError((*broken.diagnostics, *names))
+
+
+def name_errors(broken: Unreadable, entry: Entry) -> Iterator[Diagnostic]:
+    """Errors of names in one entry of a file with syntax errors, but for those that come of them."""
     lines = {d.span.line for d in broken.diagnostics}
-    found = (d for d in names if d.span.line not in lines and not broken.recovery.hides(d))
-    return CompileError((*broken.diagnostics, *found))
+    for found in _name_errors(entry):
+        if found.span.line not in lines and not broken.recovery.hides(found):
+            yield found
 
 
 def _name_errors(entry: Entry) -> Iterator[Diagnostic]:
@@ -59,3 +67,5 @@ def _name_errors(entry: Entry) -> Iterator[Diagnostic]:
     yield from found
     if all(d.code != "recursive-definition" for d in found):
         yield from check_entry(entry, symbols)
+    kept = (d for d in entry.definitions if d.body is not None or d.sort == "Real")
+    yield from annotation_errors(replace(entry, definitions=tuple(kept)), symbols)

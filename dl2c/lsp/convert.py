@@ -1,0 +1,128 @@
+"""What is known of a model, in the types of the protocol."""
+
+from collections.abc import Iterable, Sequence
+
+from lsprotocol import types
+
+from dl2c.diagnostics import Diagnostic
+from dl2c.lint.edits import Edit
+from dl2c.lsp.complete import Item, ItemKind
+from dl2c.lsp.documents import View
+from dl2c.lsp.outline import Fold, Part, PartKind
+from dl2c.lsp.positions import Lines
+from dl2c.lsp.tokens import KINDS, Token
+
+MOST_SHOWN = 500
+"""Diagnostics of one file."""
+
+_SYMBOLS: dict[PartKind, types.SymbolKind] = {
+    "entry": types.SymbolKind.Module,
+    "variable": types.SymbolKind.Variable,
+    "constant": types.SymbolKind.Constant,
+    "function": types.SymbolKind.Function,
+    "predicate": types.SymbolKind.Boolean,
+    "program": types.SymbolKind.Method,
+    "problem": types.SymbolKind.Interface,
+}
+_ITEMS: dict[ItemKind, types.CompletionItemKind] = {
+    "variable": types.CompletionItemKind.Variable,
+    "constant": types.CompletionItemKind.Constant,
+    "function": types.CompletionItemKind.Function,
+    "predicate": types.CompletionItemKind.Function,
+    "program": types.CompletionItemKind.Method,
+    "parameter": types.CompletionItemKind.Variable,
+    "quantified": types.CompletionItemKind.Variable,
+    "library": types.CompletionItemKind.Function,
+    "annotation": types.CompletionItemKind.Property,
+    "attribute": types.CompletionItemKind.Property,
+    "value": types.CompletionItemKind.EnumMember,
+    "keyword": types.CompletionItemKind.Keyword,
+    "snippet": types.CompletionItemKind.Snippet,
+}
+_NUMBERS = {kind: number for number, kind in enumerate(KINDS)}
+
+
+def position_of(lines: Lines, offset: int) -> types.Position:
+    return types.Position(*lines.position(min(offset, len(lines.text))))
+
+
+def range_of(lines: Lines, start: int, end: int) -> types.Range:
+    return types.Range(position_of(lines, start), position_of(lines, max(start, end)))
+
+
+def moved(view: View, start: int, end: int) -> types.Range:
+    """A range of the analysis in the present text."""
+    return range_of(view.lines, *view.shift.later(start, end))
+
+
+def text_edits(lines: Lines, edits: Iterable[Edit], ending: str) -> list[types.TextEdit]:
+    return [types.TextEdit(range_of(lines, e.start, e.end), e.text.replace("\n", ending)) for e in edits]
+
+
+def diagnostics(found: Sequence[Diagnostic], lines: Lines) -> list[types.Diagnostic]:
+    """The first of them: what is wrong and where in the title and the label, then notes and advice."""
+    return [_diagnostic(d, lines) for d in found[:MOST_SHOWN]]
+
+
+def _diagnostic(d: Diagnostic, lines: Lines) -> types.Diagnostic:
+    headline = f"{d.title}: {d.label}" if d.label else d.title
+    advice = [f"help: {d.help}"] if d.help else []
+    error = d.severity == "error"
+    return types.Diagnostic(
+        range=range_of(lines, d.span.start, d.span.end),
+        message="\n".join((headline, *d.notes, *advice)),
+        severity=types.DiagnosticSeverity.Error if error else types.DiagnosticSeverity.Warning,
+        code=d.code,
+        source="dl2c",
+    )
+
+
+def symbols(parts: Iterable[Part], view: View) -> list[types.DocumentSymbol]:
+    return [
+        types.DocumentSymbol(
+            name=part.name,
+            kind=_SYMBOLS[part.kind],
+            range=moved(view, part.start, part.end),
+            selection_range=moved(view, part.name_start, part.name_end),
+            detail=part.detail or None,
+            children=symbols(part.parts, view) or None,
+        )
+        for part in parts
+    ]
+
+
+def folding(folds: Iterable[Fold], view: View) -> list[types.FoldingRange]:
+    found: list[types.FoldingRange] = []
+    for fold in folds:
+        first, last = (view.lines.position(at)[0] for at in view.shift.later(fold.start, fold.end))
+        kind = types.FoldingRangeKind.Comment if fold.comment else types.FoldingRangeKind.Region
+        if last > first:
+            found.append(types.FoldingRange(start_line=first, end_line=last, kind=kind))
+    return found
+
+
+def item(found: Item, where: types.Range, snippets: bool) -> types.CompletionItem:
+    """`snippets` says whether the editor can fill places in."""
+    fill = found.fill and snippets
+    return types.CompletionItem(
+        label=found.label,
+        kind=_ITEMS[found.kind],
+        detail=found.detail or None,
+        filter_text=found.label,
+        insert_text_format=types.InsertTextFormat.Snippet if fill else types.InsertTextFormat.PlainText,
+        text_edit=types.TextEdit(where, found.text if fill or not found.fill else found.label),
+    )
+
+
+def encoded(tokens: Iterable[Token], view: View) -> list[int]:
+    """Five numbers for each: lines and units since the one before, length, kind, modifiers."""
+    data: list[int] = []
+    line = column = 0
+    for token in tokens:
+        start, end = view.shift.later(token.start, token.end)
+        at_line, at = view.lines.position(start)
+        length = view.lines.units(view.lines.text[start:end])
+        data += (at_line - line, at - column if at_line == line else at, length)
+        data += (_NUMBERS[token.kind], token.modifiers)
+        line, column = at_line, at
+    return data

@@ -1,0 +1,269 @@
+"""An open file: its text, what is known of it, and what is known of an earlier text while that is found out.
+
+The text is analysed in a thread, so that questions are answered meanwhile, from the last analysis with its
+places moved to where they are now. An analysis of a text that has changed since is stopped and dropped. What
+needs more time than an analysis is then asked of the `Checker`; until it answers again, what it found before
+stays where the text did not change.
+"""
+
+import asyncio
+import traceback
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from dl2c.configuration import configured
+from dl2c.diagnostics import CompileError, Diagnostic, in_source_order, warning
+from dl2c.lsp.analysis import Analysis, analyse
+from dl2c.lsp.checker import Checker, Report, found_in
+from dl2c.lsp.hover import Limits
+from dl2c.lsp.positions import Encoding, Lines, Shift, normal
+from dl2c.options import Options
+from dl2c.progress import LOG
+from dl2c.source import Source, Span
+
+PATIENCE = 0.05
+"""Seconds that an answer waits for the analysis of the present text, before an earlier one has to do."""
+
+LONG_PATIENCE = 5.0
+"""Seconds that it waits where there is no earlier one, or where that will not do."""
+
+PAUSE = 0.7
+"""Seconds without a change before solvers are asked."""
+
+
+SOLVED = frozenset(
+    {
+        *("dead-alternative", "constant-test", "deadlock", "postcondition-not-safe", "non-potential-shaping"),
+        *("undecided-precondition", "unsampled-precondition"),
+    }
+)
+"""Codes of warnings that solvers find."""
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """What the checker found in the text of an entry. `all` where solvers were asked too."""
+
+    text: str
+    source: Source
+    found: tuple[Diagnostic, ...] = ()
+    limits: Limits = field(default_factory=dict[str, tuple[float, float]])
+    all: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What is known when a question is asked. `shift` leads from the text of the analysis to the present."""
+
+    analysis: Analysis
+    lines: Lines
+    shift: Shift
+    limits: tuple[Limits, ...]
+
+    @property
+    def fresh(self) -> bool:
+        """Whether the analysis is of the present text."""
+        return self.analysis.source.text == self.lines.text
+
+
+class Document:
+    """`published` is told when diagnostics have changed; `failed` of what went wrong in dl2c itself.
+
+    `coloured_before` says whether colours were asked before the present text was analysed.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        encoding: Encoding,
+        executor: Executor,
+        checker: Checker,
+        published: Callable[["Document"], None],
+        failed: Callable[[str], None],
+    ) -> None:
+        self.name = name
+        self.ending = "\n"
+        self.version: int | None = None
+        self.diagnostics: tuple[Diagnostic, ...] = ()
+        self.coloured_before = False
+        self._encoding: Encoding = encoding
+        self._executor, self._checker = executor, checker
+        self._published, self._failed = published, failed
+        self._source = Source(name, "")
+        self.lines = Lines("", encoding)
+        self._nothing = Analysis(self._source)
+        self._latest = self._known = self._nothing
+        self._checked: tuple[Checked, ...] = ()
+        self._fresh = asyncio.Event()
+        self._running: asyncio.Task[None] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def change(self, text: str, version: int | None) -> None:
+        """Take a new text, and begin to find out about it."""
+        first = text.find("\n")
+        self.ending = "\r\n" if first > 0 and text[first - 1] == "\r" else "\n"
+        self.version = version
+        plain = normal(text)
+        self._source = Source(self.name, plain)
+        self.lines = Lines(plain, self._encoding)
+        self._fresh.clear()
+        self._checker.forget(self)
+        if self._running is None or self._running.done():
+            self._running = asyncio.ensure_future(self._follow())
+
+    def close(self) -> None:
+        """Nobody asks any more."""
+        self._source = Source(self.name, "")
+        self._checker.forget(self)
+
+    async def view(self, patience: float = PATIENCE) -> View:
+        """What is known, of the present text if that is found out soon enough."""
+        if not self._fresh.is_set():
+            patience = LONG_PATIENCE if self._known is self._nothing else patience
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._fresh.wait(), patience)
+        known = self._known
+        return View(
+            known,
+            self.lines,
+            Shift.between(known.source.text, self.lines.text),
+            tuple(c.limits for c in self._checked) if known is self._latest else (),
+        )
+
+    # -------------------------------------------------------------- analysis
+
+    async def _follow(self) -> None:
+        """Analyse until the text no longer changes."""
+        while self._latest.source is not self._source:
+            source = self._source
+            analysis = await self._analysed(source)
+            if source is self._source:
+                self._take(analysis)
+
+    async def _analysed(self, source: Source) -> Analysis:
+        def stopped() -> bool:
+            return source is not self._source
+
+        loop = asyncio.get_running_loop()
+        try:
+            return await loop.run_in_executor(self._executor, _analysed, source, self._folder, stopped)
+        except Exception as failure:
+            LOG.error("%s", traceback.format_exc())
+            self._failed(f"a bug of dl2c: {type(failure).__name__}: {failure}")
+            return Analysis(source, diagnostics=(_bug(source, f"{type(failure).__name__}: {failure}"),))
+
+    @property
+    def _folder(self) -> Path:
+        folder = Path(self.name).parent
+        return folder if folder.is_dir() else Path.cwd()
+
+    def _take(self, analysis: Analysis) -> None:
+        """Show what the analysis of the present text found, with what the checker found before."""
+        self._checked = _carried(self._checked, analysis)
+        self._latest = analysis
+        if analysis.names.entries or not self._known.names.entries:
+            self._known = analysis
+        self._fresh.set()
+        self._show()
+        todo = [n for n, p in enumerate(analysis.problems) if p is not None and not self._checked[n].all]
+        if todo:
+            task = {"name": self.name, "text": self._source.text, "entries": todo}
+            task |= {"folder": str(self._folder), "pause": PAUSE}
+            self._tasks.add(job := asyncio.ensure_future(self._check(task, self._source)))
+            job.add_done_callback(self._tasks.discard)
+
+    async def _check(self, task: Mapping[str, Any], source: Source) -> None:
+        def told(report: Report) -> None:
+            if source is self._source:
+                self._take_report(report)
+
+        try:
+            await self._checker.check(self, task, told)
+        except OSError as failure:
+            self._failed(f"the checks that need more time cannot be started: {failure}")
+
+    def _take_report(self, report: Report) -> None:
+        if "failure" in report:
+            LOG.error("%s: %s", self.name, report["failure"])
+            self._failed(str(report["failure"]))
+        if "entry" not in report:
+            return
+        number: int = report["entry"]
+        before = self._checked[number]
+        limits = {name: (low, high) for name, (low, high) in report.get("limits", before.limits).items()}
+        found = found_in(report, self._source)
+        if not report["all"]:  # what solvers found before stays until they are asked again
+            found += tuple(d for d in before.found if d.code in SOLVED and d not in found)
+        now = Checked(before.text, self._source, found, limits, report["all"])
+        self._checked = (*self._checked[:number], now, *self._checked[number + 1 :])
+        self._show()
+
+    def _show(self) -> None:
+        """Everything that is known; of an entry with errors, these alone. Where there are errors of syntax,
+        what the checker found stays where the text is the same.
+        """
+        found = list(self._latest.diagnostics)
+        if self._latest.problems:
+            for problem, checked in zip(self._latest.problems, self._checked, strict=True):
+                found += checked.found if problem is not None else ()
+        else:
+            found += (d for c in self._checked for d in _moved(c, self._latest.source))
+        self.diagnostics = in_source_order(found)
+        self._published(self)
+
+
+def _bug(source: Source, what: str) -> Diagnostic:
+    label = "nothing is known of this text; please report it with the model"
+    return warning("internal-error", f"a bug of dl2c: {what}", source.start, label)
+
+
+def _analysed(source: Source, folder: Path, stopped: Callable[[], bool]) -> Analysis:
+    """The analysis under the options of the project around a folder, or else why these are no options."""
+    try:
+        options = configured(Options(), folder)
+    except CompileError as refused:
+        found = analyse(source, Options(), stopped)
+        wrong = (replace(d, span=source.start, label=d.span.place) for d in refused.diagnostics)
+        return replace(found, diagnostics=in_source_order((*found.diagnostics, *wrong)))
+    return analyse(source, options, stopped)
+
+
+def _carried(before: tuple[Checked, ...], new: Analysis) -> tuple[Checked, ...]:
+    """What the checker found, moved to the new text: of entries whose text is the same, all; of others what
+    stands where nothing changed, until they are checked again.
+    """
+    if not new.problems:
+        return before
+    by_text = {c.text: c for c in before if c.all}
+    found: list[Checked] = []
+    for number in range(len(new.problems)):
+        text = _text_of(new, number)
+        same = by_text.get(text)
+        kept = same or (before[number] if number < len(before) else Checked(text, new.source))
+        found.append(Checked(text, new.source, _moved(kept, new.source), kept.limits, same is not None))
+    return tuple(found)
+
+
+def _moved(checked: Checked, source: Source) -> tuple[Diagnostic, ...]:
+    """What was found, at its places in a later text, but for what has changed there."""
+    if checked.source is source or not checked.found:
+        return checked.found
+    shift = Shift.between(checked.source.text, source.text)
+    return tuple(
+        replace(d, span=Span(source, *shift.later(d.span.start, d.span.end)))
+        for d in checked.found
+        if not shift.touches(d.span.start, d.span.end)
+    )
+
+
+def _text_of(analysis: Analysis, number: int) -> str:
+    """All that the check of an entry depends on: its text and that before all entries."""
+    text = analysis.source.text
+    spans = [e.span for e in analysis.entries]
+    if not spans:
+        return text
+    return f"{text[: spans[0].start]}\0{text[spans[number].start : spans[number].end]}"
