@@ -38,8 +38,6 @@ class SceneView:
         self._batch, self._fps = batch, fps
         self._picture = ScenePicture(batch.library)
         self._status = Status()
-        self._window: Any = None
-        self._clock: Any = None
 
     def begin(self) -> None:
         """An episode begins where the environment is now."""
@@ -73,24 +71,12 @@ class SceneView:
 
     def show(self) -> None:
         """Bring the window up to date, and wait as long as a frame lasts."""
-        import pygame
-
-        if self._window is None:
-            pygame.display.init()
-            self._window = pygame.display.set_mode(self._picture.size)
-            self._clock = pygame.time.Clock()
-        self._window.blit(self._picture.draw(*self._batch.get_state(0), self._status), (0, 0))
-        pygame.event.pump()
-        pygame.display.flip()
-        self._clock.tick(self._fps)
+        self._picture.draw(*self._batch.get_state(0), self._status)
+        self._picture.show(self._fps)
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        if self._window is not None:
-            import pygame
-
-            pygame.display.quit()
-        self._window = None
+        self._picture.close()
 
 
 class PlotView:

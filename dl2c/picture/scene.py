@@ -68,6 +68,8 @@ class ScenePicture:
         self._library, self._scene = library, library.manifest.scene
         self.size = size_of(self._scene)
         self._screen: Any = pygame.Surface(self.size)
+        self._window: Any = None
+        self._clock: Any = None
         self._fonts = {size: pygame.font.Font(None, size) for size in (SMALL, LARGE)}
         self._written: dict[tuple[str, Colour, int], Any] = {}
         self._values = np.empty(library.sizes.nscene)
@@ -111,6 +113,23 @@ class ScenePicture:
         width, height = self.size
         raw = bytearray(self._pygame.image.tobytes(self._screen, "RGB"))
         return np.frombuffer(raw, np.uint8).reshape(height, width, 3)
+
+    def show(self, fps: int) -> None:
+        """Put what was drawn last into a window, and wait as long as a frame lasts."""
+        pygame = self._pygame
+        if self._window is None:
+            pygame.display.init()
+            self._window, self._clock = pygame.display.set_mode(self.size), pygame.time.Clock()
+        self._window.blit(self._screen, (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(fps)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._pygame.display.quit()
+        self._window = None
 
     def _evaluated(self, x: NDArray[np.float64], p: NDArray[np.float64]) -> Sequence[float]:
         scene_values(self._library, x, p, self._values)

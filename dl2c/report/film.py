@@ -4,10 +4,12 @@ In: episodes. Out: a file, whole or not at all. Motion inside steps is shown as 
 """
 
 import math
+import re
 from collections.abc import Iterable, Iterator
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from dl2c.diagnostics import Mistake
 from dl2c.env.single import Dl2cEnv
 from dl2c.outputs import output_file
+from dl2c.picture.shapes import COLOURS, INK
 from dl2c.report.episode import Episode, action_of, begin
 
 ENDINGS = (".mp4", ".gif")
@@ -29,6 +32,12 @@ LONGEST = 60.0
 
 HELD = 1.0
 """Seconds that its last picture stays."""
+
+SHADES = 28
+"""Of each colour in a GIF, from almost white to itself."""
+
+MARKED, CURVE = (230, 159, 0), (204, 121, 167)
+"""Colours of curves over time, besides those of roles."""
 
 Frame = NDArray[np.uint8]
 
@@ -45,12 +54,12 @@ def write_film(episodes: Iterable[Episode], path: Path) -> None:
     `Mistake` where what pictures need is missing, `OSError`.
     """
     check_film(path)
-    with output_file(path) as fresh:
+    with output_file(path) as fresh, TemporaryDirectory(prefix="dl2c-") as scratch:
         writer: Any = None
         try:
             for episode in episodes:
                 for frame in frames_of(episode):
-                    writer = writer or _writer(fresh, frame)
+                    writer = writer or _writer(fresh, frame, Path(scratch))
                     writer.send(np.ascontiguousarray(frame))
         except DependencyNotInstalled as missing:
             raise Mistake(str(missing)) from None
@@ -59,6 +68,8 @@ def write_film(episodes: Iterable[Episode], path: Path) -> None:
         finally:
             if writer is not None:
                 writer.close()
+        if not (fresh.exists() and fresh.stat().st_size):
+            raise OSError(5, "ffmpeg could not write the film", str(path))
 
 
 def frames_of(episode: Episode) -> Iterator[Frame]:
@@ -93,14 +104,27 @@ def _fractions(start: float, duration: float, every: float) -> list[float]:
     return [min((k * every - start) / duration, 1.0) for k in range(first, math.floor(end / every) + 1)]
 
 
-def _writer(path: Path, frame: Frame) -> Any:
-    """A running ffmpeg that takes frames of this size."""
+def _palette() -> bytes:
+    """The 256 colours of a GIF, as a picture in PPM: those of pictures and their way to white."""
+    roles = [COLOURS[role] for role in ("agent", "unsafe", "goal")]
+    dark = [tuple(part * 3 // 4 for part in colour) for colour in roles]
+    hues = np.array([*roles, *dark, INK, MARKED, CURVE], float)[:, None]
+    shades = 255.0 + (hues - 255.0) * (np.arange(1, SHADES + 1) / SHADES)[:, None]
+    table = np.full((256, 3), 255, np.uint8)
+    table[: len(hues) * SHADES] = shades.reshape(-1, 3).round()
+    return b"P6 16 16 255\n" + table.tobytes()
+
+
+def _writer(path: Path, frame: Frame, scratch: Path) -> Any:
+    """A running ffmpeg that takes frames of this size; `scratch` is a folder for what it reads."""
     ffmpeg: Any = import_module("imageio_ffmpeg")
     height, width, _ = frame.shape
     options: dict[str, Any] = {"fps": FRAMES, "macro_block_size": 1, "ffmpeg_log_level": "quiet"}
     if path.suffix.lower() == ".gif":
-        palette = "split[a][b];[a]palettegen=stats_mode=single[c];[b][c]paletteuse=new=1:dither=none"
-        options |= {"codec": "gif", "pix_fmt_out": "pal8", "quality": None, "output_params": ["-vf", palette]}
+        (scratch / "palette.ppm").write_bytes(_palette())
+        place = re.sub(r"([\\':,;\[\]])", r"\\\1", re.sub(r"([\\':])", r"\\\1", f"{scratch}/palette.ppm"))
+        mapped = f"movie={place}[c];[in][c]paletteuse=dither=none:diff_mode=rectangle[out]"
+        options |= {"codec": "gif", "pix_fmt_out": "pal8", "quality": None, "output_params": ["-vf", mapped]}
     else:
         even = "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"
         options |= {"quality": 7, "output_params": ["-vf", even, "-movflags", "+faststart"]}

@@ -1,21 +1,15 @@
 """Scenes show what the model says is where, and cost little."""
 
 import math
-import os
 import re
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from conftest import REPOSITORY
-from gymnasium.utils.env_checker import check_env
 from numpy.typing import NDArray
 
 import dl2c
@@ -316,81 +310,6 @@ def test_a_picture_says_how_the_episode_goes() -> None:
     frames.append(env.render()[-48:])
     assert all((a != b).any() for a, b in pairwise(frames))
     assert env.render().flags.writeable
-
-
-# As environments ------------------------------------------------------------------
-
-
-def test_gymnasiums_checker_accepts_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    check_env(gym.make("dl2c:dl2c/StaticSafetyLine-v0", render_mode="rgb_array").unwrapped)
-
-
-def test_neither_a_display_nor_matplotlib_is_needed() -> None:
-    script = (
-        "import sys, dl2c; env = dl2c.make('example:dubins', render_mode='rgb_array'); env.reset(seed=0); "
-        "env.step([0.0]); print(env.render().shape, 'matplotlib' in sys.modules)"
-    )
-    environment = {
-        k: v for k, v in os.environ.items() if k not in ("DISPLAY", "SDL_VIDEODRIVER", "WAYLAND_DISPLAY")
-    }
-    environment |= {"PYTHONPATH": str(REPOSITORY), "PYGAME_HIDE_SUPPORT_PROMPT": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "(520, 640, 3) False\n"
-
-
-def test_environments_without_pictures_import_no_pygame() -> None:
-    script = "import sys, dl2c; dl2c.make('example:dubins').reset(seed=0); print('pygame' in sys.modules)"
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "False\n"
-
-
-def test_a_transition_aside_is_not_part_of_the_picture() -> None:
-    env, before = picture(source_of("example:dubins").text, steps=3)
-    env.transition(env.save(), env.action_space.sample())
-    assert np.array_equal(before[:-48], env.render()[:-48])
-
-
-# What it costs --------------------------------------------------------------------
-
-
-def processor_time(work: Callable[[], object], times: int) -> float:
-    """The least of several measurements, in seconds a time."""
-    found: list[float] = []
-    for _ in range(5):
-        begun = time.process_time()
-        for _ in range(times):
-            work()
-        found.append((time.process_time() - begun) / times)
-    return min(found)
-
-
-def test_a_frame_costs_no_more_than_five_of_the_cart_pole() -> None:
-    """It costs about one; that of a plane that is shaded anew costs most."""
-    cart: Any = gym.make("CartPole-v1", render_mode="rgb_array").unwrapped
-    cart.reset(seed=0)
-    unit = processor_time(cart.render, 40)
-    shaded = re.sub(r"/\* @scene.*?\*/", "", source_of("example:dubins").text, flags=re.DOTALL)
-    for model in ("example:static_safety", shaded):
-        env, _ = picture(source_of(model).text, steps=5)
-        assert processor_time(env.render, 40) < 5 * unit
-
-
-def test_sixty_frames_take_less_than_three_seconds() -> None:
-    env, _ = picture(source_of("example:static_safety").text)
-    env.action_space.seed(0)
-    begun = time.process_time()
-    for _ in range(60):
-        *_, terminated, truncated, _ = env.step(env.action_space.sample())
-        env.render()
-        if terminated or truncated:
-            env.reset()
-    assert time.process_time() - begun < 3.0
 
 
 def test_values_come_from_the_library_alone() -> None:

@@ -20,6 +20,9 @@ from dl2c.training.run import Estimate
 ANNOTATED = re.compile(r"[^\S\n]*/\* @.*?\*/[^\S\n]*\n?[^\n]*", re.DOTALL)
 """An annotation and the line that it belongs to."""
 
+SCENE = re.compile(r"[^\S\n]*/\* @scene.*?\*/[^\S\n]*\n", re.DOTALL)
+"""What pictures show, which learning does not depend on."""
+
 
 SHOWN = 4
 """Episodes in the picture of what the policy does."""
@@ -81,8 +84,8 @@ def problem(text: str) -> str:
 
 
 def annotations(text: str) -> str:
-    """Every annotation of a model, each with the line that it belongs to."""
-    return "\n".join(dedent(found) for found in ANNOTATED.findall(text))
+    """Every annotation of a model that learning depends on, each with the line that it belongs to."""
+    return "\n".join(dedent(found) for found in ANNOTATED.findall(SCENE.sub("", text)))
 
 
 def _table(result: Result) -> str:
