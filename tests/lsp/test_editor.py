@@ -120,8 +120,8 @@ def typed(file: File, slip: Slip, pause: float) -> None:
     """Type a slip key by key in place of what was there."""
     before, after = file.text.split(slip.there)
     for k in range(len(slip.typed) + 1):
-        file.change(before + slip.typed[:k] + after)
         time.sleep(pause)
+        file.change(before + slip.typed[:k] + after)
 
 
 def mistaken_and_mended(file: File, slip: Slip, pause: float) -> tuple[float, float]:
