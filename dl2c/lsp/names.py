@@ -9,6 +9,7 @@ another symbol in each entry. Tactics and prose are not looked into.
 import re
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -20,6 +21,7 @@ from dl2c.parse.scan import Code
 from dl2c.resolve.bind import IN_HINTS
 from dl2c.resolve.infer import with_inferred
 from dl2c.resolve.quantified import without_quantifiers
+from dl2c.resolve.scene import written_terms
 from dl2c.resolve.symbols import BUILTINS, NULLARY_BUILTINS, Node, Symbols, children, collect, own_names
 from dl2c.source import Span
 from dl2c.work import spend
@@ -298,11 +300,7 @@ class _Entry:
 
     def _annotation(self, annotation: tree.Annotation, local: Scope) -> None:
         for name, text, span in annotation.attributes:
-            if name in EXPRESSIONS and text:
-                try:
-                    value = expression(text, span)
-                except CompileError:
-                    continue
+            for value in _values(annotation.name, name, text, span):
                 self.text = span.source.text
                 self._visit(value, local)
                 self.text = self.code.text
@@ -316,6 +314,15 @@ class _Entry:
                 if word.group() in LIBRARY and word.group() not in self.scope:
                     symbol = self.library.setdefault(word.group(), Symbol(word.group(), "library", None))
                     self._add(Span(self.code.source, *word.span()), symbol, "read", {})
+
+
+def _values(annotation: str, attribute: str, text: str, span: Span) -> Iterator[tree.Expression]:
+    """The terms and formulas in an attribute, as far as they can be read."""
+    if annotation == "scene":
+        yield from written_terms(span)
+    elif attribute in EXPRESSIONS and text:
+        with suppress(CompileError):
+            yield expression(text, span)
 
 
 def _hints(node: Node) -> tuple[tree.Formula, ...]:

@@ -5,7 +5,8 @@ In: the raw annotation, whose shapes are text. Out: shapes with every definition
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeVar, cast
 
@@ -57,6 +58,20 @@ def scene_of(annotations: Sequence[tree.Annotation], symbols: Symbols) -> tuple[
     if found:
         raise CompileError(found)
     return tuple(shape for shape in read if shape is not None)
+
+
+def written_terms(span: Span) -> Iterator[tree.Expression]:
+    """The terms of a shape as they stand there; what cannot be read is left out."""
+    shape = _SHAPE.fullmatch(visible(span))
+    for part in parts_of(_within(span, shape, 2)) if shape else ():
+        named = _NAMED.fullmatch(visible(part))
+        if named is not None and named[1] in ("role", "name"):
+            continue
+        value = part if named is None else _within(part, named, 2)
+        pair = _PAIR.fullmatch(visible(value)) if named is not None and named[1] in PAIRS else None
+        for place in (value,) if pair is None else parts_of(_within(value, pair, 1)):
+            with suppress(CompileError):
+                yield parse_annotated(place)
 
 
 @dataclass(slots=True)
