@@ -10,6 +10,10 @@
 #define DL2C_MONITORED 0 /* steps are not judged by a monitor */
 #endif
 
+#ifndef DL2C_INSPECTED
+#define DL2C_INSPECTED 0 /* runs do not note which paths they take, see conditions.h */
+#endif
+
 /* What a step is asked for. */
 typedef struct dl2c_request {
   const int32_t *choices; /* (NCHOICE) alternatives */
@@ -27,6 +31,9 @@ typedef enum dl2c_failure {
   DL2C_ENDLESS = 2, /* too many iterations of while loops */
   DL2C_UNSOLVABLE = 3, /* the solver failed */
 } dl2c_failure;
+
+/* Paths that an inspected run notes. */
+enum { DL2C_MOST_NOTED = 256 };
 
 /* A run so far. */
 typedef struct dl2c_trial {
@@ -46,6 +53,10 @@ typedef struct dl2c_trial {
   int32_t violated;  /* which found this condition violated, 0 for none */
   bool unexplained;  /* its state was set by hand, so that there is nothing to judge */
   real before[NX];   /* the state where the step began */
+#endif
+#if DL2C_INSPECTED
+  int32_t nnoted;                 /* paths taken, */
+  int32_t noted[DL2C_MOST_NOTED]; /* and the first of them, in order */
 #endif
 } dl2c_trial;
 
@@ -227,6 +238,9 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
     trial->failure = DL2C_ENDLESS;
     return;
   }
+#if DL2C_INSPECTED
+  if (trial->nnoted < DL2C_MOST_NOTED) trial->noted[trial->nnoted++] = path;
+#endif
   real y[NX];
   dl2c_decide(request, trial, path, y);
 #if DL2C_MONITORED
