@@ -38,7 +38,8 @@ class Conditions:
         number = {_key(atom): k for k, atom in enumerate(self.atoms)}
         return {
             "atoms": [
-                {"text": print_formula(a), "op": a.op, "span": span_data(a.span)} for a in self.atoms
+                {"text": _text(a), "full": print_formula(a), "op": a.op, "span": span_data(a.span)}
+                for a in self.atoms
             ],
             "conditions": [
                 {"kind": c.kind, "name": c.name, "tree": _tree(c.formula, number)} for c in self.listed
@@ -71,6 +72,12 @@ def _listed(build: BuildPlan) -> Iterator[Condition]:
         yield Condition("guard", str(k), path.guard)
         for j, admission in enumerate(path.admissions):
             yield Condition("admission", f"{k} {j}", admission.tests)
+
+
+def _text(atom: Compare) -> str:
+    """As the model writes it, on one line."""
+    written = " ".join(atom.span.text.split()) if atom.span != NOWHERE else ""
+    return written or print_formula(atom)
 
 
 def _key(atom: Compare) -> tuple[Compare, int, int]:
