@@ -29,6 +29,7 @@ from dl2c.commands.verify import verify
 from dl2c.commands.waiting import working
 from dl2c.interruption import INTERRUPTED, was_asked
 from dl2c.outputs import output_folder, write_output
+from dl2c.play.command import play
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
@@ -267,6 +268,7 @@ app.command()(model_options(train))
 app.command()(model_options(falsify))
 app.command()(replay)
 app.command("report")(report_command)
+app.command()(model_options(play))
 
 
 app.command()(model_options(monitor))

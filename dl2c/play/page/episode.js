@@ -17,7 +17,17 @@ export class Episode {
     this.first = this.#moment();
   }
 
-  // The state, values of all names, that arrays hold.
+  // Stands in the middle of all bounds, where nothing runs, until a beginning is given.
+  beginNowhere(seed) {
+    const middle = (q) => q.value ?? ((q.low ?? 0) + (q.high ?? q.low ?? 0)) / 2;
+    this.engine.setState(this.facts.variables.map(middle), this.facts.constants.map(middle));
+    this.start = { seed, state: null };
+    this.steps = [];
+    this.at = 0;
+    this.first = { ...this.#moment(), ended: true };
+  }
+
+  // Values of variables and of constants in a state by name.
   arrays(state) {
     const values = (quantities) => quantities.map((q) => q.value ?? state[q.name]);
     return [values(this.facts.variables), values(this.facts.constants)];

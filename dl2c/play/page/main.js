@@ -1,0 +1,352 @@
+// The page: the parts together, and what keys and buttons do.
+
+import { clearance, clearanceOf, conjuncts, failing, holds, written } from "./conditions.js";
+import { Choices, Inputs, label } from "./controls.js";
+import { Deciding, nearest } from "./deciding.js";
+import { byId, element, say, shown } from "./elements.js";
+import { Engine, Refused } from "./engine.js";
+import { Episode } from "./episode.js";
+import { Listing } from "./listing.js";
+import { Bars, States } from "./panels.js";
+import { Player } from "./player.js";
+import { Plots } from "./plots.js";
+import { Scene } from "./scene.js";
+
+const PLOTTED = 4; // strips of variables, where the model names none
+const REDRAWN = 100; // milliseconds between two pictures of the past
+
+const ENDS = {
+  blocked: "what was asked for has no run",
+  deadlock: "no run is possible from here",
+  numerical: "a value is undefined or too large",
+  solver: "its motion is too stiff for this page; dl2c itself can follow it",
+  stalled: "time stands still",
+  diverged: "a loop of the program does not end",
+  time_limit: "its steps are used up",
+  end: "the run is complete",
+};
+
+class Page {
+  constructor(engine, facts) {
+    this.facts = facts;
+    this.engine = engine;
+    this.episode = new Episode(engine, facts);
+    this.deciding = new Deciding(engine, facts);
+    this.chosen = facts.choices.map(() => 0);
+    this.asked = facts.inputs.map(({ low, high }, k) => this.#firstValue(low, high, k));
+    this.player = new Player(this.episode, {
+      decide: () => this.decide(), stepped: () => this.stepped(), draw: () => this.draw() });
+    this.#parts();
+    this.#buttons();
+    this.#keys();
+    this.#about();
+    this.restart(randomSeed());
+  }
+
+  #firstValue(low, high) {
+    if (this.facts.batch.action_map === 1) return 0;
+    return low <= 0 && 0 <= high ? 0 : (low + high) / 2;
+  }
+
+  #parts() {
+    const { facts } = this;
+    this.choices = new Choices(byId("choices"), facts,
+      (choice, alternative) => this.choose(choice, alternative),
+      (name, reason) => this.tell(`${name}: ${reason}`, "bad"));
+    this.inputs = new Inputs(byId("inputs"), facts, (k, value) => this.ask(k, value));
+    this.bars = new Bars(byId("bars"), facts);
+    this.states = new States(byId("values"), facts, {
+      begin: (state) => this.restart(this.episode.start.seed, state),
+      check: (state) => this.against(state),
+      seed: (text) => this.seed(text) });
+    this.listing = new Listing(byId("listing"), facts.source.text);
+    this.scene = new Scene(byId("scene"), facts);
+    this.plots = new Plots(byId("plots"), series(facts), (count) => this.seek(count));
+  }
+
+  #buttons() {
+    const on = (id, event, call) => byId(id).addEventListener(event, call);
+    on("run", "click", () => this.run(!this.player.running));
+    on("step", "click", () => this.once());
+    on("back", "click", () => this.seek(this.episode.at - 1));
+    on("restart", "click", () => this.restart(this.episode.start.seed, this.episode.start.state));
+    on("resample", "click", () => this.restart(randomSeed()));
+    on("speed", "change", (event) => { this.player.speed = Number(event.target.value); });
+    on("timeline", "input", (event) => this.seek(Number(event.target.value)));
+    on("record", "click", () => this.save());
+    addEventListener("resize", () => this.draw(true));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw(true));
+  }
+
+  #keys() {
+    const does = {
+      " ": () => this.run(!this.player.running),
+      ArrowRight: () => this.once(),
+      ArrowLeft: () => this.seek(this.episode.at - 1),
+      ArrowUp: () => this.inputs.nudge(5, this.asked),
+      ArrowDown: () => this.inputs.nudge(-5, this.asked),
+      r: () => this.restart(this.episode.start.seed, this.episode.start.state),
+      n: () => this.restart(randomSeed()),
+    };
+    addEventListener("keydown", (event) => {
+      const { target, key } = event;
+      if (event.ctrlKey || event.altKey || event.metaKey || !byId("keys").checked) return;
+      if (target.matches("input:not([type=checkbox]), select, textarea, pre")) return;
+      if (key === " " && target.matches("button, input")) return; // presses that
+      const digit = /^[1-9]$/.test(key) && this.choices.press(Number(key) - 1);
+      const done = digit || (does[key.length === 1 ? key.toLowerCase() : key]?.() ?? null) !== null;
+      if (done) event.preventDefault();
+    });
+  }
+
+  #about() {
+    const { facts } = this;
+    const { known } = facts.theorem;
+    byId("claim").textContent = `dl2c ${facts.version}, ${facts.source.name}; its theorem: ${known}`;
+    byId("notes").append(...facts.notes.map((text) => element("p", { class: "note", text })));
+    if (facts.approximate) {
+      byId("replay-note").textContent = "Functions such as sin round in other ways elsewhere: "
+        + "`dl2c replay` checks every step from the state before it, within 1e-12.";
+    }
+  }
+
+  // What the next step is asked for.
+  decide() {
+    return { choices: this.chosen, inputs: this.asked };
+  }
+
+  choose(choice, alternative) {
+    this.chosen[choice] = alternative;
+    if (!this.player.running && this.chosen.length === 1 && !this.episode.over) this.once();
+    else this.controls();
+    return true;
+  }
+
+  ask(k, value) {
+    this.asked[k] = value;
+    this.controls();
+    this.margins();
+    return true;
+  }
+
+  run(running) {
+    if (running && this.episode.over) this.restart(this.episode.start.seed, this.episode.start.state);
+    this.player.run(running);
+    this.transport();
+    return true;
+  }
+
+  once() {
+    this.player.running = false;
+    if (this.episode.over) this.tell(`${this.ending()}. Restart, or go back.`, this.mood());
+    else this.guarded(() => this.player.step());
+    this.transport();
+    return true;
+  }
+
+  seek(count) {
+    this.player.running = false;
+    this.episode.seek(count);
+    this.player.settle();
+    this.refresh();
+    return true;
+  }
+
+  // Begins with a seed, in a given state or a drawn one.
+  restart(seed, state = null) {
+    this.player.running = false;
+    const begun = this.guarded(() => this.episode.begin(seed, state));
+    if (!begun && !this.episode.first) this.episode.beginNowhere(seed);
+    if (begun) {
+      const { x, p } = this.episode.first;
+      this.states.began(state ? this.episode.arrays(state).flat() : [...x, ...p], seed);
+      this.tell("", "");
+    }
+    this.player.settle();
+    this.refresh();
+    return true;
+  }
+
+  seed(text) {
+    const digits = /^\d{1,20}$/.test(text.trim()) ? BigInt(text.trim()) : null;
+    if (digits === null || digits >= 2n ** 64n) this.tell("A seed is a whole number below 2^64.", "bad");
+    else this.restart(digits);
+  }
+
+  // Does something that the model may refuse; whether it did.
+  guarded(does) {
+    try {
+      does();
+      return true;
+    } catch (problem) {
+      if (!(problem instanceof Refused)) throw problem;
+      this.player.running = false;
+      this.tell(`${problem.message[0].toUpperCase()}${problem.message.slice(1)}.`, "bad");
+      return false;
+    }
+  }
+
+  // What stands against beginning in a state; "" where nothing does.
+  against(state) {
+    const [x, p] = this.episode.arrays(state);
+    if (![...x, ...p].every(Number.isFinite)) return "Every field needs a number.";
+    const tree = this.deciding.condition("assumption", "");
+    const { margin, truth } = this.engine.atoms(x, p, this.deciding.valuesOf(this.asked));
+    const wrong = failing(tree, truth).map((k) => this.#fails(k, margin));
+    return wrong.length > 0 ? `Not an initial state: ${wrong.join("; ")}.` : "";
+  }
+
+  #fails(k, margin) {
+    const atom = this.facts.atoms[k];
+    const by = Math.abs(clearance(atom, margin[k]));
+    return `${written(k, this.facts.atoms)} fails${Number.isFinite(by) && by > 0 ? ` by ${shown(by)}` : ""}`;
+  }
+
+  stepped() {
+    const { now } = this.episode;
+    if (now.ended) this.tell(`${this.ending()}.`, this.mood());
+    else if (now.blocked) this.tell(`Blocked, so this ran instead: ${this.#ran(now)}`, "bad");
+    else this.tell("", "");
+    this.stale = true;
+  }
+
+  #ran(moment) {
+    const texts = this.facts.choices.map((c, k) => c.alternatives[moment.executedChoices[k]]);
+    return texts.filter(Boolean).map(label).join(", ") || "another run";
+  }
+
+  ending() {
+    const { now } = this.episode;
+    const reason = this.facts.reasons[now.reason];
+    const predicate = this.facts.predicates.find((p) => p.name === reason);
+    const status = this.facts.statuses[now.status];
+    const outcome = status === "none" ? "The episode is over" : status === "success" ? "Success" : "Failure";
+    const holdsNow = predicate && holds(this.deciding.condition(predicate.category, predicate.name), this.#atoms().truth);
+    const why = predicate ? `${reason} ${holdsNow ? "holds" : "does not hold"}` : ENDS[reason] ?? reason;
+    return `${outcome}: ${why}`;
+  }
+
+  mood() {
+    return { success: "good", failure: "bad" }[this.facts.statuses[this.episode.now.status]] ?? "";
+  }
+
+  tell(text, mood) {
+    const status = byId("status");
+    say(status, text);
+    status.className = mood;
+  }
+
+  #atoms(moment = this.episode.now) {
+    return this.engine.atoms(moment.x, moment.p, this.deciding.valuesOf(this.asked));
+  }
+
+  // A frame: the scene where the time stands; the rest where something has changed.
+  draw(all = false) {
+    if (this.stale || all) this.refresh();
+    this.scene.draw(this.episode, this.player.state);
+    const now = performance.now();
+    if (all || !this.player.running || now - (this.drawn ?? 0) > REDRAWN) {
+      this.plots.draw(this.episode, this.player.shown);
+      this.drawn = now;
+    }
+    this.transport();
+  }
+
+  refresh() {
+    this.stale = false;
+    this.controls();
+    this.margins();
+    const { now } = this.episode;
+    this.states.now([...now.x, ...now.p]);
+    this.transport();
+  }
+
+  transport() {
+    const { player, episode } = this;
+    const { now, at } = episode;
+    say(byId("run"), player.running ? "Pause" : "Run");
+    const timeline = byId("timeline");
+    timeline.max = episode.steps.length;
+    timeline.value = at;
+    const total = episode.steps.slice(0, at).reduce((sum, m) => sum + m.reward, 0);
+    const parts = [`step ${at}`, `time ${player.shown.toFixed(2)} s`, `reward ${shown(now.reward)}`, `return ${shown(total)}`];
+    const numbers = byId("numbers");
+    parts.forEach((text, k) => say(numbers.children[k] ?? numbers.appendChild(element("span")), text));
+  }
+
+  controls() {
+    const { now } = this.episode;
+    this.guilty = new Set();
+    this.choices.show(this.chosen, (c, a) => this.#reason(c, a, now));
+    this.inputs.show(this.asked, (k) => this.deciding.intervals(k, this.chosen, now, this.asked));
+    this.marks();
+  }
+
+  #reason(choice, alternative, now) {
+    const found = now.ended ? null : this.deciding.against(choice, alternative, now, this.asked);
+    if (found === null) return "";
+    found.guilty.forEach((k) => this.guilty.add(k));
+    const texts = found.guilty.map((k) => written(k, this.facts.atoms));
+    if (texts.length === 0) return "no run begins with it";
+    const by = Number.isFinite(found.by) ? ` by ${shown(Math.abs(found.by))}` : "";
+    return `not ${texts.join(" nor ")}: fails${by}`;
+  }
+
+  margins() {
+    const { facts, deciding } = this;
+    const { margin, truth } = this.#atoms();
+    const of = (kind) => facts.conditions.filter((c) => c.kind === kind);
+    const trees = (kind) => of(kind).flatMap((c) => conjuncts(c.tree)).filter((t) => typeof t !== "boolean");
+    this.bars.show([
+      ["Safety", trees("safety")],
+      ["Goals", [...trees("progress"), ...trees("stability")]],
+      ["Tests before a step", deciding.guards()],
+      ["Tests of what is asked for", deciding.testsFor(this.chosen, this.episode.now, this.asked)],
+      ["Domain of the motion", trees("domain")],
+    ], margin, truth);
+  }
+
+  // Marks in the text what ran and what does not hold.
+  marks() {
+    const { facts, episode } = this;
+    const ran = (episode.now.paths ?? []).flatMap((k) => facts.paths[k].statements).filter(Boolean);
+    const { truth } = this.#atoms();
+    const wrong = facts.conditions.filter((c) => c.kind === "safety").flatMap((c) => failing(c.tree, truth));
+    const broken = [...wrong, ...(this.guilty ?? [])].map((k) => facts.atoms[k].span).filter(Boolean);
+    this.listing.mark(ran, broken);
+  }
+
+  save() {
+    const blob = new Blob([this.episode.recording()], { type: "application/json" });
+    const url = URL.createObjectURL(blob);
+    const name = this.facts.name.replace(/[^A-Za-z0-9]+/g, "_");
+    element("a", { href: url, download: `${name}-${this.episode.start.seed}.json` }).click();
+    URL.revokeObjectURL(url);
+  }
+}
+
+// What is plotted over time: variables that the model marks, else the first ones; then what was earned.
+function series(facts) {
+  const marked = facts.variables.map((q, k) => ({ q, k })).filter(({ q }) => q.plot === "line");
+  const some = marked.length > 0 ? marked : facts.variables.map((q, k) => ({ q, k })).slice(0, PLOTTED);
+  const named = some.map(({ q, k }) => ({
+    label: q.description ? `${q.name}: ${q.description}` : q.name, unit: q.unit, value: (m) => m.x[k] }));
+  const sums = (moments) => {
+    let sum = 0;
+    return moments.map((m) => (sum += m.reward));
+  };
+  return [...named, { label: "return", unit: "", values: sums }];
+}
+
+function randomSeed() {
+  return BigInt(crypto.getRandomValues(new Uint32Array(1))[0]);
+}
+
+async function main() {
+  const facts = JSON.parse(byId("facts").textContent);
+  const module = Uint8Array.from(atob(byId("module").textContent), (c) => c.charCodeAt(0));
+  window.page = new Page(await Engine.start(module, facts.batch), facts);
+  document.documentElement.dataset.ready = "true";
+}
+
+main();

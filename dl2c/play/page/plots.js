@@ -1,0 +1,79 @@
+// Quantities over time, each in a strip of its own, on canvases.
+
+import { colour, element, shown } from "./elements.js";
+
+const MARGIN = 8;
+
+// `series` are {label, unit, value(moment)}; pressing a strip calls `seek` with a number of steps.
+export class Plots {
+  constructor(place, series, seek) {
+    this.strips = series.map((one) => {
+      const canvas = element("canvas", { role: "img", "aria-label": `${one.label} over time` });
+      const value = element("span");
+      const label = element("span", { text: one.unit ? `${one.label} / ${one.unit}` : one.label });
+      place.append(element("figure", { class: "plot" }, element("figcaption", {}, label, value), canvas));
+      canvas.addEventListener("click", (event) => this.#press(canvas, event.offsetX, seek));
+      return { ...one, canvas, valueText: value };
+    });
+  }
+
+  // Draws all steps; `time` is where the cursor stands.
+  draw(episode, time) {
+    const moments = [episode.first, ...episode.steps];
+    this.times = moments.map((m) => m.time);
+    this.last = Math.max(this.times.at(-1), 1e-9);
+    for (const strip of this.strips) {
+      const values = strip.values ? strip.values(moments) : moments.map(strip.value);
+      this.#strip(strip.canvas, values, time);
+      strip.valueText.textContent = shown(values[episode.at]);
+    }
+  }
+
+  #strip(canvas, values, time) {
+    const { pen, width, height } = penOf(canvas);
+    const low = Math.min(...values);
+    const high = Math.max(...values);
+    const across = (t) => MARGIN + (t / this.last) * (width - 2 * MARGIN);
+    const up = (v) => (high > low ? height - MARGIN - ((v - low) / (high - low)) * (height - 2 * MARGIN) : height / 2);
+    if (low < 0 && high > 0) rule(pen, [0, up(0)], [width, up(0)], colour("line"));
+    pen.strokeStyle = colour("series");
+    pen.lineWidth = 1.5;
+    pen.beginPath();
+    values.forEach((v, k) => pen.lineTo(across(this.times[k]), up(v)));
+    pen.stroke();
+    rule(pen, [across(time), 0], [across(time), height], colour("faint"));
+    pen.fillStyle = colour("faint");
+    pen.font = "11px system-ui, sans-serif";
+    pen.fillText(shown(high), 4, 11);
+    pen.fillText(shown(low), 4, height - 3);
+  }
+
+  #press(canvas, x, seek) {
+    const time = ((x - MARGIN) / (canvas.clientWidth - 2 * MARGIN)) * this.last;
+    const distances = this.times.map((t) => Math.abs(t - time));
+    seek(distances.indexOf(Math.min(...distances)));
+  }
+}
+
+function rule(pen, from, to, style) {
+  pen.strokeStyle = style;
+  pen.lineWidth = 1;
+  pen.beginPath();
+  pen.moveTo(...from);
+  pen.lineTo(...to);
+  pen.stroke();
+}
+
+// What draws on a canvas that is as sharp as the screen, cleared; sizes are CSS pixels.
+export function penOf(canvas) {
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const scale = window.devicePixelRatio || 1;
+  if (canvas.width !== Math.round(width * scale) || canvas.height !== Math.round(height * scale)) {
+    canvas.width = Math.round(width * scale);
+    canvas.height = Math.round(height * scale);
+  }
+  const pen = canvas.getContext("2d");
+  pen.setTransform(scale, 0, 0, scale, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  return { pen, width, height };
+}
