@@ -39,7 +39,7 @@ def facts_of(made: Playable) -> dict[str, Any]:
         "inputs": [asdict(i) for i in manifest.inputs],
         "drawn": [c.key for c in manifest.drawn_choices] + [i.key for i in manifest.drawn_inputs],
         "predicates": [asdict(p) for p in manifest.predicates],
-        "flows": [{"text": f.text, "kernel": f.kernel} for f in manifest.flows],
+        "flows": [{"kernel": f.kernel, "span": span_data(f.flow.span)} for f in made.build.flows],
         "reasons": reason_names(manifest),
         "statuses": STATUS,
         "drawable": made.build.sampling is not None,

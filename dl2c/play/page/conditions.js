@@ -42,11 +42,11 @@ export function atomsIn(tree) {
   return typeof tree === "number" ? [tree] : [...new Set(tree.slice(1).flatMap(atomsIn))];
 }
 
-// A condition as text, as the model writes its comparisons.
-export function written(tree, atoms) {
+// A condition as text: as the model writes its comparisons, or in `full`, with all definitions expanded.
+export function written(tree, atoms, full = false) {
   if (typeof tree === "boolean") return String(tree);
-  if (typeof tree === "number") return atoms[tree].text.replace(/^\((.*)\)$/, "$1");
+  if (typeof tree === "number") return full ? atoms[tree].full : atoms[tree].text.replace(/^\((.*)\)$/, "$1");
   const [word, ...parts] = tree;
-  const inner = parts.map((t) => (Array.isArray(t) ? `(${written(t, atoms)})` : written(t, atoms)));
+  const inner = parts.map((t) => (Array.isArray(t) ? `(${written(t, atoms, full)})` : written(t, atoms, full)));
   return inner.join(word === "and" ? " & " : " | ");
 }

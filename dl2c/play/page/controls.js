@@ -5,11 +5,27 @@ import { element, say, shown } from "./elements.js";
 const SHORT = 60;
 const POSITIONS = 1000; // of a slider
 
-// A model's text of an alternative without its braces.
+// What an alternative does, as the model writes it but briefly: without comments, braces, and tests beside
+// other statements.
 export function label(text) {
   const inner = text.replace(/\/\*.*?\*\//g, " ").replace(/\s+/g, " ").trim();
   const bare = inner.startsWith("{") && inner.endsWith("}") ? inner.slice(1, -1).trim() : inner;
-  return bare.length > SHORT ? `${bare.slice(0, SHORT - 1)}…` : bare || "nothing";
+  const statements = statementsOf(bare);
+  const acting = statements.filter((s) => !s.startsWith("?"));
+  const brief = (acting.length > 0 ? acting : statements).join("; ");
+  return brief.length > SHORT ? `${brief.slice(0, SHORT - 1)}…` : brief || "nothing";
+}
+
+// The statements of a program, split where they stand side by side.
+function statementsOf(text) {
+  const found = [""];
+  let depth = 0;
+  for (const letter of text) {
+    depth += "{(".includes(letter) - "})".includes(letter);
+    if (letter === ";" && depth === 0) found.push("");
+    else found[found.length - 1] += letter;
+  }
+  return found.map((s) => s.trim()).filter(Boolean);
 }
 
 export class Choices {
@@ -48,14 +64,16 @@ export class Choices {
     return true;
   }
 
-  // `reasons(choice, alternative)` says why an alternative has no run, "" where it has one.
+  // `reasons(choice, alternative)` says why an alternative has no run, in [brief, whole]; null where it has one.
   show(chosen, reasons, confidence = null) {
     this.buttons.forEach((b, number) => {
-      b.reason = reasons(b.choice, b.alternative);
+      const [brief, whole] = reasons(b.choice, b.alternative) ?? ["", null];
+      b.reason = whole;
       b.button.setAttribute("aria-pressed", String(chosen[b.choice] === b.alternative));
       b.button.setAttribute("aria-disabled", String(Boolean(b.reason)));
       const share = confidence ? `policy ${Math.round(100 * confidence[number])} %` : "";
-      say(b.why, b.reason || share);
+      say(b.why, brief || share);
+      b.button.title = whole ? `${b.text}\n${whole}` : b.text;
     });
   }
 }

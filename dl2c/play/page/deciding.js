@@ -1,6 +1,6 @@
 // What may be decided where an episode stands, and which tests stand against the rest.
 
-import { clearanceOf, conjuncts, failing, holds } from "./conditions.js";
+import { atomsIn, clearanceOf, conjuncts, failing, holds, written } from "./conditions.js";
 
 const TRIED = 33; // values of an input that are tried to see how nearly it passes
 
@@ -27,37 +27,35 @@ export class Deciding {
     return this.facts.all_inputs.map((_, k) => inputs[k] ?? 0);
   }
 
-  // Why an alternative has no run: the comparisons to blame, and by how much they fail; null where it has one.
+  // Why an alternative has no run: the tests that fail, the worst first, of the path that comes nearest, each
+  // as {tree, by, guilty}; null where it has one.
   against(choice, alternative, moment, inputs) {
     if (moment.mask[this.firstOf[choice] + alternative]) return null;
-    const { atoms } = this.facts;
     const u = this.valuesOf(inputs);
-    const { margin, truth } = this.engine.atoms(moment.x, moment.p, u);
     const found = this.starting.filter((path) => path.decisions[choice] === alternative).map((path) => {
-      const guard = this.condition("guard", path.number);
-      if (!holds(guard, truth)) return { guilty: failing(guard, truth), by: clearanceOf(guard, atoms, margin) };
-      return this.#withoutValue(path, moment, u);
+      const tests = this.#failed(this.condition("guard", path.number), moment, u);
+      return tests.length > 0 ? tests : this.#withoutValue(path, moment, u);
     });
-    const nearest = found.filter(Boolean).sort((a, b) => b.by - a.by)[0];
-    return nearest ?? { guilty: [], by: NaN };
+    return found.filter((tests) => tests.length > 0).sort((a, b) => b[0].by - a[0].by)[0] ?? [];
   }
 
-  // The tests of inputs on a path that no tried value passes; of those the one that comes nearest.
+  // The conjuncts of a condition that fail, the worst first.
+  #failed(tree, moment, u) {
+    const { margin, truth } = this.engine.atoms(moment.x, moment.p, u);
+    return conjuncts(tree).filter((part) => !holds(part, truth)).map((part) => ({
+      tree: part, by: clearanceOf(part, this.facts.atoms, margin), guilty: failing(part, truth),
+    })).sort((a, b) => a.by - b.by);
+  }
+
+  // Tests of inputs on a path that fail whatever is tried: for the input and value that come nearest.
   #withoutValue(path, moment, u) {
-    const { atoms, inputs } = this.facts;
-    let best = null;
-    path.inputs.forEach((input, place) => {
-      const tree = this.condition("admission", `${path.number} ${place}`);
-      if (input >= inputs.length) return;
-      const { low, high } = inputs[input];
-      for (let k = 0; k < TRIED; k++) {
-        const tried = u.with(input, low + ((high - low) * k) / (TRIED - 1));
-        const { margin, truth } = this.engine.atoms(moment.x, moment.p, tried);
-        const by = clearanceOf(tree, atoms, margin);
-        if (!holds(tree, truth) && (best === null || by > best.by)) best = { guilty: failing(tree, truth), by };
-      }
+    const tried = path.inputs.filter((input) => input < this.facts.inputs.length).flatMap((input) => {
+      const tree = this.condition("admission", `${path.number} ${path.inputs.indexOf(input)}`);
+      const { low, high } = this.facts.inputs[input];
+      const values = Array.from({ length: TRIED }, (_, k) => low + ((high - low) * k) / (TRIED - 1));
+      return values.map((value) => this.#failed(tree, moment, u.with(input, value)));
     });
-    return best;
+    return tried.filter((tests) => tests.length > 0).sort((a, b) => b[0].by - a[0].by)[0] ?? [];
   }
 
   // The paths that a step with these choices may begin with.
@@ -100,17 +98,23 @@ export class Deciding {
     return distinct(trees).filter((tree) => tree !== true);
   }
 
-  // The conjuncts of all guards where a step starts.
+  // The conjuncts of all guards where a step starts, but for domains of motions, which are shown as such.
   guards() {
     const trees = this.starting.flatMap((path) => conjuncts(this.condition("guard", path.number)));
     const seen = new Set();
     return distinct(trees).filter((tree) => {
-      if (typeof tree === "boolean") return false;
-      const place = typeof tree === "number" ? JSON.stringify(this.facts.atoms[tree].span) : JSON.stringify(tree);
-      const fresh = place === "null" || !seen.has(place); // an `if` has its condition and the opposite
-      seen.add(place);
+      if (typeof tree === "boolean" || atomsIn(tree).every((k) => this.#isOfDomain(k))) return false;
+      const atom = typeof tree === "number" ? this.facts.atoms[tree] : null;
+      const keys = [written(tree, this.facts.atoms, true), JSON.stringify(atom?.span ?? tree)];
+      const fresh = !keys.some((key) => seen.has(key)); // an `if` has its condition and the opposite
+      keys.forEach((key) => seen.add(key));
       return fresh;
     });
+  }
+
+  #isOfDomain(atom) {
+    const { span } = this.facts.atoms[atom];
+    return span !== null && this.facts.flows.some((f) => f.span && f.span[0] <= span[0] && span[1] <= f.span[1]);
   }
 }
 

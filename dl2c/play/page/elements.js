@@ -22,12 +22,15 @@ export function say(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
+const NOTHING = 1e-100; // what is smaller is shown as 0
+
 // A number for people: five digits.
 export function shown(value) {
   if (!Number.isFinite(value)) return Number.isNaN(value) ? "–" : value > 0 ? "∞" : "−∞";
   const size = Math.abs(value);
-  const text = size !== 0 && (size < 1e-4 || size >= 1e7) ? value.toExponential(3) : String(Number(value.toPrecision(5)));
-  return text.replace("-", "−");
+  if (size < NOTHING) return "0";
+  const text = size < 1e-4 || size >= 1e7 ? value.toExponential(3) : String(Number(value.toPrecision(5)));
+  return text.replaceAll("-", "−");
 }
 
 // A colour of the page's style.

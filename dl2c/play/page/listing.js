@@ -24,5 +24,14 @@ export class Listing {
       return inside(ran, from, to) ? element("mark", { class: "ran", text: piece }) : piece;
     });
     this.place.replaceChildren(...parts);
+    this.#reveal();
+  }
+
+  // Scrolls the text, not the page, to what ran where none of it is to be seen.
+  #reveal() {
+    const marks = [...this.place.querySelectorAll("mark.ran")];
+    const top = (mark) => mark.offsetTop - this.place.offsetTop;
+    const seen = (mark) => top(mark) >= this.place.scrollTop && top(mark) < this.place.scrollTop + this.place.clientHeight;
+    if (marks.length > 0 && !marks.some(seen)) this.place.scrollTop = top(marks[0]) - this.place.clientHeight / 3;
   }
 }

@@ -1,8 +1,8 @@
 // The page: the parts together, and what keys and buttons do.
 
-import { clearance, clearanceOf, conjuncts, failing, holds, written } from "./conditions.js";
+import { clearance, conjuncts, failing, holds, written } from "./conditions.js";
 import { Choices, Inputs, label } from "./controls.js";
-import { Deciding, nearest } from "./deciding.js";
+import { Deciding } from "./deciding.js";
 import { byId, element, say, shown } from "./elements.js";
 import { Engine, Refused } from "./engine.js";
 import { Episode } from "./episode.js";
@@ -33,7 +33,7 @@ class Page {
     this.episode = new Episode(engine, facts);
     this.deciding = new Deciding(engine, facts);
     this.chosen = facts.choices.map(() => 0);
-    this.asked = facts.inputs.map(({ low, high }, k) => this.#firstValue(low, high, k));
+    this.asked = null;
     this.player = new Player(this.episode, {
       decide: () => this.decide(), stepped: () => this.stepped(), draw: () => this.draw() });
     this.#parts();
@@ -43,9 +43,13 @@ class Page {
     this.restart(randomSeed());
   }
 
-  #firstValue(low, high) {
-    if (this.facts.batch.action_map === 1) return 0;
-    return low <= 0 && 0 <= high ? 0 : (low + high) / 2;
+  // What is asked for before anybody asks: the values that the variables have.
+  #firstValues() {
+    if (this.facts.batch.action_map === 1) return this.facts.inputs.map(() => 0);
+    return this.facts.inputs.map(({ variable, low, high }) => {
+      const k = this.facts.variables.findIndex((q) => q.name === variable);
+      return k < 0 ? high : Math.min(Math.max(this.episode.first.x[k], low), high);
+    });
   }
 
   #parts() {
@@ -157,6 +161,7 @@ class Page {
     this.player.running = false;
     const begun = this.guarded(() => this.episode.begin(seed, state));
     if (!begun && !this.episode.first) this.episode.beginNowhere(seed);
+    this.asked ??= this.#firstValues();
     if (begun) {
       const { x, p } = this.episode.first;
       this.states.began(state ? this.episode.arrays(state).flat() : [...x, ...p], seed);
@@ -284,12 +289,12 @@ class Page {
 
   #reason(choice, alternative, now) {
     const found = now.ended ? null : this.deciding.against(choice, alternative, now, this.asked);
-    if (found === null) return "";
-    found.guilty.forEach((k) => this.guilty.add(k));
-    const texts = found.guilty.map((k) => written(k, this.facts.atoms));
-    if (texts.length === 0) return "no run begins with it";
-    const by = Number.isFinite(found.by) ? ` by ${shown(Math.abs(found.by))}` : "";
-    return `not ${texts.join(" nor ")}: fails${by}`;
+    if (found === null) return null;
+    found.forEach((test) => test.guilty.forEach((k) => this.guilty.add(k)));
+    const texts = found.map(({ tree, by }) =>
+      `${written(tree, this.facts.atoms)} fails${Number.isFinite(by) ? ` by ${shown(-by)}` : ""}`);
+    if (texts.length === 0) return Array(2).fill("every run that begins like this fails later");
+    return [texts[0] + (texts.length > 1 ? ` (and ${texts.length - 1} more)` : ""), texts.join("; ")];
   }
 
   margins() {

@@ -26,13 +26,14 @@ export class Bars {
     this.place.replaceChildren(...parts);
   }
 
-  #row(title, tree) {
+  #row(group, tree) {
     const text = written(tree, this.facts.atoms);
+    const title = written(tree, this.facts.atoms, true);
     const fill = element("span", { class: "fill" });
     const value = element("span", { class: "value" });
-    const row = element("div", { class: "bar" }, element("code", { text, title: text }),
+    const row = element("div", { class: "bar" }, element("code", { text, title }),
       element("span", { class: "track", "aria-hidden": "true" }, fill), value);
-    this.rows.set(`${title} ${JSON.stringify(tree)}`, { tree, fill, value });
+    this.rows.set(`${group} ${JSON.stringify(tree)}`, { tree, fill, value });
     return row;
   }
 

@@ -25,7 +25,9 @@ export class Plots {
     for (const strip of this.strips) {
       const values = strip.values ? strip.values(moments) : moments.map(strip.value);
       this.#strip(strip.canvas, values, time);
-      strip.valueText.textContent = shown(values[episode.at]);
+      const [low, high] = [Math.min(...values), Math.max(...values)];
+      const between = low < high ? ` (${shown(low)} to ${shown(high)})` : "";
+      strip.valueText.textContent = `${shown(values[episode.at])}${between}`;
     }
   }
 
@@ -42,10 +44,6 @@ export class Plots {
     values.forEach((v, k) => pen.lineTo(across(this.times[k]), up(v)));
     pen.stroke();
     rule(pen, [across(time), 0], [across(time), height], colour("faint"));
-    pen.fillStyle = colour("faint");
-    pen.font = "11px system-ui, sans-serif";
-    pen.fillText(shown(high), 4, 11);
-    pen.fillText(shown(low), 4, height - 3);
   }
 
   #press(canvas, x, seek) {
