@@ -1,28 +1,26 @@
 """What a page is made of: a model compiled to WebAssembly, under options that a page can keep."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from dl2c.diagnostics import CompileError, error
+from dl2c.emit.cexpr import INEXACT
 from dl2c.emit.names import file_stem
 from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.conditions import Conditions, conditions_of
 from dl2c.emit.simulator.conditions_c import conditions_c
 from dl2c.env.opening import compilation_of
-from dl2c.ir.functions import FUNCTIONS
 from dl2c.native.manifest import Manifest
 from dl2c.native.wasm import compile_wasm
 from dl2c.pipeline import Compilation
 from dl2c.progress import Progress, silent
 from dl2c.source import Source
 
-LIBM = re.compile(r"\b(%s)\(" % "|".join(row.c or name for name, row in FUNCTIONS.items() if not row.exact))
-"""Functions of the C library whose last bit is not the same everywhere."""
-
 DOPRI5 = "Its motion is integrated by dopri5 here: CVODES, which dl2c uses otherwise, cannot run in a page."
-DRAWN = "Initial states are drawn uniformly here: solvers, which draw them near targets, cannot run in a page."
+DRAWN = (
+    "Initial states are drawn uniformly here: solvers, which draw them near targets, cannot run in a page."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +45,7 @@ def playable(source: Source, options: Mapping[str, Any], progress: Progress = si
     conditions = conditions_of(build)
     main = f"{file_stem(build.model.name)}_page.c"
     sources = found.emitted(claim) | {main: conditions_c(build.claiming(claim), conditions)}
-    approximate = any(LIBM.search(text) for text in sources.values())
+    approximate = any(INEXACT.search(text) for text in sources.values())
     wasm = compile_wasm(sources, main, progress)
     return Playable(source, build, found.manifest(), conditions, wasm, notes, approximate)
 

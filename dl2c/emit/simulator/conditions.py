@@ -11,15 +11,14 @@ from dl2c.ir.model import And, Compare, Formula, Or, Truth
 from dl2c.ir.printer import print_formula
 from dl2c.source import NOWHERE, Span
 
-Kind: TypeAlias = Literal[
-    "assumption", "safety", "progress", "stability", "domain", "guard", "admission"
-]
+Kind: TypeAlias = Literal["assumption", "safety", "progress", "stability", "domain", "guard", "admission"]
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """A formula of a model. `name` is that of a predicate, else the number of the flow or path that it belongs
-    to, of an admission with the place of the input."""
+    """A formula of a model. `name` is that of a predicate, else the number of the flow or path that it is of,
+    for an admission with the place of the input.
+    """
 
     kind: Kind
     name: str
