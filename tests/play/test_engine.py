@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from play.pages import EXAMPLES, NODE, made, needs_node, needs_zig
 from numpy.typing import NDArray
+from play.pages import EXAMPLES, NODE, made, needs_node, needs_zig
 
 from dl2c.env.opening import batch_options, open_library
 from dl2c.play.facts import facts_of
