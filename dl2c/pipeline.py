@@ -18,7 +18,7 @@ from dl2c.ir.printer import print_model
 from dl2c.lower.doubts import program_warnings
 from dl2c.lower.problem import lower
 from dl2c.native.built import WARNINGS, Compiled, Reading, loaded
-from dl2c.native.cache import build_key, cached
+from dl2c.native.cache import build_key, cached, inspected_key
 from dl2c.options import Options, UnknownOption, as_words
 from dl2c.parse.parser import parse_archive
 from dl2c.parse.printer import print_archive, print_formula
@@ -243,16 +243,19 @@ class Compilation:
         """All that a build warns of."""
         return in_source_order((*self.resolved.warnings, *self.planned.warnings))
 
-    def load(self) -> Compiled:
-        """The library, built or taken from the cache. Raises `NativeError` where C cannot be compiled."""
+    def load(self, inspect: bool = False) -> Compiled:
+        """The library, built or taken from the cache; `inspect` adds the calls of dl2c_inspect.h. Raises
+        `NativeError` where C cannot be compiled.
+        """
         source = self._model
         assert isinstance(source, Source)
         reading = Reading(as_words(self.resolved.options), self.resolved.warnings)
         self.progress("looking for an earlier build")
         claim = self.claim()
         key = self._key(claim)
-        build = partial(self._build, key, claim=claim)
-        compiled = cached(key, build, lambda folder: loaded(folder, source, reading.warnings))
+        build = partial(self._build, key, claim=claim, inspect=inspect)
+        kept = inspected_key(key) if inspect else key
+        compiled = cached(kept, build, lambda folder: loaded(folder, source, reading.warnings))
         reading.keep(source, self.given)
         LOG.info("files: %s", compiled.directory)
         return compiled
@@ -284,7 +287,7 @@ class Compilation:
             return None
         return find_sundials(self.resolved.options.sundials, find_compiler())
 
-    def _build(self, key: str, folder: Path, claim: "Claim") -> None:
+    def _build(self, key: str, folder: Path, claim: "Claim", inspect: bool) -> None:
         """Fill a folder with everything that `dl2c build` writes."""
         from dl2c.emit.names import file_stem
         from dl2c.native.compile import compile_library
@@ -292,7 +295,8 @@ class Compilation:
         sources, native = self.emitted(claim), self.resolved.options.native
         model = self.lowered.model
         with stage("compiling C", self.progress):
-            compile_library(sources, file_stem(model.name), folder, native=native, sundials=self._sundials)
+            name, sundials = file_stem(model.name), self._sundials
+            compile_library(sources, name, folder, native=native, sundials=sundials, inspect=inspect)
         manifest = self._manifest(key, claim)
         (folder / "manifest.json").write_text(manifest.to_json(), encoding="utf-8")
         (folder / "model.ir").write_text(print_model(model), encoding="utf-8")
@@ -307,15 +311,17 @@ def compilation(source: Source, options: Options) -> Compilation:
 
 
 @budgeted()
-def compile_model(source: Source, options: Options, *, progress: Progress = silent) -> Compiled:
-    """Build a model, or take it from the cache, and load it.
+def compile_model(
+    source: Source, options: Options, *, progress: Progress = silent, inspect: bool = False
+) -> Compiled:
+    """Build a model, or take it from the cache, and load it; `inspect` as in `Compilation.load`.
 
     Raises `CompileError` for a mistake in the model, `NativeError` where C cannot be compiled.
     """
     found = compilation(source, options)
     found.progress = progress
     try:
-        return found.load()
+        return found.load(inspect)
     finally:
         found.progress = silent
 

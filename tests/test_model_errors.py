@@ -17,7 +17,7 @@ from dl2c.parse.printer import print_archive
 from dl2c.pipeline import check_model
 from dl2c.source import NOWHERE, Source
 
-FAMILIES = ("name", "sort", "definition", "shape", "fragment", "episode", "input")
+FAMILIES = ("name", "sort", "definition", "shape", "fragment", "episode", "scene", "input")
 BAD = sorted(p for family in FAMILIES for p in (Path(__file__).parent / "bad").glob(f"{family}_*.kyx"))
 EXAMPLE = Path(__file__).parent.parent / "examples" / "waypoint.kyx"
 

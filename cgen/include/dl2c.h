@@ -13,7 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define DL2C_ABI_VERSION 4
+#define DL2C_ABI_VERSION 5
 #define DL2C_STREAM_VERSION 4
 
 #ifdef DL2C_SHARED
@@ -98,6 +98,7 @@ typedef struct dl2c_sizes {
   int32_t nroot;    /* margins of the flow that has most */
   int32_t obs_size; /* bytes of one observation entry: 4 or 8 */
   int32_t snapshot_size; /* bytes of all that an environment keeps between steps */
+  int32_t nscene; /* values of the model's scene, 0 where it has none */
 } dl2c_sizes;
 
 /* Where a batch reads actions and writes results. All arrays are the caller's, row-major. */
@@ -199,6 +200,12 @@ DL2C_API dl2c_status dl2c_flow_rates(int32_t flow, const double *x, const double
  * with fewer than nroot has 1 and 0 in the other places.   x: (nx)   p: (np)   g, dg: (nroot)
  */
 DL2C_API dl2c_status dl2c_flow_roots(int32_t flow, const double *x, const double *p, double *g, double *dg);
+
+/*
+ * What a picture of a state shows: places, lengths and angles, which the scene of the model's manifest names.
+ * Nothing is checked: one that has no value is not finite.   x: (nx)   p: (np)   values: (nscene)
+ */
+DL2C_API dl2c_status dl2c_scene_values(const double *x, const double *p, double *values);
 
 /* A short description of a status, never NULL. */
 DL2C_API const char *dl2c_status_text(dl2c_status status);

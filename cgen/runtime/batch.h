@@ -7,6 +7,13 @@
 
 #include "snapshot.h"
 #include "threads.h"
+#if DL2C_INSPECT
+#include "inspect.h"
+#endif
+
+#ifndef DL2C_SCENE
+#define DL2C_SCENE 0 /* the model has no scene */
+#endif
 
 int32_t dl2c_abi_version(void) { return DL2C_ABI_VERSION; }
 int32_t dl2c_stream_version(void) { return DL2C_STREAM_VERSION; }
@@ -27,6 +34,7 @@ void dl2c_model_sizes(dl2c_sizes *out)
       .nroot = NROOT,
       .obs_size = (int32_t)sizeof(dl2c_obs),
       .snapshot_size = (int32_t)sizeof(dl2c_snapshot),
+      .nscene = DL2C_SCENE,
   };
 }
 
@@ -69,6 +77,14 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
   b->start = calloc(NSTEPDRAW > 0 ? rows : 1, sizeof *b->start);
   b->scalar_steps = calloc(DL2C_FLOWS_IN_LANES ? rows / DL2C_BLOCK + 1 : 1, sizeof *b->scalar_steps);
   b->seen = calloc(DL2C_LOOKS_AHEAD ? rows * NMASK + 1 : 1, sizeof *b->seen);
+#if DL2C_INSPECT
+  b->followed = calloc(rows * DL2C_INSPECT_FLOWS, sizeof *b->followed);
+  b->nfollowed = calloc(rows, sizeof *b->nfollowed);
+  if (!b->followed || !b->nfollowed) {
+    dl2c_batch_free(b);
+    return DL2C_ERR_NOMEM;
+  }
+#endif
   if (!b->x || !b->p || !b->enabled || !b->ended || !b->seed || !b->episode || !b->steps
       || !b->elapsed || !b->stalled || !b->rng || !b->start || !b->scalar_steps || !b->seen) {
     dl2c_batch_free(b);
@@ -110,6 +126,10 @@ void dl2c_batch_free(dl2c_batch *b)
   free(b->start);
   free(b->scalar_steps);
   free(b->seen);
+#if DL2C_INSPECT
+  free(b->followed);
+  free(b->nfollowed);
+#endif
   free(b);
 }
 
@@ -189,6 +209,7 @@ dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, cons
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
   if (!dl2c_all_finite(x, NX) || !dl2c_are_numbers(p, NP)) return DL2C_ERR_STATE;
+  dl2c_forget(b, i);
   dl2c_store(b, i, x);
   for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
   b->ended[i] = 0;
@@ -232,6 +253,15 @@ dl2c_status dl2c_flow_roots(int32_t flow, const double *x, const double *p, doub
   if (flow < 0 || flow >= NFLOW || x == NULL || p == NULL || g == NULL || dg == NULL)
     return DL2C_ERR_ARG;
   model_roots(flow, x, p, g, dg);
+  return DL2C_OK;
+}
+
+dl2c_status dl2c_scene_values(const double *x, const double *p, double *values)
+{
+  if (x == NULL || p == NULL || values == NULL) return DL2C_ERR_ARG;
+#if DL2C_SCENE > 0
+  model_scene(x, p, values);
+#endif
   return DL2C_OK;
 }
 

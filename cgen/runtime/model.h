@@ -15,6 +15,7 @@
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
  *   #define DL2C_FLOWS_IN_LANES 1                steps integrate that flow in an active set of lanes
  *   #define DL2C_MONITORED 1                     steps are judged by the model's monitor
+ *   #define DL2C_SCENE 5                         values of its scene, where it has one
  *   typedef float dl2c_obs;                      one observation entry, or double
  *   static const dl2c_path PATHS[];              all paths, grouped by point
  *   static const int32_t POINT_START[];          (NPOINT + 1) first path of each point
@@ -69,6 +70,7 @@
  *   void model_initial(int chart, const real *drawn, real *x, real *p)   a state from the drawn values
  *   real model_density(int chart, x, p)                          how much of all states it stands for, squared
  *   bool model_accept(int chart, x, p)                           and whether it is admissible
+ *   void model_scene(x, p, real *values)                         what a picture shows, where DL2C_SCENE > 0
  *   int32_t model_monitor_control(const real *before, after, p)   the condition violated, 0 for none,
  *   int32_t model_monitor_step(const real *before, after, p)      where DL2C_MONITORED
  */
@@ -80,6 +82,9 @@
 #include "functions.h"
 #include "numbers.h"
 #include "zeros.h"
+#if DL2C_INSPECT
+#include "dl2c_inspect.h"
+#endif
 
 /* The longest list of decisions or inputs of one path that a table row holds. */
 enum { DL2C_END = -1 };

@@ -106,6 +106,9 @@ static inline dl2c_request dl2c_request_of(const dl2c_batch *b, int64_t i, const
       .map = b->options.action_map,
       .request_only = b->options.on_blocked != DL2C_BLOCKED_FALLBACK,
       .solver = b->solver,
+#if DL2C_INSPECT
+      .followed = b->followed + i * DL2C_INSPECT_FLOWS,
+#endif
   };
 }
 
@@ -143,6 +146,9 @@ static dl2c_attempt dl2c_advance(dl2c_batch *b, int64_t i, uint8_t *watch, int32
   const dl2c_request request = dl2c_request_of(b, i, p);
   dl2c_trial run = start;
   const bool moved = dl2c_complete(&request, &run, enabled, NULL);
+#if DL2C_INSPECT
+  b->nfollowed[i] = moved && run.failure == DL2C_SOUND ? run.nfollowed : 0;
+#endif
 #if DL2C_MONITORED
   *violated = moved && run.failure == DL2C_SOUND ? dl2c_violated(&run, p) : 0;
 #else

@@ -54,9 +54,14 @@ typedef double real;
 #define DL2C_LANES
 #endif
 
+/* DL2C_INSPECT=1 notes the flows of each step and adds the calls of dl2c_inspect.h. */
+#ifndef DL2C_INSPECT
+#define DL2C_INSPECT 0
+#endif
+
 /* DL2C_ONE_BY_ONE=1 moves environments by the scalar step alone, to see what lanes gain. */
 #ifndef DL2C_ONE_BY_ONE
-#define DL2C_ONE_BY_ONE 0
+#define DL2C_ONE_BY_ONE DL2C_INSPECT
 #endif
 
 /* Inlined into each clone of its caller, so that it is compiled for the same instructions. */

@@ -218,6 +218,7 @@ typedef struct dl2c_integration {
   real *y;        /* (NX) out: where it ends, */
   real duration;  /* out: when, */
   bool ended;     /* out: and whether its domain ended it */
+  real stop;      /* out: until when it was followed, had nothing ended it */
 } dl2c_integration;
 
 /* Follows a flow with one source of tracks. */
@@ -236,6 +237,7 @@ static dl2c_motion dl2c_integrate_with(dl2c_integrator *integrator, dl2c_integra
   if (!model_begin(flow, x, p, &horizon)) return DL2C_UNDEFINED;
   if (task->reach > 0.0) horizon = task->reach;
   const real stop = horizon < task->cap ? horizon : task->cap;
+  task->stop = stop;
   dl2c_stretch stretch = {.flow = flow, .x = x, .p = p, .track = &track};
   if (!(stop > 0.0)) {
     dl2c_constant_track(x, &track);
@@ -298,6 +300,7 @@ static dl2c_motion dl2c_integrate(dl2c_integrator *integrator, dl2c_integration 
   memset(closed, DL2C_MET, sizeof closed);
   const dl2c_motion again = dl2c_integrate_stiff(integrator, &earlier);
   task->duration = earlier.duration;
+  task->stop = earlier.stop;
   return again == DL2C_OUTSIDE ? DL2C_UNDEFINED : again;
 }
 
@@ -324,6 +327,11 @@ static dl2c_motion dl2c_flow_tracks(int flow, dl2c_travel *travel, real *y)
   task.watch = travel->watch;
   const dl2c_motion motion = dl2c_integrate(&integrator, &task);
   travel->duration = task.duration;
+#if DL2C_INSPECT
+  travel->kernel = integrator.kernel;
+  travel->series = integrator.kernel == DL2C_LINEAR ? integrator.series : 0;
+  travel->stop = task.stop;
+#endif
   return motion;
 }
 

@@ -37,6 +37,7 @@ static void dl2c_keep(const dl2c_batch *b, int64_t i, dl2c_snapshot *kept)
 /* Restores environment i from the snapshot of itself or another one, and shows it. */
 static void dl2c_return_to(dl2c_batch *b, int64_t i, const dl2c_snapshot *kept)
 {
+  dl2c_forget(b, i);
   b->seed[i] = kept->seed;
   b->episode[i] = kept->episode;
   b->steps[i] = kept->steps;

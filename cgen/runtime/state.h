@@ -29,6 +29,10 @@ struct dl2c_batch {
    * (blocks) steps before the active set is tried again, see dl2c_move_together
    */
   uint8_t *seen;     /* (n, NMASK) alternatives of open runs, only where masks look ahead */
+#if DL2C_INSPECT
+  dl2c_followed *followed; /* (n, DL2C_INSPECT_FLOWS) flows of the last step, */
+  int32_t *nfollowed;      /* (n) and how many they are */
+#endif
 };
 
 #define DL2C_NSTART (POINT_START[1])
@@ -52,6 +56,16 @@ static void dl2c_load(const dl2c_batch *b, int64_t i, real *x, real *p)
 static void dl2c_store(dl2c_batch *b, int64_t i, const real *x)
 {
   for (int k = 0; k < NX; k++) b->x[k * b->stride + i] = x[k];
+}
+
+/* No step of environment i is behind where it is now. */
+static inline void dl2c_forget(dl2c_batch *b, int64_t i)
+{
+#if DL2C_INSPECT
+  b->nfollowed[i] = 0;
+#else
+  (void)b, (void)i;
+#endif
 }
 
 /* Where the next step of environment i starts. */
@@ -192,6 +206,7 @@ static bool dl2c_begin(dl2c_batch *b, int64_t i, dl2c_rng *rng, const real *x, c
     b->rng[i] = *rng;
     b->start[i] = start;
   }
+  dl2c_forget(b, i);
   b->ended[i] = 0;
   b->steps[i] = 0;
   b->stalled[i] = 0;

@@ -23,6 +23,9 @@ typedef struct dl2c_request {
   struct dl2c_solver *solver; /* NULL where no flow needs one */
   int32_t map;
   bool request_only; /* do not fall back to other alternatives */
+#if DL2C_INSPECT
+  dl2c_followed *followed; /* (DL2C_INSPECT_FLOWS) flows of the run are noted here, unless NULL */
+#endif
 } dl2c_request;
 
 typedef enum dl2c_failure {
@@ -40,6 +43,7 @@ typedef struct dl2c_trial {
   int32_t point;
   int32_t failure;             /* dl2c_failure */
   int32_t entered;             /* iterations of while loops */
+  int32_t nfollowed;           /* flows that are noted, see dl2c_request */
   bool left;                   /* it is not the run requested */
   real duration;               /* time its flows took */
   int16_t taken[NDECISION + 1]; /* alternatives, -1 where a decision was not met */
@@ -93,6 +97,23 @@ static inline real dl2c_share(const dl2c_request *request, dl2c_trial *trial, in
   return trial->value[input];
 }
 
+#if DL2C_INSPECT
+/* Notes a flow from x to y. */
+static inline void dl2c_note(const dl2c_request *request, dl2c_trial *trial, int flow,
+                             const dl2c_travel *travel, const real *x, const real *y)
+{
+  if (request->followed == NULL || trial->nfollowed == DL2C_INSPECT_FLOWS) return;
+  dl2c_followed *noted = &request->followed[trial->nfollowed++];
+  *noted = (dl2c_followed){.flow = flow,
+                           .kernel = travel->kernel,
+                           .series = travel->series,
+                           .stop = travel->stop,
+                           .duration = travel->duration};
+  memcpy(noted->x, x, sizeof noted->x);
+  memcpy(noted->y, y, sizeof noted->y);
+}
+#endif
+
 /*
  * Moves y along the flow of a path, and notes in the run what happened on the way. It is watched
  * where the run may end with it, or everywhere if that was asked for.
@@ -113,8 +134,15 @@ static inline void dl2c_evolve(const dl2c_request *request, dl2c_trial *trial,
       .part = dl2c_share(request, trial, flow),
       .watch = watched ? trial->watch : closed,
   };
+#if DL2C_INSPECT
+  real x[NX];
+  memcpy(x, y, sizeof x);
+#endif
   const dl2c_motion motion = dl2c_flow(flow, &travel, y);
   trial->duration += travel.duration;
+#if DL2C_INSPECT
+  if (motion == DL2C_ARRIVED) dl2c_note(request, trial, flow, &travel, x, y);
+#endif
   if (motion == DL2C_UNDEFINED) trial->failure = DL2C_LOST;
   if (motion == DL2C_UNSOLVED) trial->failure = DL2C_UNSOLVABLE;
 }

@@ -19,7 +19,25 @@ typedef struct dl2c_travel {
   real part;                  /* of the longest time that the domain allows, 0 to 1 */
   real duration;              /* out: time that it took */
   uint8_t *watch;             /* (NWATCH) dl2c_watched of this step so far; updated */
+#if DL2C_INSPECT
+  uint8_t kernel; /* out: what followed it, */
+  int32_t series; /* with how many series at most, where that was by series, */
+  real stop;      /* and how long it would have, had nothing ended it */
+#endif
 } dl2c_travel;
+
+#if DL2C_INSPECT
+/* A flow that a step followed, with all that is needed to follow it again. */
+typedef struct dl2c_followed {
+  int32_t flow;
+  uint8_t kernel;
+  int32_t series;
+  real stop;
+  real duration;
+  real x[NX]; /* where it began */
+  real y[NX]; /* and ended */
+} dl2c_followed;
+#endif
 
 #if DL2C_SEARCHED_FLOWS
 #include "numeric.h"
@@ -111,6 +129,9 @@ static inline dl2c_motion dl2c_flow(int flow, dl2c_travel *travel, real *y)
   real x[NX];
   memcpy(x, y, sizeof x);
   dl2c_motion motion = DL2C_DOUBTFUL;
+#if DL2C_INSPECT
+  travel->kernel = FLOW_KERNEL[flow];
+#endif
   if (FLOW_KERNEL[flow] == DL2C_QUICK) motion = dl2c_flow_straight(flow, travel, x, y);
 #if DL2C_SEARCHED_FLOWS
   if (motion == DL2C_DOUBTFUL) {

@@ -48,8 +48,11 @@ def source_of(model: Model) -> Source:
             return Source.read(model)
 
 
-def build(source: Source, options: Mapping[str, Any], progress: Progress = silent) -> "Compiled":
-    """A model with these options, built or taken from the cache.
+def build(
+    source: Source, options: Mapping[str, Any], progress: Progress = silent, inspect: bool = False
+) -> "Compiled":
+    """A model with these options, built or taken from the cache; with `inspect` for who wants to see what
+    happens inside steps.
 
     Raises `CompileError` for a mistake in the model, `UnknownOption`, `NativeError`. `progress` is told
     what is being done.
@@ -57,18 +60,18 @@ def build(source: Source, options: Mapping[str, Any], progress: Progress = silen
     from dl2c.configuration import resolve_options
 
     chosen = resolve_options(options)
-    if (found := _built_before(source, chosen)) is not None:
+    if (found := _built_before(source, chosen, inspect)) is not None:
         return found
     from dl2c.pipeline import compile_model
 
-    return compile_model(source, chosen, progress=progress)
+    return compile_model(source, chosen, progress=progress, inspect=inspect)
 
 
-def _built_before(source: Source, options: "Options") -> "Compiled | None":
+def _built_before(source: Source, options: "Options", inspect: bool = False) -> "Compiled | None":
     from dl2c.native.built import built_before
     from dl2c.verify.results import status
 
-    found = built_before(source, options, lambda: str(status(source, options)))
+    found = built_before(source, options, lambda: str(status(source, options)), inspect)
     if found is not None:
         LOG.info("files: %s", found.directory)
     return found
@@ -94,9 +97,9 @@ def compilation_of(model: Model, options: Mapping[str, Any]) -> "Compilation":
     return compilation(source_of(model), resolve_options(options))
 
 
-def open_library(source: Source, options: Mapping[str, Any]) -> "Library":
+def open_library(source: Source, options: Mapping[str, Any], inspect: bool = False) -> "Library":
     """The library of `build`."""
-    return build(source, options).library
+    return build(source, options, inspect=inspect).library
 
 
 def batch_options(manifest: "Manifest") -> dict[str, Any]:

@@ -387,6 +387,35 @@ class Constant:
         return Symbol(self.name, "constant")
 
 
+# Scene ------------------------------------------------------------------------
+
+SceneRole: TypeAlias = Literal["agent", "unsafe", "goal", "world"]
+"""Who a shape is: what is controlled, what it must not touch, where it is to go, anything else."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A shape of a picture: `kind` is a key of `scene.FORMS`, `arguments` are terms over the state by name,
+    in the order of the form; a point has two of them. One that has no value is not drawn.
+    """
+
+    kind: str
+    role: SceneRole
+    name: str
+    arguments: tuple[tuple[str, tuple[Term, ...]], ...]
+    span: Span = _span()
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What a picture of a state shows. `shaded` are two variables in whose plane a picture marks where
+    @safety predicates fail; empty for none. Without shapes there is no scene.
+    """
+
+    shapes: tuple[Shape, ...] = ()
+    shaded: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, slots=True)
 class Model:
     """One environment.
@@ -417,6 +446,7 @@ class Model:
     mask_depth: MaskDepth = "flow"
     lead: Block = ()
     max_loop: int = 10_000
+    scene: Scene = Scene()
 
     @property
     def drawn(self) -> tuple[Variable | Constant, ...]:

@@ -31,6 +31,7 @@ from dl2c.ir.model import (
     Or,
     Pow,
     Repeat,
+    Shape,
     Sub,
     Symbol,
     Term,
@@ -162,6 +163,16 @@ def print_bound(bound: Bound) -> str:
     return f"[{low}:{high}]"
 
 
+def print_shape(shape: Shape) -> str:
+    """A shape of a scene, its arguments in parentheses where they are several terms."""
+    given = (
+        f"{name}={text}" if len(terms) == 1 else f"{name}=({text})"
+        for name, terms in shape.arguments
+        for text in [", ".join(map(print_term, terms))]
+    )
+    return f"@scene {shape.role} {shape.kind}({', '.join(given)}) {shape.name}".rstrip()
+
+
 def print_model(model: Model) -> str:
     """The whole step model."""
     lines = [f"model {model.name}", ""]
@@ -194,4 +205,5 @@ def print_model(model: Model) -> str:
             lines.append(f"  due {print_formula(p.due)}")
     if model.postcondition is not None:
         lines += ["", f"postcondition {print_formula(model.postcondition)}"]
+    lines += ["", *map(print_shape, model.scene.shapes)] if model.scene.shapes else []
     return "\n".join(lines) + "\n"

@@ -16,6 +16,7 @@ from dl2c.ir.liveness import overwritten
 from dl2c.ir.logic import conjunction, disjunction, symbols
 from dl2c.lower.leading import leading
 from dl2c.lower.program import ProgramLowering
+from dl2c.lower.scene import default_scene, lower_scene
 from dl2c.lower.terms import Scope, lower_delta, lower_formula, lower_predicate, lower_term
 from dl2c.options import Options
 from dl2c.parse import tree
@@ -57,7 +58,7 @@ def lower(problem: Problem, options: Options) -> ir.Model:
     if found:
         raise CompileError(found)
     flows = tuple(lowering.flows)
-    return ir.Model(
+    model = ir.Model(
         name=problem.entry.name,
         source=problem.entry.span.source.name,
         variables=_variables(problem, precondition, (*prefix, *step), flows),
@@ -77,6 +78,7 @@ def lower(problem: Problem, options: Options) -> ir.Model:
         lead=lead,
         max_loop=options.max_loop,
     )
+    return replace(model, scene=lower_scene(problem.scene, scope) or default_scene(model))
 
 
 def _is_continuous(body: ir.Block, options: Options) -> bool:

@@ -49,6 +49,7 @@ class Sizes:
     nroot: int
     obs_size: int
     snapshot_size: int
+    nscene: int
 
 
 OUTCOME = struct.Struct("@3d3i6?")
@@ -238,7 +239,7 @@ class Batch:
         """Raises `BatchClosed`."""
         self._turns.check_open()
 
-    def _called(self, function: Callable[..., int], *arguments: Any) -> int:
+    def called(self, function: Callable[..., int], *arguments: Any) -> int:
         """The status of a C call of the environments."""
         self._turns.take()
         try:
@@ -248,7 +249,7 @@ class Batch:
 
     def native_step(self) -> Callable[[], int]:
         """The C call behind `step` alone; what it returns, unless 0, is for `check`."""
-        return partial(self._called, self._native_step)
+        return partial(self.called, self._native_step)
 
     def step_in_c(self, *parts: Any) -> Callable[[Any], Any] | None:
         """The step of a batch of one as a function of the action; None where that cannot be built.
@@ -266,7 +267,7 @@ class Batch:
 
     def step(self) -> None:
         """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""
-        if status := self._called(self._native_step):
+        if status := self.called(self._native_step):
             self.check(status)
 
     def reset(self, mask: NDArray[np.bool_] | None = None, seeds: NDArray[np.uint64] | None = None) -> None:
@@ -278,7 +279,7 @@ class Batch:
         ffi = self.library.ffi
         masks = ffi.NULL if mask is None else self.library.row(mask, np.bool_, self.n, "uint8_t[]")
         streams = ffi.NULL if seeds is None else self.library.row(seeds, np.uint64, self.n, "uint64_t[]")
-        self.check(self._called(self._lib.dl2c_batch_reset, masks, streams))
+        self.check(self.called(self._lib.dl2c_batch_reset, masks, streams))
 
     def reset_to(
         self, i: int, seed: int | None, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]
@@ -290,23 +291,23 @@ class Batch:
         """
         library, i = self.library, self._index(i)
         stream = library.ffi.NULL if seed is None else library.row([seed], np.uint64, 1, "uint64_t[]")
-        self.check(self._called(self._lib.dl2c_batch_reset_to, i, stream, *library.state(x, p)))
+        self.check(self.called(self._lib.dl2c_batch_reset_to, i, stream, *library.state(x, p)))
 
     def get_state(self, i: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """State (nx) and constants (np) of environment i, in fresh memory."""
         x, p = np.empty(self.library.sizes.nx), np.empty(self.library.sizes.np)
-        self.check(self._called(self._lib.dl2c_batch_get_state, self._index(i), *self.library.state(x, p)))
+        self.check(self.called(self._lib.dl2c_batch_get_state, self._index(i), *self.library.state(x, p)))
         return x, p
 
     def set_state(self, i: int, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]) -> None:
         """Overwrite them as they are, mid-episode; the mask follows. For planners and tests."""
-        self.check(self._called(self._lib.dl2c_batch_set_state, self._index(i), *self.library.state(x, p)))
+        self.check(self.called(self._lib.dl2c_batch_set_state, self._index(i), *self.library.state(x, p)))
 
     def save(self, i: int) -> bytes:
         """All that environment i keeps between steps (`snapshot_size` bytes)."""
         kept = np.empty(self.library.sizes.snapshot_size, np.uint8)
         memory = self.library.row(kept, np.uint8, len(kept), "uint8_t[]")
-        self.check(self._called(self._lib.dl2c_batch_save, self._index(i), memory))
+        self.check(self.called(self._lib.dl2c_batch_save, self._index(i), memory))
         return kept.tobytes()
 
     def restore(self, i: int, kept: bytes) -> None:
@@ -314,7 +315,7 @@ class Batch:
         memory = self.library.row(
             np.frombuffer(kept, np.uint8), np.uint8, self.library.sizes.snapshot_size, "uint8_t[]"
         )
-        self.check(self._called(self._lib.dl2c_batch_restore, self._index(i), memory))
+        self.check(self.called(self._lib.dl2c_batch_restore, self._index(i), memory))
 
     def close(self) -> None:
         """Free the environments, at the end of a call that is under way; the arrays stay."""

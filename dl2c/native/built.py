@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dl2c.diagnostics import Diagnostic, as_stored, in_source_order, restored
 from dl2c.inputs import checked_input, read_json
-from dl2c.native.cache import build_key, reused
+from dl2c.native.cache import build_key, inspected_key, reused
 from dl2c.native.errors import NativeError
 from dl2c.native.manifest import MAX_BYTES
 from dl2c.native.notes import recalled, remember
@@ -56,15 +56,18 @@ def reading_of(source: Source, given: Options) -> Reading | None:
     return Reading(options, warnings) if options.keys() == as_words(given).keys() else None
 
 
-def built_before(source: Source, options: Options, known: Callable[[], str]) -> Compiled | None:
+def built_before(
+    source: Source, options: Options, known: Callable[[], str], inspect: bool = False
+) -> Compiled | None:
     """The build of a text, without reading it; None where there is none. `known` gives what is known of its
-    theorem.
+    theorem; with `inspect` the one that has the calls of dl2c_inspect.h.
     """
     reading = reading_of(source, options)
     if reading is None:
         return None
     key = build_key({source.name: source.text}, reading.options, known())
-    return reused(key, lambda folder: loaded(folder, source, reading.warnings))
+    kept = inspected_key(key) if inspect else key
+    return reused(kept, lambda folder: loaded(folder, source, reading.warnings))
 
 
 def loaded(directory: Path, source: Source, earlier: Sequence[Diagnostic]) -> Compiled:

@@ -77,6 +77,11 @@ def build_key(sources: Mapping[str, str], options: Mapping[str, str], known: str
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:KEY_LENGTH]
 
 
+def inspected_key(key: str) -> str:
+    """Where the build `key` is kept with the calls of dl2c_inspect.h."""
+    return hashlib.sha256(f"inspect {key}".encode()).hexdigest()[:KEY_LENGTH]
+
+
 def cache_dir() -> Path:
     """The cache's folder, `builds` where dl2c keeps things. Raises `NativeError` if there can be none."""
     try:

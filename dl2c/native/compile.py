@@ -30,6 +30,7 @@ from dl2c.native.toolchain import (
 )
 
 CDEF = Path(__file__).with_name("dl2c.cdef")
+INSPECT_CDEF = Path(__file__).with_name("dl2c_inspect.cdef")
 
 
 def compile_library(
@@ -39,11 +40,12 @@ def compile_library(
     *,
     native: bool = False,
     sundials: Sundials | None = None,
+    inspect: bool = False,
 ) -> Path:
     """Write `sources` into `directory`, compile those that are C there and return the library.
 
-    `native` tunes for this machine's CPU; `sundials` is what flows are solved with. Raises
-    `CompilerMissing`, `CompilerFailed`.
+    `native` tunes for this machine's CPU; `sundials` is what flows are solved with; `inspect` adds the calls
+    of dl2c_inspect.h. Raises `CompilerMissing`, `CompilerFailed`.
     """
     assert module.isidentifier() and f"{module}.c" in sources
     compiler = find_compiler()
@@ -52,16 +54,18 @@ def compile_library(
         (directory / name).write_text(text, encoding="utf-8")
     with tempfile.TemporaryDirectory(prefix="objects-", dir=directory) as scratch:
         others = tuple(sorted(n for n in sources if n.endswith(".c") and n != f"{module}.c"))
-        job = _Job(compiler, module, directory, Path(scratch), native, sundials, others)
+        job = _Job(compiler, module, directory, Path(scratch), native, sundials, inspect, others)
         if include := python_include():
             return _extension(job, include)
         return _shared(job)
 
 
-def declarations() -> Any:
-    """A cffi FFI that knows dl2c.h."""
+def declarations(inspect: bool = False) -> Any:
+    """A cffi FFI that knows dl2c.h, and dl2c_inspect.h where that is asked for."""
     ffi: Any = cffi.FFI()
     ffi.cdef(CDEF.read_text(encoding="utf-8"))
+    if inspect:
+        ffi.cdef(INSPECT_CDEF.read_text(encoding="utf-8"))
     return ffi
 
 
@@ -80,13 +84,15 @@ class _Job:
     scratch: Path
     native: bool
     sundials: Sundials | None
+    inspect: bool
     others: tuple[str, ...] = ()
 
 
 def _extension(job: _Job, include: tuple[str, ...]) -> Path:
     glue = job.scratch / f"_{job.module}.c"
-    ffi = declarations()
-    ffi.set_source(f"_{job.module}", '#include "dl2c.h"\n', compiler_verbose=False)
+    ffi = declarations(job.inspect)
+    header = "dl2c_inspect.h" if job.inspect else "dl2c.h"
+    ffi.set_source(f"_{job.module}", f'#include "{header}"\n', compiler_verbose=False)
     ffi.emit_c_code(str(glue))
     headers = (*_includes(), *include)
     lenient = ("-std=c11", "-O1", "-w", "-fPIC", "-fvisibility=hidden", *user_flags())
@@ -119,7 +125,8 @@ def _commands(job: _Job, model: str) -> tuple[tuple[str, ...], ...]:
 def _command(job: _Job, source: str, output: str) -> tuple[str, ...]:
     chosen = job.sundials.flags if job.sundials else ()
     size = (job.directory / source).stat().st_size
-    flags = (*job.compiler.flags(job.native, size), *warning_flags(), *chosen, *_includes())
+    inspect = ("-DDL2C_INSPECT=1",) if job.inspect else ()
+    flags = (*job.compiler.flags(job.native, size), *warning_flags(), *chosen, *inspect, *_includes())
     return (*job.compiler.command, *flags, "-c", source, "-o", output)
 
 

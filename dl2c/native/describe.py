@@ -24,11 +24,12 @@ from dl2c.native.manifest import (
     Quantity,
     TheoremSpec,
 )
+from dl2c.native.scenes import scene_spec
 from dl2c.options import Options
 from dl2c.paths.path import END
 from dl2c.sampling.tables import SamplingPlan
 
-ABI_VERSION = 4
+ABI_VERSION = 5
 STREAM_VERSION = 4
 """Of cgen/include/dl2c.h; a test holds them together."""
 
@@ -69,6 +70,7 @@ def manifest_of(build: BuildPlan, key: str, platform: dict[str, str]) -> Manifes
         platform=platform,
         conditions=() if build.monitor is None else _conditions(build.monitor),
         theorem=TheoremSpec(build.claim.theorem or model.name, build.claim.invariant, build.claim.known),
+        scene=scene_spec(model),
     )
 
 

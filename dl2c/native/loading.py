@@ -47,7 +47,7 @@ def _load(path: Path, name: str) -> ModuleType:
     try:
         if path.name.startswith("lib"):
             module: Any = ModuleType(name)
-            module.ffi = declarations()
+            module.ffi = declarations(inspect=b"dl2c_inspect_motion" in path.read_bytes())
             module.lib = module.ffi.dlopen(str(path))
             return module
         spec = importlib.util.spec_from_file_location(name, path, loader=ExtensionFileLoader(name, str(path)))

@@ -15,7 +15,7 @@ from dl2c.inputs import checked_input, read_text
 from dl2c.native.errors import NativeError
 from dl2c.options import OPTIONS, Options, with_options
 
-MANIFEST_VERSION = 5
+MANIFEST_VERSION = 6
 
 MAX_BYTES = 64 * 1024**2
 """What is longer is no manifest."""
@@ -85,6 +85,42 @@ class ConditionSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class ShapeSpec:
+    """A shape of the scene: a `kind` of `ir.scene.FORMS` in the panel `plane`, `line`, `level`, `dial` or
+    `text`. `role` is agent, unsafe, goal or world. Each of `arguments` is a list of
+    places in what `dl2c_scene_values` writes; `unit` is that of the first one.
+    """
+
+    kind: str
+    panel: str
+    role: str
+    name: str
+    unit: str
+    arguments: dict[str, tuple[int, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class AxisSpec:
+    """An axis of a scene: limits that hold everything on it, infinite where bounds of the model say none."""
+
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class SceneSpec:
+    """What a picture of a state shows; nothing where there are no shapes. `axes` are `x` and `y` of a plane,
+    `line` and `level`, those that there are. `shaded` are two variables in whose plane a picture marks
+    where @safety predicates fail, or none.
+    """
+
+    shapes: tuple[ShapeSpec, ...]
+    axes: dict[str, AxisSpec]
+    shaded: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class TheoremSpec:
     """What the model claims: the name of its theorem, the invariant of its loop, "" where it gives none, and
     what was known when it was built, such as `proved by dl2c verify with z3 5.4.0` or `not checked`."""
@@ -129,6 +165,7 @@ class Manifest:
     platform: dict[str, str]
     conditions: tuple[ConditionSpec, ...]
     theorem: TheoremSpec
+    scene: SceneSpec
 
     def to_json(self) -> str:
         """Stable text: the same manifest gives the same bytes. Infinite limits are "inf" and "-inf"."""

@@ -2,7 +2,7 @@
 
 In: raw `Annotation`s as comments.py finds them. Out: one frozen record per annotation, numbers
 exact, expressions parsed with spans in the source. Mistakes are collected and raised together.
-Names inside expressions are not looked up here. `options.py` reads `@episode`.
+Names inside expressions are not looked up here. `options.py` reads `@episode`, `resolve.scene` `@scene`.
 """
 
 import re
@@ -151,7 +151,7 @@ def decode_program(annotations: Sequence[Annotation]) -> tuple[ProgramAnnotation
             assert annotation.name == "choice"
             given = _attributes(annotation, _CHOICE, problems)
             role: Role | None = _get(given, "role", _role, None, problems)
-            name = _get(given, "name", _string, "", problems)
+            name = _get(given, "name", string, "", problems)
             decoded.append(ChoiceAnnotation(role, name, annotation.span))
     return _checked(tuple(decoded), problems)
 
@@ -182,7 +182,7 @@ def decode_conclusion(annotations: Sequence[Annotation]) -> tuple[PredicateAnnot
     for annotation in annotations:
         if annotation.name in decoded:
             problems.append(errors.repeated_annotation(annotation.span, annotation.name))
-        elif annotation.name != "episode":
+        elif annotation.name not in ("episode", "scene"):
             found = _declared(annotation, problems)
             assert isinstance(found, PredicateAnnotation)
             decoded[annotation.name] = found
@@ -232,10 +232,10 @@ def _declared(annotation: Annotation, problems: list[Diagnostic]) -> Declaration
             given = _attributes(annotation, _VARIABLE, problems)
             return VariableAnnotation(
                 _get(given, "bound", _bound, None, problems),
-                _get(given, "def", _string, "", problems),
+                _get(given, "def", string, "", problems),
                 _get(given, "plot", _plot, "none", problems),
                 _get(given, "role", _role, None, problems),
-                _get(given, "unit", _string, "", problems),
+                _get(given, "unit", string, "", problems),
                 _get(given, "observe", _boolean, True, problems),
                 annotation.span,
             )
@@ -243,9 +243,9 @@ def _declared(annotation: Annotation, problems: list[Diagnostic]) -> Declaration
             given = _attributes(annotation, _CONSTANT, problems)
             return ConstantAnnotation(
                 _get(given, "bound", _bound, None, problems),
-                _get(given, "def", _string, "", problems),
+                _get(given, "def", string, "", problems),
                 _get(given, "plot", _plot, "none", problems),
-                _get(given, "unit", _string, "", problems),
+                _get(given, "unit", string, "", problems),
                 _get(given, "observe", _boolean, True, problems),
                 annotation.span,
             )
@@ -334,25 +334,27 @@ def _decimal(text: str, span: Span, infinity: str) -> Bound:
     return value
 
 
-def _string(text: str, span: Span) -> str:
+def string(text: str, span: Span) -> str:
+    """What stands between quotes. Raises `CompileError`."""
     if len(text) < 2 or text[0] != '"' or text.find('"', 1) != len(text) - 1:
         raise CompileError(errors.not_a_string(span))
     return text[1:-1].strip()
 
 
 def _boolean(text: str, span: Span) -> bool:
-    return _one_of(text, span, ("true", "false")) == "true"
+    return one_of(text, span, ("true", "false")) == "true"
 
 
 def _plot(text: str, span: Span) -> Plot:
-    return cast("Plot", _one_of(text, span, ("line", "hist", "scatter", "none")))
+    return cast("Plot", one_of(text, span, ("line", "hist", "scatter", "none")))
 
 
 def _role(text: str, span: Span) -> Role:
-    return cast("Role", _one_of(text, span, ("agent", "env")))
+    return cast("Role", one_of(text, span, ("agent", "env")))
 
 
-def _one_of(text: str, span: Span, known: Sequence[str]) -> str:
+def one_of(text: str, span: Span, known: Sequence[str]) -> str:
+    """One of some words, with or without quotes. Raises `CompileError`."""
     word = text.strip('"')
     if word not in known:
         raise CompileError(errors.unknown_value(span, word, known))
@@ -364,8 +366,8 @@ def _trigger(text: str, span: Span) -> Trigger:
     found = _TRIGGER.fullmatch(text)
     if found is None:
         raise CompileError(errors.malformed_trigger(span))
-    action = _one_of(found.group(1), span, ("terminate", "truncate", "continue"))
-    status = _one_of(found.group(2) or "none", span, ("success", "failure", "none"))
+    action = one_of(found.group(1), span, ("terminate", "truncate", "continue"))
+    status = one_of(found.group(2) or "none", span, ("success", "failure", "none"))
     return Trigger(cast("Action", action), cast("Status", status), span)
 
 

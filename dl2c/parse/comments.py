@@ -17,7 +17,7 @@ from dl2c.parse.scan import Code, Comment
 from dl2c.parse.tree import Annotation
 from dl2c.source import Source, Span
 
-KNOWN = ("var", "const", "safety", "progress", "stability", "choice", "fallback", "episode")
+KNOWN = ("var", "const", "safety", "progress", "stability", "choice", "fallback", "episode", "scene")
 
 PROSE = ("author", "see", "note", "todo", "date", "version", "link", "title", "description", "provable")
 """Tags of documentation, which often have a colon too."""
@@ -131,10 +131,11 @@ def _annotation(word: re.Match[str], lines: Sequence[Line], problems: list[Diagn
     text = visible(Span(source, begin, end))
     if text.strip() and not word.group("colon"):
         problems.append(errors.no_colon(Span(source, start, begin), name))
+    read = _shape if name == "scene" else _attribute
     attributes = [
         attribute
         for first, last in _split(text)
-        if (attribute := _attribute(text[first:last], Span(source, begin + first, begin + last), problems))
+        if (attribute := read(text[first:last], Span(source, begin + first, begin + last), problems))
     ]
     return Annotation(name, tuple(attributes), span=span)
 
@@ -153,11 +154,34 @@ def _split(text: str) -> Iterator[tuple[int, int]]:
             start = at + 1
 
 
+def _shape(text: str, span: Span, problems: list[Diagnostic]) -> tuple[str, str, Span] | None:
+    """A shape as an attribute without a value, whose name is all of it."""
+    trimmed = _trimmed(text, span)
+    if _nesting(text) != (0, False):
+        problems.append(errors.unbalanced_value(trimmed))
+        return None
+    return " ".join(text.split()), "", trimmed
+
+
+def _trimmed(text: str, span: Span) -> Span:
+    """The span of a text without the blanks around it."""
+    blank = len(text) - len(text.lstrip())
+    return Span(span.source, span.start + blank, span.start + len(text.rstrip()))
+
+
+def parts_of(span: Span) -> tuple[Span, ...]:
+    """What separators divide a span inside comments into, without the blanks around."""
+    text = visible(span)
+    return tuple(
+        _trimmed(text[first:last], Span(span.source, span.start + first, span.start + last))
+        for first, last in _split(text)
+    )
+
+
 def _attribute(text: str, span: Span, problems: list[Diagnostic]) -> tuple[str, str, Span] | None:
     """(attribute, value text, span of the value); without `=` the value is empty."""
     found = _ATTRIBUTE.match(text.rstrip())
-    blank = len(text) - len(text.lstrip())
-    trimmed = Span(span.source, span.start + blank, span.start + len(text.rstrip()))
+    trimmed = _trimmed(text, span)
     if found is None:
         problems.append(errors.malformed_attribute(trimmed))
         return None

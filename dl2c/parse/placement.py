@@ -15,11 +15,12 @@ from dl2c.parse.sections import Section
 from dl2c.parse.tree import Annotation, Declaration
 
 INSIDE_PROGRAMS = ("choice", "fallback")
-ABOVE_PROBLEM = ("episode", "safety", "progress")
+ABOVE_PROBLEM = ("episode", "scene", "safety", "progress")
 _PLACES = {
     "var": "above a declaration in ProgramVariables",
     "const": "above a `Real` declaration in Definitions",
     "episode": "above Problem",
+    "scene": "above Problem",
     "choice": "inside a program, before a choice",
     "fallback": "inside a program, before an alternative of a choice",
 }
@@ -58,7 +59,7 @@ def annotate(
         if not block.section.begin <= at < block.section.end or _inside(block, at):
             continue
         later = bisect_right(block.statements, at, key=lambda statement: statement.start)
-        alone = annotation.name in (*INSIDE_PROGRAMS, "episode") or later == len(block.statements)
+        alone = annotation.name in (*INSIDE_PROGRAMS, "episode", "scene") or later == len(block.statements)
         if alone or _trails(code, at, block):
             problems.append(misplaced(annotation))
         else:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dl2c.ir.model import Model
+from dl2c.ir.scene import plotted_pairs
 from dl2c.outputs import output_file
 from dl2c.picture import panels
 from dl2c.picture.track import Track
@@ -44,8 +45,7 @@ def panels_of(model: Model) -> Panels:
     if not (lines or scatter or histograms):
         observed = [v.name for v in model.variables if v.observed]
         lines = observed or [v.name for v in model.variables]
-    pairs = tuple(zip(scatter[0::2], scatter[1::2], strict=False))
-    return Panels(tuple(lines[:MOST_LINES]), tuple(histograms), pairs)
+    return Panels(tuple(lines[:MOST_LINES]), tuple(histograms), plotted_pairs(model))
 
 
 def blank(**layout: Any) -> Any:

@@ -298,3 +298,57 @@ def several_modalities(span: Span, written: str, first: Span) -> Diagnostic:
         f"the first is at {first.place}",
         "join their postconditions after one of them: `" + written + "(P & Q)`",
     )
+
+
+# ---------------------------------------------------------------- scenes
+
+
+def not_a_shape(span: Span) -> Diagnostic:
+    return error(
+        "malformed-annotation",
+        "`@scene` lists shapes",
+        span,
+        "expected `shape(...)`",
+        'for example `disk(x, y, radius=1, name="robot", role=agent)`',
+    )
+
+
+def unknown_shape(span: Span, name: str, known: Sequence[str]) -> Diagnostic:
+    otherwise = f"shapes are {', '.join(f'`{k}`' for k in known)}"
+    return error("unknown-shape", f"there is no shape `{name}`", span, "", suggestion(name, known, otherwise))
+
+
+def unknown_argument(span: Span, shape: str, name: str, known: Sequence[str]) -> Diagnostic:
+    otherwise = f"by name it takes {', '.join(f'`{k}`' for k in known)}"
+    help = suggestion(name, known, otherwise)
+    return error("unknown-argument", f"`{shape}` has no argument `{name}`", span, "", help)
+
+
+def missing_argument(span: Span, shape: str, name: str) -> Diagnostic:
+    value = {"name": '"..."', "heading": "(dx, dy)"}.get(name, "...")
+    return error("missing-argument", f"`{shape}` needs `{name}`", span, "", f"add `{name}={value}`")
+
+
+def repeated_argument(span: Span, shape: str, name: str) -> Diagnostic:
+    return error(
+        "repeated-argument", f"`{name}` of `{shape}` is given twice", span, "", "leave one of them out"
+    )
+
+
+def wrong_places(span: Span, shape: str, wanted: str, given: int) -> Diagnostic:
+    title = f"`{shape}` does not take {given} argument{'s' * (given != 1)} by place"
+    return error("wrong-arguments", title, span, "", f"write {wanted}, then what has a name")
+
+
+def not_a_scene_term(span: Span) -> Diagnostic:
+    return error(
+        "not-a-term",
+        "a shape is drawn from numbers",
+        span,
+        "this is true or false",
+        "write a term over variables and constants",
+    )
+
+
+def not_a_direction(span: Span) -> Diagnostic:
+    return error("not-a-direction", "a direction has two components", span, "", "write `heading=(dx, dy)`")

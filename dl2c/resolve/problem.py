@@ -26,6 +26,7 @@ from dl2c.resolve.expand import expanded_formula
 from dl2c.resolve.fragment import check_executable
 from dl2c.resolve.infer import with_implied, with_inferred
 from dl2c.resolve.predicates import AnnotatedPredicate, bind_predicates
+from dl2c.resolve.scene import SceneShape, scene_of
 from dl2c.resolve.shape import Shape, shape_of
 from dl2c.resolve.symbols import Symbols, collect
 
@@ -34,8 +35,8 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One resolved entry. Annotations are None where a declaration has none. `existential` are the constants
-    for some value of which the problem is stated.
+    """One resolved entry. Annotations are None where a declaration has none. `scene` are the shapes of
+    `@scene`, None without one. `existential` are the constants for some value of which the problem is stated.
     """
 
     entry: tree.Entry
@@ -47,6 +48,7 @@ class Problem:
     predicates: tuple[AnnotatedPredicate, ...]
     program_annotations: tuple[ProgramAnnotation, ...]
     episode: EpisodeAnnotation | None
+    scene: tuple[SceneShape, ...] | None = None
     warnings: tuple[Diagnostic, ...] = ()
     existential: tuple[str, ...] = ()
 
@@ -68,6 +70,7 @@ def resolve(entry: tree.Entry, loop: int | None = None) -> Problem:
     episode = _decoded(found, lambda: decode_problem(entry.problem_annotations))
     concluded = _decoded(found, lambda: decode_conclusion(entry.problem_annotations)) or ()
     program = _decoded(found, lambda: decode_program(entry.program_annotations)) or ()
+    scene = _decoded(found, lambda: scene_of(entry.problem_annotations, symbols))
     if found:
         raise CompileError(found)
     expanded = expanded_formula(entry.problem, symbols)
@@ -83,6 +86,7 @@ def resolve(entry: tree.Entry, loop: int | None = None) -> Problem:
         predicates=bind_predicates(predicates, concluded, shape, symbols),
         program_annotations=program,
         episode=episode,
+        scene=scene,
         warnings=undeclared.warnings(),
         existential=tuple(d.name for d in undeclared.existential),
     )

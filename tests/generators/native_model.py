@@ -38,6 +38,12 @@ dl2c_status dl2c_flow_roots(int32_t flow, const double *x, const double *p, doub
   return DL2C_ERR_ARG;
 }
 
+dl2c_status dl2c_scene_values(const double *x, const double *p, double *values)
+{
+  (void)x, (void)p, (void)values;
+  return DL2C_OK;
+}
+
 dl2c_status dl2c_batch_save(const dl2c_batch *b, int64_t i, void *snapshot)
 {
   (void)b, (void)i, (void)snapshot;

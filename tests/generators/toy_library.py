@@ -14,7 +14,15 @@ import pytest
 from dl2c.native.binding import outcome_memory
 from dl2c.native.describe import options_as_data
 from dl2c.native.errors import ResetFailed
-from dl2c.native.manifest import ChoiceSpec, InputSpec, Manifest, PredicateSpec, Quantity, TheoremSpec
+from dl2c.native.manifest import (
+    ChoiceSpec,
+    InputSpec,
+    Manifest,
+    PredicateSpec,
+    Quantity,
+    SceneSpec,
+    TheoremSpec,
+)
 from dl2c.options import Options
 
 OPTIONS: dict[str, Any] = options_as_data(Options()) | {
@@ -35,7 +43,7 @@ def toy_manifest(counts: tuple[int, ...] = (3,), inputs: int = 0, **options: Any
         name="toy",
         source="toy.kyx",
         dl2c_version="0",
-        abi_version=4,
+        abi_version=5,
         stream_version=4,
         key="",
         variables=(Quantity("x", -10.0, 20.0, unit="m"),),
@@ -56,6 +64,7 @@ def toy_manifest(counts: tuple[int, ...] = (3,), inputs: int = 0, **options: Any
         platform={},
         conditions=(),
         theorem=TheoremSpec("toy", "", "not checked"),
+        scene=SceneSpec((), {}, ()),
     )
 
 
@@ -63,7 +72,7 @@ def use_toy(patch: pytest.MonkeyPatch, counts: tuple[int, ...] = (3,), inputs: i
     """Make every model that is opened this one."""
     patch.setattr(
         "dl2c.env.opening.build",
-        lambda _, given, progress=None: SimpleNamespace(
+        lambda _, given, progress=None, inspect=False: SimpleNamespace(
             library=ToyLibrary(toy_manifest(counts, inputs, **given))
         ),
     )

@@ -16,7 +16,7 @@ from generators.toy_library import toy_manifest
 from dl2c.native import cgen_dir, toolchain
 from dl2c.native import compile as compiling
 from dl2c.native.binding import Batch, Library, load_library
-from dl2c.native.compile import CDEF, compile_library
+from dl2c.native.compile import CDEF, INSPECT_CDEF, compile_library
 from dl2c.native.errors import CompilerFailed, CompilerMissing, NativeError, ResetFailed
 from dl2c.native.manifest import Manifest
 from dl2c.native.toolchain import find_compiler, first_errors, run_all
@@ -58,6 +58,9 @@ def test_cdef_declares_what_the_header_declares() -> None:
     header = declared((cgen_dir() / "include" / "dl2c.h").read_text(encoding="utf-8"))
     assert declared(CDEF.read_text(encoding="utf-8")) == header
     assert len(header) > 15
+    inspect = declared((cgen_dir() / "include" / "dl2c_inspect.h").read_text(encoding="utf-8"))
+    assert inspect == declared(INSPECT_CDEF.read_text(encoding="utf-8"))
+    assert len(inspect) == 2
 
 
 def test_step_reads_and_writes_the_bound_arrays(batch: Batch) -> None:

@@ -18,6 +18,7 @@ from dl2c.emit.simulator.ode_c import jacobian_function, lie_function
 from dl2c.emit.simulator.paths_c import path_functions, path_tables
 from dl2c.emit.simulator.rates_c import rate_functions
 from dl2c.emit.simulator.sampler_c import sampler_functions, sampler_tables
+from dl2c.emit.simulator.scene_c import scene_functions
 from dl2c.emit.simulator.start_c import start_functions
 from dl2c.emit.simulator.watch_c import watch_functions, watch_tables
 from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
@@ -51,6 +52,7 @@ def model_c(build: BuildPlan) -> str:
         *path_functions(build, leaves),
         *input_functions(build, leaves),
         *judge_functions(build, leaves),
+        *scene_functions(build.model, leaves),
         *sampler_functions(build, leaves),
         *(text for unit in [build.monitor] if unit for text in judging_functions(unit)),
     ]

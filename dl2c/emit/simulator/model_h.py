@@ -16,6 +16,7 @@ from dl2c.emit.simulator.watch_c import margin_count, searched
 from dl2c.flows.kernel import KERNELS, QUICK
 from dl2c.flows.watch import watches_of
 from dl2c.ir.model import Symbol
+from dl2c.ir.scene import scene_terms
 from dl2c.lower.observations import observed
 from dl2c.paths.path import Decision, Input, Paths
 
@@ -93,6 +94,7 @@ def _sizes(build: BuildPlan) -> str:
         + f"#define DL2C_FLOWS_IN_LANES {int(flows_in_lanes(build))}\n"
         + _kernels(build)
         + ("" if build.monitor is None else "#define DL2C_MONITORED 1\n")
+        + (f"#define DL2C_SCENE {shown}\n" if (shown := len(scene_terms(model.scene))) else "")
         + f"typedef {kind} dl2c_obs;\n"
     )
 

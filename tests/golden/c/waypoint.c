@@ -26,6 +26,7 @@ enum { DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, DL2C_NUMERIC, DL2C_DOPRI }; /* ke
 #define DL2C_DOPRI_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
 #define DL2C_SEARCHED_FLOWS 1
+#define DL2C_SCENE 2
 typedef float dl2c_obs;
 
 #endif
@@ -824,6 +825,14 @@ DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, i
     obs[10 * row + i] = dl2c_observe_float(p[P_Vmax * stride + i], 5.0f, 30.0f, &clipped);
     saturated[i] = (uint8_t)clipped;
   }
+}
+
+/* What a picture of state x shows.   values: (DL2C_SCENE) */
+static inline void model_scene(const real *x, const real *p, real *values)
+{
+  (void)p;
+  values[0] = x[X_xr];
+  values[1] = x[X_xg];
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */
