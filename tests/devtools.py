@@ -41,7 +41,7 @@ class Page:
         sent = [
             e["params"]["request"]["url"] for e in self._events if e["method"] == "Network.requestWillBeSent"
         ]
-        return [url for url in sent if not url.startswith(("data:", "blob:"))]
+        return [url for url in sent if not url.startswith(("file:", "data:", "blob:", "about:"))]
 
     def begin(self) -> None:
         """Forget what was said and asked, in a large window without touches."""

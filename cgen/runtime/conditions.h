@@ -2,7 +2,7 @@
 /*
  * conditions.h -- why a model admits something or does not, for pages in which it is driven by hand.
  *
- * Included last by a generated file that includes the model's own file, with DL2C_INSPECTED=1, and defines
+ * Included last by a generated file that includes the model's own file, with DL2C_INSPECT=1, and defines
  *
  *   enum { NATOM };                              comparisons of all its conditions
  *   void model_atoms(x, p, u, real *margin, uint8_t *truth)   of each: positive inside, 0 on its boundary, for

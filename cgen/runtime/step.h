@@ -10,9 +10,6 @@
 #define DL2C_MONITORED 0 /* steps are not judged by a monitor */
 #endif
 
-#ifndef DL2C_INSPECTED
-#define DL2C_INSPECTED 0 /* runs do not note which paths they take, see conditions.h */
-#endif
 
 /* What a step is asked for. */
 typedef struct dl2c_request {
@@ -58,7 +55,7 @@ typedef struct dl2c_trial {
   bool unexplained;  /* its state was set by hand, so that there is nothing to judge */
   real before[NX];   /* the state where the step began */
 #endif
-#if DL2C_INSPECTED
+#if DL2C_INSPECT
   int32_t nnoted;                 /* paths taken, */
   int32_t noted[DL2C_MOST_NOTED]; /* and the first of them, in order */
 #endif
@@ -266,7 +263,7 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
     trial->failure = DL2C_ENDLESS;
     return;
   }
-#if DL2C_INSPECTED
+#if DL2C_INSPECT
   if (trial->nnoted < DL2C_MOST_NOTED) trial->noted[trial->nnoted++] = path;
 #endif
   real y[NX];

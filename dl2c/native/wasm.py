@@ -21,7 +21,7 @@ from dl2c.storage import StorageError, private_folder
 FLAGS = (
     *("-target", "wasm32-wasi", "-mexec-model=reactor", "-rdynamic", "-std=c11", "-O2", "-s"),
     *("-fno-trapping-math", "-fno-math-errno"),
-    *("-DDL2C_SHARED", "-DDL2C_NO_TARGET_CLONES", "-DDL2C_NO_THREADS", "-DDL2C_INSPECTED=1"),
+    *("-DDL2C_SHARED", "-DDL2C_NO_TARGET_CLONES", "-DDL2C_NO_THREADS", "-DDL2C_INSPECT=1"),
 )
 """One thread, no clones, nothing imported; every call of dl2c.h is exported."""
 

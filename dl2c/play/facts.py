@@ -1,5 +1,6 @@
 """What a page knows of its model besides the WebAssembly: names, decisions, paths, conditions, as JSON."""
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -8,7 +9,7 @@ from typing import Any
 from dl2c.emit.simulator.conditions import span_data
 from dl2c.env.infos import STATUS, reason_names
 from dl2c.ir.logic import atoms
-from dl2c.native.manifest import Manifest, Quantity
+from dl2c.native.manifest import AxisSpec, Manifest, Quantity
 from dl2c.paths.path import Path
 from dl2c.play.build import Playable
 from dl2c.source import Span, text_hash
@@ -26,7 +27,7 @@ def facts_of(made: Playable) -> dict[str, Any]:
     return {
         "name": manifest.name,
         "version": manifest.dl2c_version,
-        "source": {"name": made.source.name, "sha256": text_hash(made.source.text), "text": made.source.text},
+        "source": {"name": manifest.source, "sha256": text_hash(made.source.text), "text": made.source.text},
         "options": manifest.options,
         "batch": _batch(manifest),
         "theorem": asdict(manifest.theorem),
@@ -43,6 +44,7 @@ def facts_of(made: Playable) -> dict[str, Any]:
         "reasons": reason_names(manifest),
         "statuses": STATUS,
         "drawable": made.build.sampling is not None,
+        "scene": _scene(manifest),
         "all_inputs": [i.key for i in paths.inputs],
         "paths": [_path(p) for p in paths.paths],
         **made.conditions.as_data(),
@@ -62,8 +64,17 @@ def _batch(manifest: Manifest) -> dict[str, Any]:
 
 
 def _quantity(q: Quantity) -> dict[str, Any]:
-    finite = {k: v if abs(v) < float("inf") else None for k, v in (("low", q.low), ("high", q.high))}
-    return asdict(q) | finite
+    return asdict(q) | _limits(q)
+
+
+def _scene(manifest: Manifest) -> dict[str, Any]:
+    axes = {name: asdict(axis) | _limits(axis) for name, axis in manifest.scene.axes.items()}
+    return asdict(manifest.scene) | {"axes": axes}
+
+
+def _limits(item: Quantity | AxisSpec) -> dict[str, float | None]:
+    ends = {"low": item.low, "high": item.high}
+    return {name: end if math.isfinite(end) else None for name, end in ends.items()}
 
 
 def _path(path: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ FOLDER = Path(__file__).parent / "page"
 
 MODULES = (
     *("elements", "conditions", "engine", "episode", "deciding", "plots", "listing", "controls", "panels"),
-    *("scene", "player", "main"),
+    *("layout", "shapes", "scene", "player", "main"),
 )
 """Modules of JavaScript, each behind those that it imports; their names do not clash."""
 

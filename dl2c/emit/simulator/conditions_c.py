@@ -12,7 +12,7 @@ from dl2c.ir.printer import print_formula
 
 
 def conditions_c(build: BuildPlan, conditions: Conditions) -> str:
-    """The whole file; compiled with DL2C_INSPECTED=1."""
+    """The whole file; compiled with DL2C_INSPECT=1."""
     leaves = leaves_of(build)
     atoms = _atoms(conditions, leaves)
     parts = [

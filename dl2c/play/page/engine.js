@@ -2,6 +2,12 @@
 
 const OK = 0;
 
+// States inside a step that are shown: enough for curves to look round.
+export const INSIDE = 9;
+
+// Places of a plane at which @safety is judged, where that is shaded.
+export const GRID = [40, 30];
+
 // The buffers of dl2c.h in its order: name, type, and how many entries by the sizes of the model.
 const BUFFERS = [
   ["choices", Int32Array, (s) => s.nchoice],
@@ -28,7 +34,7 @@ const BUFFERS = [
 ];
 
 const SIZES = ["nx", "np", "nobs", "nchoice", "ninput", "nenvchoice", "nenvinput", "nmask", "npred",
-  "nflow", "nroot", "obs_size", "snapshot_size"];
+  "nflow", "nroot", "obs_size", "snapshot_size", "nscene"];
 const MORE_SIZES = ["natom", "nu", "npiece", "nnoted"];
 
 // What the model refuses: the message says why.
@@ -55,10 +61,12 @@ export class Engine {
       new Uint32Array(calls.memory.buffer, table, BUFFERS.length)[k] = this.places[name].at;
     });
     for (const [name, count] of [["x", this.sizes.nx], ["p", this.sizes.np], ["u", this.sizes.nu],
-      ["margin", this.sizes.natom], ["low", this.sizes.npiece], ["high", this.sizes.npiece]])
+      ["scene", this.sizes.nscene], ["fractions", INSIDE], ["inside", INSIDE * this.sizes.nx],
+      ["grid", GRID[0] * GRID[1] * this.sizes.nx], ["margin", this.sizes.natom], ["low", this.sizes.npiece], ["high", this.sizes.npiece]])
       this.#array(name, Float64Array, count);
     this.#array("given", Uint8Array, this.sizes.nu);
     this.#array("truth", Uint8Array, this.sizes.natom);
+    this.#array("violated", Int32Array, GRID[0] * GRID[1]);
     this.#array("noted", Int32Array, this.sizes.nnoted);
     this.#array("seed", BigUint64Array, 1);
     this.#array("snapshot", Uint8Array, this.sizes.snapshot_size);
@@ -161,6 +169,40 @@ export class Engine {
       path, place, at.x.at, at.p.at, at.given.at, at.u.at, at.low.at, at.high.at);
     const [low, high] = [this.view("low"), this.view("high")];
     return Array.from({ length: Math.max(0, count) }, (_, k) => [low[k], high[k]]);
+  }
+
+  // States inside the last step, at equal distances in time from where its first flow began to where its last
+  // ended: INSIDE of them.
+  inside() {
+    this.view("fractions").set(Array.from({ length: INSIDE }, (_, k) => k / (INSIDE - 1)));
+    const { fractions, inside } = this.places;
+    this.#check(this.calls.dl2c_inspect_motion(this.batch, 0n, BigInt(INSIDE), fractions.at, inside.at));
+    const all = this.view("inside");
+    return Array.from({ length: INSIDE }, (_, k) => [...all.subarray(k * this.sizes.nx, (k + 1) * this.sizes.nx)]);
+  }
+
+  // What the model's scene shows of a state.
+  scene(x, p) {
+    this.#place(x, p);
+    const at = this.places;
+    this.#check(this.calls.dl2c_scene_values(at.x.at, at.p.at, at.scene.at));
+    return [...this.view("scene")];
+  }
+
+  // Whether @safety fails where two variables, by their places, have values of a grid, all else as it is.
+  unsafe(x, p, [first, second], columns, rows) {
+    this.#place(x, p);
+    const grid = this.view("grid");
+    columns.forEach((a, i) => rows.forEach((b, j) => {
+      const at = (i * rows.length + j) * x.length;
+      grid.set(x, at);
+      grid[at + first] = a;
+      grid[at + second] = b;
+    }));
+    const count = BigInt(columns.length * rows.length);
+    const { grid: states, p: constants, violated } = this.places;
+    this.#check(this.calls.dl2c_inspect_violations(count, states.at, constants.at, violated.at));
+    return [...this.view("violated")].map((n) => n > 0);
   }
 
   #request(choices, inputs) {

@@ -52,7 +52,8 @@ export class Episode {
     const begun = this.now;
     this.engine.step(choices, inputs);
     this.steps.length = this.at;
-    this.steps.push({ ...this.#moment(), choices: [...choices], inputs: [...inputs], paths, begun });
+    const inside = this.engine.inside();
+    this.steps.push({ ...this.#moment(), choices: [...choices], inputs: [...inputs], paths, begun, inside });
     this.at += 1;
     return this.now;
   }

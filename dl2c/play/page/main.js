@@ -9,7 +9,7 @@ import { Episode } from "./episode.js";
 import { Listing } from "./listing.js";
 import { Bars, States } from "./panels.js";
 import { Player } from "./player.js";
-import { Plots } from "./plots.js";
+import { Plots, sumOf } from "./plots.js";
 import { Scene } from "./scene.js";
 
 const PLOTTED = 4; // strips of variables, where the model names none
@@ -64,7 +64,7 @@ class Page {
       check: (state) => this.against(state),
       seed: (text) => this.seed(text) });
     this.listing = new Listing(byId("listing"), facts.source.text);
-    this.scene = new Scene(byId("scene"), facts);
+    this.scene = new Scene(byId("scene"), facts, this.engine);
     this.plots = new Plots(byId("plots"), series(facts), (count) => this.seek(count));
   }
 
@@ -162,6 +162,7 @@ class Page {
     const begun = this.guarded(() => this.episode.begin(seed, state));
     if (!begun && !this.episode.first) this.episode.beginNowhere(seed);
     this.asked ??= this.#firstValues();
+    this.scene.begin(this.episode.first);
     if (begun) {
       const { x, p } = this.episode.first;
       this.states.began(state ? this.episode.arrays(state).flat() : [...x, ...p], seed);
@@ -248,7 +249,7 @@ class Page {
   // A frame: the scene where the time stands; the rest where something has changed.
   draw(all = false) {
     if (this.stale || all) this.refresh();
-    this.scene.draw(this.episode, this.player.state);
+    this.scene.draw(this.episode, this.player.state, this.player.part);
     const now = performance.now();
     if (all || !this.player.running || now - (this.drawn ?? 0) > REDRAWN) {
       this.plots.draw(this.episode, this.player.shown);
@@ -273,7 +274,7 @@ class Page {
     const timeline = byId("timeline");
     timeline.max = episode.steps.length;
     timeline.value = at;
-    const total = episode.steps.slice(0, at).reduce((sum, m) => sum + m.reward, 0);
+    const total = sumOf(episode.steps.slice(0, at));
     const parts = [`step ${at}`, `time ${player.shown.toFixed(2)} s`, `reward ${shown(now.reward)}`, `return ${shown(total)}`];
     const numbers = byId("numbers");
     parts.forEach((text, k) => say(numbers.children[k] ?? numbers.appendChild(element("span")), text));
@@ -332,15 +333,11 @@ class Page {
 
 // What is plotted over time: variables that the model marks, else the first ones; then what was earned.
 function series(facts) {
-  const marked = facts.variables.map((q, k) => ({ q, k })).filter(({ q }) => q.plot === "line");
-  const some = marked.length > 0 ? marked : facts.variables.map((q, k) => ({ q, k })).slice(0, PLOTTED);
-  const named = some.map(({ q, k }) => ({
-    label: q.description ? `${q.name}: ${q.description}` : q.name, unit: q.unit, value: (m) => m.x[k] }));
-  const sums = (moments) => {
-    let sum = 0;
-    return moments.map((m) => (sum += m.reward));
-  };
-  return [...named, { label: "return", unit: "", values: sums }];
+  const all = facts.variables.map((q, place) => ({ q, place }));
+  const marked = all.filter(({ q }) => q.plot === "line");
+  const named = (marked.length > 0 ? marked : all.slice(0, PLOTTED)).map(({ q, place }) => ({
+    label: q.description ? `${q.name}: ${q.description}` : q.name, unit: q.unit, place }));
+  return [...named, { label: "return", unit: "", sums: true }];
 }
 
 function randomSeed() {

@@ -39,11 +39,13 @@ export class Player {
     return duration > 0 ? Math.min(1, Math.max(0, 1 - (time - this.shown) / duration)) : 1;
   }
 
-  // The state there.
+  // The state there; between two that are known, on the line between them.
   get state() {
-    const { x, begun } = this.episode.now;
-    if (this.part >= 1 || !begun) return x;
-    return x.map((v, k) => begun.x[k] + this.part * (v - begun.x[k]));
+    const { x, inside } = this.episode.now;
+    if (this.part >= 1 || !inside) return x;
+    const along = this.part * (inside.length - 1);
+    const k = Math.floor(along);
+    return inside[k].map((v, j) => v + (along - k) * (inside[k + 1][j] - v));
   }
 
   #wake() {

@@ -1,6 +1,6 @@
 // Quantities over time, each in a strip of its own, on canvases.
 
-import { colour, element, shown } from "./elements.js";
+import { colour, element, say, shown } from "./elements.js";
 
 const MARGIN = 8;
 
@@ -22,16 +22,18 @@ export class Plots {
     const moments = [episode.first, ...episode.steps];
     this.times = moments.map((m) => m.time);
     this.last = Math.max(this.times.at(-1), 1e-9);
+    const points = moments.flatMap(pointsOf);
     for (const strip of this.strips) {
-      const values = strip.values ? strip.values(moments) : moments.map(strip.value);
-      this.#strip(strip.canvas, values, time);
+      const values = strip.sums ? points.map((p) => p.earned) : points.map((p) => p.x[strip.place]);
+      this.#strip(strip.canvas, points, strip.sums ? summed(values) : values, time);
+      const now = strip.sums ? sumOf(episode.steps.slice(0, episode.at)) : episode.now.x[strip.place];
       const [low, high] = [Math.min(...values), Math.max(...values)];
-      const between = low < high ? ` (${shown(low)} to ${shown(high)})` : "";
-      strip.valueText.textContent = `${shown(values[episode.at])}${between}`;
+      const between = low < high && !strip.sums ? ` (${shown(low)} to ${shown(high)})` : "";
+      say(strip.valueText, `${shown(now)}${between}`);
     }
   }
 
-  #strip(canvas, values, time) {
+  #strip(canvas, points, values, time) {
     const { pen, width, height } = penOf(canvas);
     const low = Math.min(...values);
     const high = Math.max(...values);
@@ -41,7 +43,7 @@ export class Plots {
     pen.strokeStyle = colour("series");
     pen.lineWidth = 1.5;
     pen.beginPath();
-    values.forEach((v, k) => pen.lineTo(across(this.times[k]), up(v)));
+    values.forEach((v, k) => pen.lineTo(across(points[k].time), up(v)));
     pen.stroke();
     rule(pen, [across(time), 0], [across(time), height], colour("faint"));
   }
@@ -51,6 +53,24 @@ export class Plots {
     const distances = this.times.map((t) => Math.abs(t - time));
     seek(distances.indexOf(Math.min(...distances)));
   }
+}
+
+// The states of a step in time: those inside it, where it is known what they were.
+function pointsOf(moment) {
+  const { x, time, duration, inside, reward } = moment;
+  if (!inside) return [{ time, x, earned: 0 }];
+  const begun = time - duration;
+  return inside.map((state, k) => ({
+    time: begun + (duration * k) / (inside.length - 1), x: state, earned: k === inside.length - 1 ? reward : 0 }));
+}
+
+function summed(values) {
+  let sum = 0;
+  return values.map((v) => (sum += v));
+}
+
+export function sumOf(moments) {
+  return moments.reduce((sum, m) => sum + m.reward, 0);
 }
 
 function rule(pen, from, to, style) {
