@@ -14,6 +14,7 @@ from dl2c.env.opening import compilation_of
 from dl2c.native.manifest import Manifest
 from dl2c.native.wasm import compile_wasm
 from dl2c.pipeline import Compilation
+from dl2c.policy.network import NetworkPolicy
 from dl2c.progress import Progress, silent
 from dl2c.source import Source
 
@@ -36,18 +37,27 @@ class Playable:
     wasm: bytes
     notes: tuple[str, ...]
     approximate: bool
+    policy: NetworkPolicy | None = None
 
 
-def playable(source: Source, options: Mapping[str, Any], progress: Progress = silent) -> Playable:
-    """Compile a model. Raises `CompileError` for its mistakes and for what is stiff, `NativeError`."""
+def playable(
+    source: Source,
+    options: Mapping[str, Any],
+    policy: NetworkPolicy | None = None,
+    progress: Progress = silent,
+) -> Playable:
+    """Compile a model, and a policy that acts in environments with these options.
+
+    Raises `CompileError` for the model's mistakes and for what is stiff, `NativeError`.
+    """
     found, notes = _compilation(source, options, progress)
     build, claim = found.planned.build, found.claim()
     conditions = conditions_of(build)
     main = f"{file_stem(build.model.name)}_page.c"
-    sources = found.emitted(claim) | {main: conditions_c(build.claiming(claim), conditions)}
-    approximate = any(INEXACT.search(text) for text in sources.values())
+    sources = found.emitted(claim) | {main: conditions_c(build.claiming(claim), conditions, policy)}
+    approximate = any(INEXACT.search(text) for name, text in sources.items() if name != main)
     wasm = compile_wasm(sources, main, progress)
-    return Playable(source, build, found.manifest(), conditions, wasm, notes, approximate)
+    return Playable(source, build, found.manifest(), conditions, wasm, notes, approximate, policy)
 
 
 def _compilation(

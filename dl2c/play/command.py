@@ -19,6 +19,12 @@ def play(
             "-o", "--output", metavar="HTML", help="Default: <model>.html here.", show_default=False
         ),
     ] = None,
+    policy: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE|DIR", help="A trained policy that can drive too: policy.json, SB3's zip, ONNX."
+        ),
+    ] = None,
     *,
     options: Mapping[str, Any],
 ) -> None:
@@ -28,8 +34,13 @@ def play(
     from dl2c.play.build import playable
     from dl2c.play.page import page_of
 
+    trained = None
+    if policy is not None:
+        from dl2c.commands.policy import policy_for
+
+        trained, options = policy_for(model, policy, options)
     with working(f"making a page of {model}") as note:
-        made = playable(source_of(model), options, note)
+        made = playable(source_of(model), options, trained, note)
         text = page_of(made)
     path = output or Path(f"{file_stem(made.manifest.name)}.html")
     write_output(path, text)

@@ -12,6 +12,7 @@ from dl2c.ir.logic import atoms
 from dl2c.native.manifest import AxisSpec, Manifest, Quantity
 from dl2c.paths.path import Path
 from dl2c.play.build import Playable
+from dl2c.policy.network import NetworkPolicy
 from dl2c.source import Span, text_hash
 
 BRANCH = re.compile(r"[{\s]*(if|while)\b")
@@ -45,10 +46,19 @@ def facts_of(made: Playable) -> dict[str, Any]:
         "statuses": STATUS,
         "drawable": made.build.sampling is not None,
         "scene": _scene(manifest),
+        "policy": None if made.policy is None else _policy(made.policy),
         "all_inputs": [i.key for i in paths.inputs],
         "paths": [_path(p) for p in paths.paths],
         **made.conditions.as_data(),
     }
+
+
+def _policy(policy: NetworkPolicy) -> dict[str, Any]:
+    """How its outputs become an action."""
+    io = policy.interface
+    fields = ("kind", "counts", "runs", "inputs", "low", "high", "squash", "outputs")
+    facts = {name: getattr(io, name) for name in fields}
+    return facts | {"masked": policy.masked, "bounded": policy.network.bounded}
 
 
 def _batch(manifest: Manifest) -> dict[str, Any]:

@@ -13,7 +13,18 @@ from dl2c.play.facts import facts_of
 FOLDER = Path(__file__).parent / "page"
 
 MODULES = (
-    *("elements", "conditions", "engine", "episode", "deciding", "plots", "listing", "controls", "panels"),
+    *(
+        "elements",
+        "conditions",
+        "engine",
+        "episode",
+        "deciding",
+        "policy",
+        "plots",
+        "listing",
+        "controls",
+        "panels",
+    ),
     *("layout", "shapes", "scene", "player", "main"),
 )
 """Modules of JavaScript, each behind those that it imports; their names do not clash."""

@@ -7,12 +7,14 @@ from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.conditions import Conditions
 from dl2c.emit.simulator.model_c import leaves_of
 from dl2c.emit.simulator.model_h import title_of
+from dl2c.emit.simulator.page_policy_c import page_policy_c
 from dl2c.ir.margins import margin_of
 from dl2c.ir.printer import print_formula
+from dl2c.policy.network import NetworkPolicy
 
 
-def conditions_c(build: BuildPlan, conditions: Conditions) -> str:
-    """The whole file; compiled with DL2C_INSPECT=1."""
+def conditions_c(build: BuildPlan, conditions: Conditions, policy: NetworkPolicy | None = None) -> str:
+    """The whole file, with the network of a policy; compiled with DL2C_INSPECT=1."""
     leaves = leaves_of(build)
     atoms = _atoms(conditions, leaves)
     parts = [
@@ -22,6 +24,7 @@ def conditions_c(build: BuildPlan, conditions: Conditions) -> str:
         *leaves.texts,
         atoms,
         '#include "conditions.h"\n',
+        *([] if policy is None else [page_policy_c(policy)]),
     ]
     return "\n".join(parts)
 

@@ -22,6 +22,11 @@ export class Deciding {
     return this.conditions.get(`${kind} ${name}`);
   }
 
+  // The alternatives of a choice that are marked as fallback.
+  marked(choice) {
+    return [...new Set(this.starting.filter((p) => p.marks[choice]).map((p) => p.decisions[choice]))];
+  }
+
   // Values of all inputs, those of the agent as given.
   valuesOf(inputs) {
     return this.facts.all_inputs.map((_, k) => inputs[k] ?? 0);

@@ -41,14 +41,14 @@ const MORE_SIZES = ["natom", "nu", "npiece", "nnoted"];
 export class Refused extends Error {}
 
 export class Engine {
-  // `options` are those of dl2c_options by name.
-  static async start(bytes, options) {
+  // `options` are those of dl2c_options by name; `outputs` is how many numbers the policy gives, if there is one.
+  static async start(bytes, options, outputs = 0) {
     const { instance } = await WebAssembly.instantiate(bytes, {});
     instance.exports._initialize();
-    return new Engine(instance.exports, options);
+    return new Engine(instance.exports, options, outputs);
   }
 
-  constructor(calls, options) {
+  constructor(calls, options, outputs) {
     this.calls = calls;
     this.options = options;
     this.sizes = { ...this.#read("dl2c_model_sizes", SIZES),
@@ -66,6 +66,10 @@ export class Engine {
       this.#array(name, Float64Array, count);
     this.#array("given", Uint8Array, this.sizes.nu);
     this.#array("truth", Uint8Array, this.sizes.natom);
+    if (calls.dl2c_policy_outputs) {
+      this.#array("observation", Float64Array, this.sizes.nobs);
+      this.#array("outputs", Float64Array, outputs);
+    }
     this.#array("violated", Int32Array, GRID[0] * GRID[1]);
     this.#array("noted", Int32Array, this.sizes.nnoted);
     this.#array("seed", BigUint64Array, 1);
@@ -203,6 +207,13 @@ export class Engine {
     const { grid: states, p: constants, violated } = this.places;
     this.#check(this.calls.dl2c_inspect_violations(count, states.at, constants.at, violated.at));
     return [...this.view("violated")].map((n) => n > 0);
+  }
+
+  // What the policy makes of what it observes now.
+  policyOutputs() {
+    this.view("observation").set(this.view("obs"));
+    this.calls.dl2c_policy_outputs(this.places.observation.at, this.places.outputs.at);
+    return [...this.view("outputs")];
   }
 
   #request(choices, inputs) {

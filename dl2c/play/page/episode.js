@@ -67,17 +67,17 @@ export class Episode {
   // Moves the state by hand. What follows cannot be replayed, so the recording ends before.
   disturb(x) {
     this.engine.setState(x, this.now.p);
-    const moved = { ...this.now, ...this.#standing(), disturbed: true };
+    const moved = { ...this.now, ...this.#standing(), original: this.now };
     if (this.at === 0) this.first = moved;
     else this.steps[this.at - 1] = moved;
     this.steps.length = this.at;
   }
 
-  // How many steps a recording holds: those before the first disturbance.
+  // How many steps a recording holds: those before the state was first moved by hand.
   get recorded() {
-    if (this.first.disturbed) return 0;
-    const disturbed = this.steps.slice(0, this.at).findIndex((m) => m.disturbed);
-    return disturbed < 0 ? this.at : disturbed;
+    if (this.first.original) return 0;
+    const moved = this.steps.slice(0, this.at).findIndex((m) => m.original);
+    return moved < 0 ? this.at : moved + 1;
   }
 
   #standing() {
@@ -96,7 +96,7 @@ export class Episode {
   // The steps up to where the episode stands, as text that `dl2c replay` reads.
   recording() {
     const { facts } = this;
-    const steps = this.steps.slice(0, this.recorded);
+    const steps = this.steps.slice(0, this.recorded).map((m) => m.original ?? m);
     const last = steps.at(-1);
     return json({
       format: "dl2c episode",
@@ -106,7 +106,7 @@ export class Episode {
       model: facts.source,
       options: facts.options,
       start: { seed: this.start.seed, number: 0, state: this.start.state },
-      initial: this.#named(this.first),
+      initial: this.#named(this.first.original ?? this.first),
       steps: steps.map((m) => ({
         action: this.#action(m),
         state: this.#named(m),

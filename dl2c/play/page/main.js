@@ -8,6 +8,7 @@ import { Engine, Refused } from "./engine.js";
 import { Episode } from "./episode.js";
 import { Listing } from "./listing.js";
 import { Bars, States } from "./panels.js";
+import { Drivers, Policy } from "./policy.js";
 import { Player } from "./player.js";
 import { Plots, sumOf } from "./plots.js";
 import { Scene } from "./scene.js";
@@ -54,6 +55,9 @@ class Page {
 
   #parts() {
     const { facts } = this;
+    this.drivers = new Drivers(byId("policy"), { deciding: this.deciding, facts,
+      policy: facts.policy && new Policy(this.engine, facts),
+      changed: () => this.refresh(), push: (share) => this.push(share) });
     this.choices = new Choices(byId("choices"), facts,
       (choice, alternative) => this.choose(choice, alternative),
       (name, reason) => this.tell(`${name}: ${reason}`, "bad"));
@@ -114,9 +118,30 @@ class Page {
     }
   }
 
-  // What the next step is asked for.
+  // What is asked for where the episode stands, by the policy or by hand.
+  get request() {
+    return this.drivers.asks(this.episode.now, { choices: this.chosen, inputs: this.asked });
+  }
+
+  // What the next step tries.
   decide() {
-    return { choices: this.chosen, inputs: this.asked };
+    const { choices, inputs, said } = this.drivers.decided(this.episode.now, this.request);
+    this.taken = said;
+    return { choices, inputs };
+  }
+
+  // Moves every variable at random, by no more than a share of its range.
+  push(share) {
+    if (this.episode.over) return;
+    const moved = this.facts.variables.map(({ low, high }, k) => {
+      const range = low !== null && high !== null ? high - low : 0;
+      return this.episode.now.x[k] + share * range * (2 * Math.random() - 1);
+    });
+    this.player.running = false;
+    this.episode.disturb(moved);
+    this.player.settle();
+    this.refresh();
+    this.tell("The state was pushed: a recording ends before that.", "");
   }
 
   choose(choice, alternative) {
@@ -211,6 +236,7 @@ class Page {
   stepped() {
     const { now } = this.episode;
     if (now.ended) this.tell(`${this.ending()}.`, this.mood());
+    else if (this.taken) this.tell(this.taken, "bad");
     else if (now.blocked) this.tell(`Blocked, so this ran instead: ${this.#ran(now)}`, "bad");
     else this.tell("", "");
     this.stale = true;
@@ -283,8 +309,9 @@ class Page {
   controls() {
     const { now } = this.episode;
     this.guilty = new Set();
-    this.choices.show(this.chosen, (c, a) => this.#reason(c, a, now));
-    this.inputs.show(this.asked, (k) => this.deciding.intervals(k, this.chosen, now, this.asked));
+    const { choices, inputs, shares } = this.request;
+    this.choices.show(choices, (c, a) => this.#reason(c, a, now), shares);
+    this.inputs.show(inputs, (k) => this.deciding.intervals(k, choices, now, inputs));
     this.marks();
   }
 
@@ -347,7 +374,7 @@ function randomSeed() {
 async function main() {
   const facts = JSON.parse(byId("facts").textContent);
   const module = Uint8Array.from(atob(byId("module").textContent), (c) => c.charCodeAt(0));
-  window.page = new Page(await Engine.start(module, facts.batch), facts);
+  window.page = new Page(await Engine.start(module, facts.batch, facts.policy?.outputs), facts);
   document.documentElement.dataset.ready = "true";
 }
 
