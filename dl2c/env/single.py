@@ -51,7 +51,8 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
             raise ValueError(f"no render mode {render_mode!r}; there is 'ansi', 'rgb_array', 'human'")
         self.render_mode = render_mode
         self.source = source_of(model)
-        library = open_library(self.source, options)
+        shown = render_mode in ("rgb_array", "human")
+        library = open_library(self.source, options, inspect=shown)
         self.manifest = library.manifest
         self._batch = library.batch(1, autoreset="disabled", **batch_options(self.manifest))
         self._encoding = encoding(self.manifest)
@@ -65,9 +66,10 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         self._closed = False
         self._bind(self._batch)
         self._screen: Screen | None = None
-        if render_mode in ("rgb_array", "human"):
-            self._screen = Screen(self.source, options, render_mode, self.metadata["render_fps"])
-            self._transition = self._screen.watching(self._transition, lambda: self.state)
+        if shown:
+            fps = self.metadata["render_fps"]
+            self._screen = Screen(self.source, options, self._batch, render_mode, fps)
+            self._transition = self._screen.watching(self._transition)
 
     def _bind(self, batch: "Batch") -> None:
         """Views of a batch and functions over it, made once."""
@@ -113,7 +115,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         if self.manifest.choices:
             info["action_mask"] = self._fresh_mask()
         if self._screen is not None:
-            self._screen.begin(self.state)
+            self._screen.begin()
         return self._obs.copy(), info
 
     def step(self, action: Any) -> Step:
@@ -138,7 +140,7 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         put(self._batch, 0, snapshot)
         self._seeded, self._act = True, _not_running if snapshot.ended else self._transition
         if self._screen is not None:
-            self._screen.begin(self.state)
+            self._screen.begin()
         info: dict[str, Any] = {"action_mask": self._fresh_mask()} if self.manifest.choices else {}
         return self._obs.copy(), info
 
@@ -179,8 +181,9 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         return read_chosen(self.manifest, self._batch)
 
     def render(self) -> str | NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride] # generic in an unused parameter there
-        """Mode `ansi`: time and state on one line. `rgb_array`: the episode so far, as the model's `plot=`
-        asks for, (height, width, 3). `human`: the same in a window, brought up to date by resets and steps.
+        """Mode `ansi`: time and state on one line. `rgb_array`: the model's scene (needs pygame-ce), or else
+        the episode so far as its `plot=` asks for (needs matplotlib), (height, width, 3). `human`: the same
+        in a window, brought up to date by resets and steps.
         """
         self._batch.check_open()
         if self._screen is not None:

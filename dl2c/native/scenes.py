@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from dl2c.interval.arithmetic import Interval, evaluate, hull_of, plus, times
 from dl2c.interval.bounded import interval_of
-from dl2c.ir.logic import symbols
-from dl2c.ir.model import Constant, Model, Shape, Symbol, Term, Variable
+from dl2c.ir.model import Add, Constant, Model, Neg, Shape, Sub, Symbol, Term, Variable
 from dl2c.ir.scene import FORMS, POINTS, scene_terms
 from dl2c.native.manifest import AxisSpec, SceneSpec, ShapeSpec
 
@@ -55,14 +54,26 @@ def _axes(model: Model, items: Mapping[Symbol, Variable | Constant]) -> dict[str
     for shape in model.scene.shapes:
         for axis, term, reach in _extents(shape, lambda t: evaluate(t, box)):
             extents.setdefault(axis, []).append(reach)
-            named = sorted(symbols(term), key=lambda s: s != term)
-            units.setdefault(axis, []).extend(items[s].unit for s in named if items[s].unit)
+            units.setdefault(axis, []).extend(items[s].unit for s in _summed(term) if items[s].unit)
     found: dict[str, AxisSpec] = {}
     for axis, reaches in extents.items():
         whole = hull_of(r for r in reaches if not r.empty)
         low, high = (-math.inf, math.inf) if whole.empty else (whole.low, whole.high)
         found[axis] = AxisSpec(low, high, next(iter(units[axis]), ""))
     return found
+
+
+def _summed(term: Term) -> Iterator[Symbol]:
+    """Symbols of which a term is a sum or difference, and which so have its unit."""
+    match term:
+        case Symbol():
+            yield term
+        case Neg(child):
+            yield from _summed(child)
+        case Add(left, right) | Sub(left, right):
+            yield from (*_summed(left), *_summed(right))
+        case _:
+            pass
 
 
 def _extents(shape: Shape, enclose: Enclose) -> Iterator[tuple[str, Term, Interval]]:

@@ -1,6 +1,7 @@
 """What pictures show is what the model says, and any model can be drawn."""
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,6 +19,7 @@ from dl2c.ir.arrays import margins, truths, values
 from dl2c.ir.evaluate import Undefined, evaluate, truth
 from dl2c.ir.logic import atoms
 from dl2c.ir.model import Model
+from dl2c.picture import live
 from dl2c.picture.figure import Panels, episode_figure, panels_of, pixels
 from dl2c.picture.regions import region
 from dl2c.picture.thresholds import deadline, thresholds
@@ -128,21 +130,50 @@ def test_every_picture_can_be_drawn(model: str, n: int) -> None:
     assert picture.dtype == np.uint8 and picture.shape[2] == 3 and picture.std() > 5
 
 
-def test_environments_render_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    env = gym.make("dl2c:dl2c/WaterTank-v0", render_mode="rgb_array")
+UNSHOWN = re.sub(r'unit="m", |/\* @scene.*?\*/', "", source_of("example:watertank").text, flags=re.DOTALL)
+"""A model without a scene: its variables are shown over time."""
+
+
+def test_a_model_without_a_scene_is_shown_over_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = dl2c.make(UNSHOWN, render_mode="rgb_array")
+    assert env.render() is None
     env.reset(seed=1)
     frames: list[Any] = [env.render()]
-    env.step(env.action_space.sample())
+    env.step([0.3])
     frames.append(env.render())
     assert frames[0].shape == frames[1].shape and (frames[0] != frames[1]).any()
     env.close()
     monkeypatch.setattr("matplotlib.pyplot.pause", lambda seconds: None)
-    check_env(gym.make("dl2c:dl2c/WaterTank-v0", render_mode="rgb_array").unwrapped)
+    check_env(dl2c.make(UNSHOWN, render_mode="rgb_array"))
 
 
-def test_rendering_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_curves_go_on_as_if_they_were_drawn_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few frames are; a curve that was continued has the pixels of one that was not."""
+    drawn: list[int] = []
+    whole = live.draw
+    monkeypatch.setattr(live, "draw", lambda *given: (drawn.append(1), whole(*given)))
+    env = dl2c.make(UNSHOWN, render_mode="rgb_array")
+    env.reset(seed=1)
+    for k in range(40):
+        env.step([0.6 * (k % 3 == 0)])
+        frame = env.render()
+    assert isinstance(frame, np.ndarray) and 2 <= len(drawn) <= 12
+    plots = env._screen._view._plots  # pyright: ignore
+    axes = plots.figure.axes[0]
+    line = axes.lines[-2].get_xydata()
+    assert len(line) == 41 and line[-1].tolist() == [40.0, env.state["l"]]
+    env.reset(seed=2)
+    env.step([0.0])
+    again = env.render()
+    assert len(drawn) >= 3 and isinstance(again, np.ndarray) and (again != frame).any()
+    env.close()
+
+
+@pytest.mark.parametrize("model", ["example:watertank", UNSHOWN], ids=["scene", "curves"])
+def test_rendering_changes_nothing(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("matplotlib.pyplot.pause", lambda seconds: None)
-    plain, shown = dl2c.make("example:watertank"), dl2c.make("example:watertank", render_mode="human")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    plain, shown = dl2c.make(model), dl2c.make(model, render_mode="human")
     for env in (plain, shown):
         env.reset(seed=4)
         env.step([0.2])
@@ -157,7 +188,10 @@ def test_rendering_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    with pytest.raises(gym.error.DependencyNotInstalled, match="matplotlib"):
+    with pytest.raises(gym.error.DependencyNotInstalled, match="pip install matplotlib"):
+        dl2c.make(UNSHOWN, render_mode="rgb_array")
+    monkeypatch.setitem(__import__("sys").modules, "pygame", None)
+    with pytest.raises(gym.error.DependencyNotInstalled, match="pip install pygame-ce"):
         dl2c.make("example:watertank", render_mode="rgb_array")
 
 

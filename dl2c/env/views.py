@@ -1,0 +1,145 @@
+"""Two ways to show an episode: the scene of its model, and curves over time."""
+
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+from dl2c.env.opening import compilation_of
+from dl2c.env.state import read_state
+from dl2c.source import Source
+
+if TYPE_CHECKING:
+    from dl2c.native.binding import Batch
+    from dl2c.picture.live import LivePlots
+    from dl2c.picture.track import Track
+
+ON_THE_WAY = np.linspace(0.0, 1.0, 9)
+"""Fractions of a step at which the way of an agent is followed."""
+
+
+def needed(module: str, package: str) -> None:
+    """Raises `DependencyNotInstalled` for a module that is not there."""
+    if find_spec(module) is None:
+        raise DependencyNotInstalled(f"rendering needs {package}: `pip install {package}`")
+
+
+class SceneView:
+    """The scene of a model; `batch` is one environment of a library that was built to inspect."""
+
+    def __init__(self, batch: "Batch", fps: int) -> None:
+        needed("pygame", "pygame-ce")
+        from dl2c.picture.scene import ScenePicture, Status
+
+        self._batch, self._fps = batch, fps
+        self._picture = ScenePicture(batch.library)
+        self._status = Status()
+        self._window: Any = None
+        self._clock: Any = None
+
+    def begin(self) -> None:
+        """An episode begins where the environment is now."""
+        from dl2c.picture.scene import Status
+
+        self._status = Status(time=float(self._batch.time[0]))
+        self._picture.begin(*self._batch.get_state(0))
+
+    def stepped(self, reward: float, info: Mapping[str, Any]) -> None:
+        """The environment has made a step."""
+        from dl2c.native.inspect import motion
+
+        self._status = self._status.then(reward, info)
+        if self._picture.follows:
+            _, p = self._batch.get_state(0)
+            self._picture.follow(motion(self._batch, 0, ON_THE_WAY), p)
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """The picture (height, width, 3)."""
+        self._picture.draw(*self._batch.get_state(0), self._status)
+        return self._picture.pixels()
+
+    def show(self) -> None:
+        """Bring the window up to date, and wait as long as a frame lasts."""
+        import pygame
+
+        if self._window is None:
+            pygame.display.init()
+            self._window = pygame.display.set_mode(self._picture.size)
+            self._clock = pygame.time.Clock()
+        self._window.blit(self._picture.draw(*self._batch.get_state(0), self._status), (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(self._fps)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            import pygame
+
+            pygame.display.quit()
+        self._window = None
+
+
+class PlotView:
+    """Variables over time, as `plot=` asks for; `batch` is one environment."""
+
+    def __init__(self, source: Source, options: Mapping[str, Any], batch: "Batch", fps: int) -> None:
+        needed("matplotlib", "matplotlib")
+        self._batch, self._fps = batch, fps
+        self._model = compilation_of(source, options).unbounded
+        self._track: Track | None = None
+        self._plots: LivePlots | None = None
+
+    def begin(self) -> None:
+        """An episode begins where the environment is now."""
+        from dl2c.picture.track import Track
+
+        self._track = Track((0.0,), (self._state(),), ())
+
+    def stepped(self, reward: float, info: Mapping[str, Any]) -> None:
+        """The environment has made a step."""
+        assert self._track is not None
+        time = self._track.times[-1] + info["duration"]
+        self._track = self._track.then(time, self._state(), info["blocked"], info["status"], info["reason"])
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """The picture (height, width, 3)."""
+        from dl2c.picture.figure import blank
+
+        return self._drawn(blank).pixels()
+
+    def show(self) -> None:
+        """Bring the window up to date, and wait as long as a frame lasts."""
+        plt = _pyplot()
+        plt.ion()
+        self._drawn(plt.figure)
+        plt.pause(1 / self._fps)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._plots is not None and self._plots.figure.canvas.manager is not None:
+            _pyplot().close(self._plots.figure)
+        self._plots = None
+
+    def _drawn(self, make: Callable[[], Any]) -> "LivePlots":
+        """The episode so far on a figure that is made once."""
+        from dl2c.picture.live import LivePlots
+
+        assert self._track is not None
+        if self._plots is None:
+            self._plots = LivePlots(make(), self._model)
+        self._plots.show(self._track)
+        return self._plots
+
+    def _state(self) -> dict[str, float]:
+        return read_state(self._batch.library.manifest, self._batch)
+
+
+def _pyplot() -> Any:
+    """Matplotlib's windows, untyped."""
+    from matplotlib import pyplot
+
+    return pyplot
