@@ -33,12 +33,17 @@ FIRST = "compiling C to WebAssembly, the first time with zig's C library: about 
 LATER = "compiling C to WebAssembly"
 
 
+def require_zig() -> None:
+    """Raises `CompilerMissing` where there is none."""
+    if importlib.util.find_spec("ziglang") is None:
+        raise CompilerMissing("WebAssembly is compiled by zig: `pip install dl2c[zig]`")
+
+
 def compile_wasm(sources: Mapping[str, str], main: str, progress: Progress) -> bytes:
     """The module of the files in `sources`: `main` and what it includes, and the monitor of every step where
     there is one. Kept like a build. Raises `CompilerMissing`, `CompilerFailed`, `NativeError`.
     """
-    if importlib.util.find_spec("ziglang") is None:
-        raise CompilerMissing("WebAssembly is compiled by zig: `pip install dl2c[zig]`")
+    require_zig()
     units = (main, *sorted(name for name in sources if name.endswith("_monitor.c")))
 
     def build(folder: Path) -> None:

@@ -12,7 +12,7 @@ from dl2c.emit.simulator.conditions import Conditions, conditions_of
 from dl2c.emit.simulator.conditions_c import conditions_c
 from dl2c.env.opening import compilation_of
 from dl2c.native.manifest import Manifest
-from dl2c.native.wasm import compile_wasm
+from dl2c.native.wasm import compile_wasm, require_zig
 from dl2c.pipeline import Compilation
 from dl2c.policy.network import NetworkPolicy
 from dl2c.progress import Progress, silent
@@ -50,6 +50,7 @@ def playable(
 
     Raises `CompileError` for the model's mistakes and for what is stiff, `NativeError`.
     """
+    require_zig()
     found, notes = _compilation(source, options, progress)
     build, claim = found.planned.build, found.claim()
     conditions = conditions_of(build)

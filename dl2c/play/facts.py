@@ -106,4 +106,5 @@ def _places(path: Path) -> Iterator[Span]:
         if BRANCH.match(span.text):
             yield from (c for c in conditions if span.start <= c.start and c.end <= span.end)
         else:
-            yield span
+            executed = span.text.partition("@invariant")[0]
+            yield Span(span.source, span.start, span.start + len(executed))

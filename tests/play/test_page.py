@@ -9,11 +9,14 @@ import pytest
 from browser import needs_browser
 from devtools import Page
 from devtools import browser as chromium
-from play.pages import EXAMPLES, needs_zig, opened, replayed, text_of
+from play.pages import EXAMPLES, READY, needs_zig, opened, replayed, text_of
 from typer.testing import CliRunner
 
 from dl2c.cli import app
-from dl2c.play.page import MODULES, script
+from dl2c.env.opening import source_of
+from dl2c.play.build import playable
+from dl2c.play.page import MODULES, page_of, script
+from dl2c.source import Source
 
 pytestmark = [needs_browser, needs_zig]
 
@@ -21,6 +24,9 @@ LARGEST = 400_000
 """Bytes of a page without a policy."""
 
 AT = "page.episode.at"
+UNDRAWN = "l^13 + l^2 * goal^2 = goal^13 + 1"
+"""Of which no initial states are drawn; l = goal = 1 is one."""
+
 STATUS = "document.getElementById('status').textContent"
 
 
@@ -178,3 +184,48 @@ def test_every_example_plays(example: str, browser: Page, tmp_path: Path) -> Non
         assert taken == 100
         replayed(page("page.episode.recording()"), tmp_path)
     assert page.said == [] and page.asked == []
+
+
+def test_a_push_ends_what_can_be_replayed(browser: Page, tmp_path: Path) -> None:
+    """What was before it is recorded; the episode goes on."""
+    page = opened(browser, "waypoint", tmp_path)
+    for _ in range(3):
+        page.press("ArrowRight")
+    before = page("page.episode.now.x.join()")
+    page.click(button("Push the state"))
+    assert page("page.episode.now.x.join()") != before and "recording ends" in page(STATUS)
+    page.press("ArrowRight")
+    recording = page("page.episode.recording()")
+    assert page(AT) == 4 and len(json.loads(recording)["steps"]) == 3
+    assert "bit for bit" in replayed(recording, tmp_path)
+
+
+def test_text_of_a_model_is_no_markup(browser: Page, tmp_path: Path) -> None:
+    """Nor does it end the elements in which it stands."""
+    attack = "</script><img src=x onerror=window.other=1></title><script>window.other=1</script>"
+    model = source_of("example:watertank").text.replace('def="level"', f'def="{attack}"')
+    model = model.replace("/* Keep", f"/* {attack} Keep").replace('"Water tank"', f'"{attack}"')
+    path = tmp_path / "page.html"
+    path.write_text(page_of(playable(Source("hostile.kyx", model), {})), encoding="utf-8")
+    browser.begin()
+    browser.open(path, READY)
+    assert browser("typeof other") == "undefined" and browser.said == [] and browser.asked == []
+    assert browser("document.querySelectorAll('img, main script').length") == 0
+    assert browser("document.querySelector('h1').textContent") == attack == browser("document.title")
+
+
+def test_where_no_state_can_be_drawn_one_is_written(browser: Page, tmp_path: Path) -> None:
+    text = source_of("example:watertank").text.replace("inTank(l)\n    ->", f"inTank(l) & {UNDRAWN}\n    ->")
+    made = playable(Source("tank.kyx", text), {})
+    assert made.build.sampling is None
+    path = tmp_path / "page.html"
+    path.write_text(page_of(made), encoding="utf-8")
+    browser.begin()
+    browser.open(path, READY)
+    assert "No admissible initial state" in browser(STATUS) and browser("page.episode.over")
+    for name, text in {"l": "1", "goal": "1", "U": "0.5", "q": "0.1"}.items():
+        field = f"document.querySelector('[aria-label=\"{name} at the beginning\"]')"
+        browser(f"{field}.value = '{text}', {field}.dispatchEvent(new Event('input'))")
+    browser.click(button("Begin here"))
+    browser.press("ArrowRight")
+    assert browser(AT) == 1 and "bit for bit" in replayed(browser("page.episode.recording()"), tmp_path)

@@ -130,12 +130,14 @@ class Page {
     return { choices, inputs };
   }
 
-  // Moves every variable at random, by no more than a share of its range.
+  // Moves every variable that has bounds at random, by no more than a share of its range, and not out of it.
   push(share) {
     if (this.episode.over) return;
     const moved = this.facts.variables.map(({ low, high }, k) => {
-      const range = low !== null && high !== null ? high - low : 0;
-      return this.episode.now.x[k] + share * range * (2 * Math.random() - 1);
+      const value = this.episode.now.x[k];
+      if (low === null || high === null) return value;
+      const next = value + share * (high - low) * (2 * Math.random() - 1);
+      return Math.min(Math.max(next, Math.min(low, value)), Math.max(high, value));
     });
     this.player.running = false;
     this.episode.disturb(moved);
@@ -185,14 +187,15 @@ class Page {
   restart(seed, state = null) {
     this.player.running = false;
     const begun = this.guarded(() => this.episode.begin(seed, state));
-    if (!begun && !this.episode.first) this.episode.beginNowhere(seed);
+    const nowhere = !begun && !this.episode.first;
+    if (nowhere) this.episode.beginNowhere(seed);
     this.asked ??= this.#firstValues();
     this.scene.begin(this.episode.first);
-    if (begun) {
+    if (begun || nowhere) {
       const { x, p } = this.episode.first;
       this.states.began(state ? this.episode.arrays(state).flat() : [...x, ...p], seed);
-      this.tell("", "");
     }
+    if (begun) this.tell("", "");
     this.player.settle();
     this.refresh();
     return true;
