@@ -100,6 +100,9 @@ docs: $(READY)
 	for model in examples/*.kyx; do \
 	  $(BIN)/dl2c play $$model -o build/docs/play/$$(basename $$model .kyx).html || exit 1; \
 	done
+	$(BIN)/dl2c play docs/lecture/unguarded.kyx -o build/docs/play/unguarded.html
+	$(BIN)/dl2c play examples/static_safety_line.kyx -o build/docs/play/guarded.html
+	$(BIN)/dl2c play examples/static_safety_line.kyx --policy docs/lecture/policy -o build/docs/play/trained.html
 
 bench: $(READY)
 	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000 --require gym/empty=0.67 \
