@@ -46,7 +46,18 @@ OWNERS = {
 }
 """Libraries that one layer alone may import."""
 
-EXTRAS = {"matplotlib", "stable_baselines3", "sb3_contrib", "torch", "ray", "pyarrow", "yaml", "onnx"}
+EXTRAS = {
+    "matplotlib",
+    "pygame",
+    "imageio_ffmpeg",
+    "stable_baselines3",
+    "sb3_contrib",
+    "torch",
+    "ray",
+    "pyarrow",
+    "yaml",
+    "onnx",
+}
 EXTRAS_ARE_NEEDED = {
     *("env/sb3.py", "report/callback.py"),
     *("training/learning.py", "training/callbacks.py", "training/standardised.py", "training/teaching.py"),

@@ -20,6 +20,11 @@ Episodes = Annotated[int, typer.Option(min=1, help="How many episodes.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the first episode; the next ones count up.")]
 Masked = Annotated[bool, typer.Option("--masked/--unmasked", help="Keep the policy to enabled alternatives.")]
 
+Film = Annotated[
+    Path | None,
+    typer.Option(metavar="MP4|GIF", help="Show it in a film, in the model's time; at most a minute long."),
+]
+
 # What is said of a trained policy that is verified ---------------------------------------------------
 
 PANEL = "A trained policy"

@@ -30,6 +30,7 @@ EXTRA: dict[str | None, str] = {
     **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "matplotlib", "yaml"), "train"),
     **dict.fromkeys(("ray", "pyarrow"), "ray"),
     **dict.fromkeys(("onnx", "google"), "onnx"),
+    "imageio_ffmpeg": "film",
 }
 """Which extra installs an optional library."""
 

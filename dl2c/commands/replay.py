@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dl2c.commands.arguments import Film
 from dl2c.commands.completion import models
 from dl2c.commands.failures import CommandError, as_data, to_json
 from dl2c.commands.flags import Json
@@ -27,6 +28,7 @@ def replay(
     file: Annotated[Path, typer.Argument(help="What `dl2c falsify` or `dl2c rollout` wrote.")],
     model: Other = None,
     plot: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the episode.")] = None,
+    film: Film = None,
     json: Json = False,
 ) -> None:
     """Replay a recorded episode, say whether every state is the same to the last bit, and what it violates.
@@ -38,7 +40,10 @@ def replay(
     from dl2c.native.errors import ResetFailed
     from dl2c.report import episode as episodes
     from dl2c.report.blame import blamed, model_of
+    from dl2c.report.film import check_film
 
+    if film is not None:
+        check_film(film)
     try:
         recorded = episodes.read_episode(file)
         with working(f"replaying {file}"):
@@ -50,8 +55,7 @@ def replay(
         different, steps = _by_steps(recorded, different)
     conditions = blamed(found, model_of(found))
     changed = _changed(recorded, found)
-    if plot is not None:
-        _draw(found, plot)
+    _draw(found, plot, film)
     if json:
         told = {"steps": len(found.moments), "status": found.status, "reason": found.reason}
         told |= {"difference": different, "step_by_step": steps, "model": changed}
@@ -96,7 +100,13 @@ def _changed(recorded: "Episode", found: "Episode") -> str:
     return "" if same else f"{name} has changed since: `--model {name}` replays the episode on what it is now"
 
 
-def _draw(found: "Episode", path: Path) -> None:
-    from dl2c.report.pictures import draw_episode
+def _draw(found: "Episode", plot: Path | None, film: Path | None) -> None:
+    if plot is not None:
+        from dl2c.report.pictures import draw_episode
 
-    draw_episode(found, path)
+        draw_episode(found, plot)
+    if film is not None:
+        from dl2c.report.film import write_film
+
+        with working(f"making {film}"):
+            write_film([found], film)

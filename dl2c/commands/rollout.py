@@ -6,15 +6,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from dl2c.commands.arguments import Episodes, Masked, Model, PolicyName, Seed
+from dl2c.commands.arguments import Episodes, Film, Masked, Model, PolicyName, Seed
 from dl2c.commands.failures import CommandError, to_json
 from dl2c.commands.flags import Json
 from dl2c.commands.waiting import working
 from dl2c.outputs import output_file
+
+if TYPE_CHECKING:
+    from dl2c.report.episode import Episode
 
 Block: TypeAlias = Mapping[str, list[Any]]
 """Some rows, as columns."""
@@ -43,6 +46,7 @@ def rollout(
         Path | None,
         typer.Option(metavar="FOLDER", help="Write each failed episode to a file for `dl2c replay`."),
     ] = None,
+    film: Film = None,
     ray: Ray = False,
     address: Address = None,
     allow_mixed: Mixed = False,
@@ -52,19 +56,20 @@ def rollout(
 ) -> None:
     """Run a policy and say how its episodes ended; with --csv or --parquet, every step."""
     run = (policy, model, episodes, seed, masked)
+    seen = _Ended(save_failures, film)
     with working(f"running {episodes} episodes of {model}") as note:
         if ray or address is not None:
-            if save_failures is not None:
-                raise CommandError("--save-failures is for episodes run here, without --ray and --address")
+            seen.refuse()
             tables = _on_cluster(run, note, address=address, allow_mixed=allow_mixed, **options)
             blocks = _stored(tables, parquet, csv_file is None)
         elif parquet is not None:
-            blocks = _stored(_as_tables(run, save_failures, options), parquet, csv_file is None)
+            blocks = _stored(_as_tables(run, seen, options), parquet, csv_file is None)
         else:
-            blocks = _blocks(_here(run, save_failures, options))
+            blocks = _blocks(_here(run, seen, options))
         if csv_file is not None:
             blocks = _written(blocks, csv_file)
         summary = _summary(blocks, episodes)
+    seen.show()
     if json:
         print(to_json(summary))
     else:
@@ -74,24 +79,62 @@ def rollout(
 # Where the rows come from ------------------------------------------------------
 
 
-def _here(
-    run: tuple[Any, ...], failures: Path | None, options: Mapping[str, Any]
-) -> Iterator[dict[str, Any]]:
+class _Ended:
+    """What becomes of episodes that have ended, besides rows: files of failures, a film."""
+
+    def __init__(self, failures: Path | None, film: Path | None) -> None:
+        self._failures, self._film = failures, film
+        self._seen: list[Episode] = []
+        if film is not None:
+            from dl2c.report.film import check_film
+
+            check_film(film)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether episodes are to be recorded."""
+        return self._failures is not None or self._film is not None
+
+    def refuse(self) -> None:
+        """Raises `CommandError` where something is wanted, of episodes that are run elsewhere."""
+        if self.wanted:
+            option = "--film" if self._failures is None else "--save-failures"
+            raise CommandError(f"{option} is for episodes run here, without --ray and --address")
+
+    def __call__(self, episode: "Episode") -> None:
+        """One has ended."""
+        from dl2c.report.recording import failures_to
+
+        if self._failures is not None:
+            failures_to(self._failures)(episode)
+        if self._film is not None:
+            self._seen.append(episode)
+
+    def show(self) -> None:
+        """Make the film."""
+        if self._film is not None:
+            from dl2c.report.film import write_film
+
+            with working(f"making {self._film}"):
+                write_film(self._seen, self._film)
+
+
+def _here(run: tuple[Any, ...], ended: _Ended, options: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     from dl2c.training.rollout import rollout as rows
 
-    if failures is None:
+    if not ended.wanted:
         return rows(*run, **options)
-    from dl2c.report.recording import Recorder, failures_to
+    from dl2c.report.recording import Recorder
 
-    return rows(*run, around=lambda env: Recorder(env, failures_to(failures)), **options)
+    return rows(*run, around=lambda env: Recorder(env, ended), **options)
 
 
-def _as_tables(run: tuple[Any, ...], failures: Path | None, options: Mapping[str, Any]) -> Iterable[Any]:
+def _as_tables(run: tuple[Any, ...], ended: _Ended, options: Mapping[str, Any]) -> Iterable[Any]:
     from dl2c.env.opening import open_library, source_of
     from dl2c.training.tables import schema, tables
 
     shape = schema(open_library(source_of(run[1]), options).manifest)
-    return tables(_here(run, failures, options), shape)
+    return tables(_here(run, ended, options), shape)
 
 
 def _on_cluster(run: tuple[Any, ...], note: Callable[[str], None], **options: Any) -> Iterator[Any]:

@@ -3,7 +3,7 @@
 A model with a scene is drawn by pygame, another one as curves over time by matplotlib.
 """
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -26,8 +26,11 @@ class View(Protocol):
         """An episode begins where the environment is now."""
         ...
 
-    def stepped(self, reward: float, info: Mapping[str, Any]) -> None:
-        """The environment has made a step."""
+    def stepped(
+        self, reward: float, info: Mapping[str, Any], fractions: Sequence[float]
+    ) -> Iterator[NDArray[np.uint8]]:
+        """The environment has made a step, which is followed as far as pictures of it are taken: at these
+        fractions of its time, which rise."""
         ...
 
     def pixels(self) -> NDArray[np.uint8]:
@@ -80,12 +83,21 @@ class Screen:
         def step(action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
             result = transition(action)
             if self._watching:
-                self._view.stepped(result[1], result[-1])
+                for _ in self._view.stepped(result[1], result[-1], ()):
+                    pass
                 if self._human:
                     self._view.show()
             return result
 
         return step
+
+    def inside(
+        self, step: Callable[[], tuple[Any, float, bool, bool, dict[str, Any]]], fractions: Sequence[float]
+    ) -> Iterator[NDArray[np.uint8]]:
+        """Pictures at fractions of the time of a step, which is made first."""
+        with self.aside():
+            result = step()
+        yield from self._view.stepped(result[1], result[-1], fractions)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The picture (height, width, 3) in mode `rgb_array`; a window brought up to date in mode `human`."""

@@ -4,7 +4,7 @@ Everything that happens in a step happens in C; this module reads buffers and ha
 objects. Numbers that depend on the model are worked out once, in the constructor.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
@@ -189,6 +189,13 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         if self._screen is not None:
             return self._screen.render()
         return state_line(self.manifest, self._batch) if self.render_mode == "ansi" else None
+
+    def watch(self, step: Callable[[], Step], fractions: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
+        """Pictures as `render` gives them, inside a step: `step` makes it, then they come, at rising
+        fractions of the time that it takes. Needs mode `rgb_array`.
+        """
+        assert self._screen is not None, "there are no pictures in this render mode"
+        yield from self._screen.inside(step, fractions)
 
     def close(self) -> None:
         """Free the native environment. Closing twice is fine."""

@@ -1,6 +1,7 @@
 """Two ways to show an episode: the scene of its model, and curves over time."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -47,14 +48,23 @@ class SceneView:
         self._status = Status(time=float(self._batch.time[0]))
         self._picture.begin(*self._batch.get_state(0))
 
-    def stepped(self, reward: float, info: Mapping[str, Any]) -> None:
-        """The environment has made a step."""
+    def stepped(
+        self, reward: float, info: Mapping[str, Any], fractions: Sequence[float]
+    ) -> Iterator[NDArray[np.uint8]]:
+        """The environment has made a step: pictures at fractions of its time, which rise."""
         from dl2c.native.inspect import motion
 
-        self._status = self._status.then(reward, info)
-        if self._picture.follows:
-            _, p = self._batch.get_state(0)
-            self._picture.follow(motion(self._batch, 0, ON_THE_WAY), p)
+        before, self._status = self._status, self._status.then(reward, info)
+        _, p = self._batch.get_state(0)
+        places = np.union1d(ON_THE_WAY, fractions) if self._picture.follows else np.array(fractions)
+        states = motion(self._batch, 0, places) if len(places) else ()
+        for place, x in zip(places.tolist(), states, strict=True):
+            if self._picture.follows:
+                self._picture.follow(x, p)
+            if place in fractions:
+                status = replace(before, time=before.time + place * info["duration"])
+                self._picture.draw(x, p, status if place < 1.0 else self._status)
+                yield self._picture.pixels()
 
     def pixels(self) -> NDArray[np.uint8]:
         """The picture (height, width, 3)."""
@@ -99,11 +109,15 @@ class PlotView:
 
         self._track = Track((0.0,), (self._state(),), ())
 
-    def stepped(self, reward: float, info: Mapping[str, Any]) -> None:
-        """The environment has made a step."""
+    def stepped(
+        self, reward: float, info: Mapping[str, Any], fractions: Sequence[float]
+    ) -> Iterator[NDArray[np.uint8]]:
+        """The environment has made a step: a picture of where it led to for each of the fractions."""
         assert self._track is not None
         time = self._track.times[-1] + info["duration"]
         self._track = self._track.then(time, self._state(), info["blocked"], info["status"], info["reason"])
+        if fractions:
+            yield from [self.pixels()] * len(fractions)
 
     def pixels(self) -> NDArray[np.uint8]:
         """The picture (height, width, 3)."""

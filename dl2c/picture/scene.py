@@ -92,10 +92,9 @@ class ScenePicture:
         self._ends, self._way = {}, []
         self._traced(values)
 
-    def follow(self, states: NDArray[np.float64], p: NDArray[np.float64]) -> None:
-        """The agent went through these states (n, nx): its way stays visible."""
-        for x in states:
-            self._traced(self._evaluated(x, p))
+    def follow(self, x: NDArray[np.float64], p: NDArray[np.float64]) -> None:
+        """The agent went through this state: its way stays visible."""
+        self._traced(self._evaluated(x, p))
 
     def draw(self, x: NDArray[np.float64], p: NDArray[np.float64], status: Status) -> Any:
         """The picture of a state, as a surface of pygame's that the next call changes."""

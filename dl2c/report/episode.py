@@ -134,12 +134,12 @@ def replay(episode: Episode, source: Source | None = None) -> Episode:
     """The episode once more, with its own text or another. Raises what `Dl2cEnv` and `play` raise."""
     env = Dl2cEnv(source or episode.source, **episode.options)
     try:
-        return play(env, episode.start, [as_given(a) for a in episode.actions])
+        return play(env, episode.start, [action_of(a) for a in episode.actions])
     finally:
         env.close()
 
 
-def as_given(action: Any) -> Any:
+def action_of(action: Any) -> Any:
     """An action of a file, as the environment takes it."""
     if isinstance(action, dict):
         return cast("dict[str, Any]", action)

@@ -35,9 +35,8 @@ def report(trained: Trained, episodes: int = 200) -> str:
 
     Raises what `evaluate` raises.
     """
-    options = dict(trained.options)
-    manifest = open_library(trained.source, options).manifest
-    seen = episodes_of(trained.folder, trained.source, SHOWN, FIRST_SEED, trained.masked, **options)
+    manifest = open_library(trained.source, dict(trained.options)).manifest
+    seen = _episodes(trained, SHOWN)
     curves = curves_figure(trained.curve, trained.evaluations)
     parts = [
         tag("h1", manifest.name),
@@ -52,6 +51,17 @@ def report(trained: Trained, episodes: int = 200) -> str:
         section("How it was made", *_provenance(trained)),
     ]
     return page(f"{manifest.name}: {trained.algo}, seed {trained.seed}", STYLE, *parts)
+
+
+def first_episode(trained: Trained) -> list[Episode]:
+    """The first of the policy's episodes that the page shows."""
+    return _episodes(trained, 1)
+
+
+def _episodes(trained: Trained, count: int) -> list[Episode]:
+    return episodes_of(
+        trained.folder, trained.source, count, FIRST_SEED, trained.masked, **dict(trained.options)
+    )
 
 
 def _summary(trained: Trained) -> str:

@@ -16,7 +16,7 @@ from dl2c.env.infos import STATUS, reason_names
 from dl2c.env.opening import batch_options, compilation_of, open_library
 from dl2c.env.state import read_state, reset_state
 from dl2c.native.binding import Batch
-from dl2c.report.episode import WEB, Episode, Moment, as_given
+from dl2c.report.episode import WEB, Episode, Moment, action_of
 
 TOLERANCE = 1e-12
 """Relative to the size of a number, absolute below 1."""
@@ -52,7 +52,7 @@ def _differences(episode: Episode, batch: Batch) -> Iterator[str]:
     before = episode.initial
     for k, recorded in enumerate(episode.moments, 1):
         batch.set_state(0, *(np.array([before[n] for n in own]) for own in names))
-        write(as_given(recorded.action))
+        write(action_of(recorded.action))
         batch.step()
         yield from _apart(recorded.state, read_state(manifest, batch), f"step {k}")
         yield from _otherwise(recorded, batch, f"step {k}")
