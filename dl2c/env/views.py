@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dl2c.picture.live import LivePlots
     from dl2c.picture.track import Track
 
-ON_THE_WAY = np.linspace(0.0, 1.0, 9)
+ON_THE_WAY = np.linspace(0.0, 1.0, 17)
 """Fractions of a step at which the way of an agent is followed."""
 
 

@@ -36,6 +36,12 @@ End.
 """
 
 
+@pytest.fixture(autouse=True)
+def compiled_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bits do not depend on it."""
+    monkeypatch.setenv("CFLAGS", "-O0 -DDL2C_NO_TARGET_CLONES")
+
+
 def begun(model: Any, inspect: bool = True, seed: int = 0, n: int = 1, **options: Any) -> Batch:
     library = open_library(source_of(model), options, inspect=inspect)
     batch = library.batch(n, **batch_options(library.manifest) | {"autoreset": "next_step"})
@@ -147,15 +153,19 @@ def test_flows_are_passed_one_after_the_other() -> None:
 
 @pytest.mark.parametrize("name", ["dubins", "etcs"])
 def test_a_library_to_inspect_steps_to_the_same_bits(name: str) -> None:
-    """A batch of many moves in lanes without it; both have the same snapshots."""
+    """A batch of many moves in lanes without it; either goes on from snapshots of the other."""
     one, other = (begun(f"example:{name}", inspect=inspect, n=70) for inspect in (True, False))
     rng = np.random.default_rng(4)
-    for _ in range(40):
+    for k in range(40):
         act(rng, one, other)
         motion(one, 3, PARTS)
         for a, b in zip(one.arrays(), other.arrays(), strict=True):
             assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
-    assert [one.save(i) for i in range(70)] == [other.save(i) for i in range(70)]
+        if k == 20:
+            kept = [(one.save(i), other.save(i)) for i in range(70)]
+            for i, (first, second) in enumerate(kept):
+                one.restore(i, second)
+                other.restore(i, first)
     assert one.library.manifest == other.library.manifest
     assert not hasattr(other.library.lib, "dl2c_inspect_motion")
 

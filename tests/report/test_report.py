@@ -139,10 +139,13 @@ def test_the_page_says_what_was_done(trained: Trained, written: str) -> None:
     assert all(line.strip() in words for line in trained.source.text.splitlines())
 
 
-def test_the_command_writes_it(trained: Trained, tmp_path: Path) -> None:
-    target = tmp_path / "page.html"
-    shown = CliRunner().invoke(app, ["report", str(trained.folder), "-o", str(target), "--episodes", "5"])
+def test_the_command_writes_it(trained: Trained, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dl2c.report.film.LONGEST", 1.0)
+    target, film = tmp_path / "page.html", tmp_path / "film.gif"
+    wanted = ["-o", str(target), "--episodes", "5", "--film", str(film)]
+    shown = CliRunner().invoke(app, ["report", str(trained.folder), *wanted])
     assert shown.exit_code == 0, shown.output
+    assert shown.output.split() == [str(target), str(film)] and film.read_bytes()[:4] == b"GIF8"
     Reader(target.read_text(encoding="utf-8"))
 
 

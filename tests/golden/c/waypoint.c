@@ -26,7 +26,7 @@ enum { DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, DL2C_NUMERIC, DL2C_DOPRI }; /* ke
 #define DL2C_DOPRI_FLOWS 0
 #define DL2C_TRACKED_FLOWS 0
 #define DL2C_SEARCHED_FLOWS 1
-#define DL2C_SCENE 2
+#define DL2C_SCENE 6
 typedef float dl2c_obs;
 
 #endif
@@ -114,7 +114,7 @@ static inline real loopInv_margin11(real xr, real vr, real xg, real T, real ep, 
   return (T + slack) * (b * t1) - (((ep * A - vr) * t0 + (xg - xr - GDelta) * A + ep * t1) * b + Vmax * t1);
 }
 
-/* waypoint.kyx:95  T <= 0 */
+/* waypoint.kyx:98  T <= 0 */
 static inline real ensure_margin12(real T)
 {
   return 0.0 - T;
@@ -235,6 +235,24 @@ static inline bool problem_precondition(real xr, real vr, real xg, real T, real 
   return (A > 0.0) & (b > 0.0) & (ep > 0.0) & (2.0 * A * ep <= Vmax)
       & (Vmax * ep + Vmax * Vmax / (2.0 * b) < GDelta) & (vr == 0.0) & (xr < xg - GDelta)
       & (ep + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b < T);
+}
+
+/* xg - GDelta */
+static inline real scene_value0(real xg, real GDelta)
+{
+  return xg - GDelta;
+}
+
+/* 2 * GDelta */
+static inline real scene_value1(real GDelta)
+{
+  return 2.0 * GDelta;
+}
+
+/* xg + GDelta */
+static inline real scene_value2(real xg, real GDelta)
+{
+  return xg + GDelta;
 }
 
 /*
@@ -428,7 +446,7 @@ static void model_taylor(int flow, const dl2c_taylor *z, const real *x, const re
     const dl2c_taylor part21 = dl2c_taylor_times(&part20, b);
     const dl2c_taylor part22 = dl2c_taylor_plus(&part21, Vmax * (A * ep * A));
     g[11] = dl2c_taylor_sub(&part15, &part22);
-    /* waypoint.kyx:95  T <= 0 */
+    /* waypoint.kyx:98  T <= 0 */
     g[12] = dl2c_taylor_from(0.0, &z[X_T]);
     /* waypoint.kyx:60  areaBegin(xg) < xr */
     const dl2c_taylor part23 = dl2c_taylor_plus(&z[X_xr], p[S_loopInv_slack3]);
@@ -498,7 +516,7 @@ static inline bool model_event_free(int flow, const dl2c_hull *z, const real *x,
     const dl2c_hull part14 = dl2c_hull_add(dl2c_hull_mul(part13, part4),
         dl2c_hull_at(Vmax * (A * ep * A)));
     const bool loopInv_holds11 = dl2c_hull_positive(dl2c_hull_sub(part11, part14));
-    /* waypoint.kyx:95  T <= 0 */
+    /* waypoint.kyx:98  T <= 0 */
     const bool ensure_holds12 = dl2c_hull_positive(z[X_T]);
     /* waypoint.kyx:60  areaBegin(xg) < xr */
     const bool ensure_holds13 = dl2c_hull_positive(dl2c_hull_sub(part6, dl2c_hull_add(z[X_xr],
@@ -599,7 +617,7 @@ DL2C_INLINE bool model_keeps_watches(int flow, const real *x, const real *p, rea
     const bool loopInv_holds11 = dl2c_stays_positive(dl2c_parabola(loopInv_margin11(xr, vr, xg, T, ep,
         b, A, GDelta, Vmax, 1e-09), -1.0 * (b * (t0 * A)) - (-ar * t0 + -vr * A) * b,
         -(-(ar / 2.0) * A * b), duration));
-    /* waypoint.kyx:95  T <= 0 */
+    /* waypoint.kyx:98  T <= 0 */
     const bool ensure_holds12 = dl2c_stays_positive(dl2c_line(T, -1.0, duration));
     return (loopInv_holds1 & loopInv_holds2 & loopInv_holds3 & (loopInv_holds4 | loopInv_holds5
         | loopInv_holds6) & (loopInv_holds7 | (loopInv_holds8 & loopInv_holds9) | (loopInv_holds10
@@ -830,9 +848,12 @@ DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, i
 /* What a picture of state x shows.   values: (DL2C_SCENE) */
 static inline void model_scene(const real *x, const real *p, real *values)
 {
-  (void)p;
-  values[0] = x[X_xr];
-  values[1] = x[X_xg];
+  values[0] = scene_value0(x[X_xg], p[P_GDelta]);
+  values[1] = scene_value1(p[P_GDelta]);
+  values[2] = scene_value2(x[X_xg], p[P_GDelta]);
+  values[3] = x[X_xr];
+  values[4] = x[X_vr];
+  values[5] = x[X_T];
 }
 
 /* The state that a draw stands for: free names as drawn, the others from them. */
