@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from dl2c.code import cgen_dir, code_digest
-from dl2c.native.cache import KEY_LENGTH, cached
+from dl2c.native.cache import KEY_LENGTH, ZIG, cached
 from dl2c.native.errors import CompilerMissing, NativeError
 from dl2c.native.toolchain import EXACT_FLAGS, run, warning_flags
 from dl2c.progress import Progress
@@ -25,7 +25,7 @@ FLAGS = (
 )
 """One thread, no clones, nothing imported; every call of dl2c.h is exported."""
 
-ZIG = (sys.executable, "-m", "ziglang", "cc")
+COMMAND = (sys.executable, "-m", "ziglang", "cc")
 
 MODULE = "page.wasm"
 
@@ -50,7 +50,7 @@ def compile_wasm(sources: Mapping[str, str], main: str, progress: Progress) -> b
         for name, text in sources.items():
             (folder / name).write_text(text, encoding="utf-8")
         includes = (f"-I{cgen_dir() / 'include'}", f"-I{cgen_dir() / 'runtime'}")
-        command = (*ZIG, *FLAGS, *warning_flags(), *EXACT_FLAGS, *includes, *units, "-o", MODULE)
+        command = (*COMMAND, *FLAGS, *warning_flags(), *EXACT_FLAGS, *includes, *units, "-o", MODULE)
         run(command, folder, _zig_folders(progress))
 
     return cached(_key(sources, main), build, lambda folder: (folder / MODULE).read_bytes())
@@ -66,7 +66,7 @@ def _key(sources: Mapping[str, str], main: str) -> str:
 def _zig_folders(progress: Progress) -> dict[str, str]:
     """Variables that make zig keep what it compiles in a folder of dl2c, not in the user's home."""
     try:
-        folder = private_folder("zig")
+        folder = private_folder(ZIG)
     except StorageError as problem:
         raise NativeError(str(problem)) from None
     progress(LATER if (folder / "o").is_dir() else FIRST)

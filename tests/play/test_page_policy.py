@@ -41,7 +41,9 @@ def policy_for(example: str, action_format: str) -> NetworkPolicy:
 
 
 @pytest.mark.parametrize(
-    ("example", "action_format"), [("waypoint", "auto"), ("acc", "box")], ids=["alternatives", "numbers"]
+    ("example", "action_format"),
+    [("waypoint", "auto"), pytest.param("acc", "box", marks=pytest.mark.slow)],
+    ids=["alternatives", "numbers"],
 )
 def test_a_policy_drives(example: str, action_format: str, browser: Page, tmp_path: Path) -> None:
     policy = policy_for(example, action_format)
@@ -75,6 +77,7 @@ def test_a_policy_drives(example: str, action_format: str, browser: Page, tmp_pa
         assert abs(sum(shares) - 1) < 1e-9 or browser("page.episode.over")
 
 
+@pytest.mark.slow
 def test_the_monitor_takes_over(browser: Page, tmp_path: Path) -> None:
     """It accepts an acceleration that is admissible, and brakes instead of one that is not."""
     write_policy(policy_for("acc", "box"), tmp_path / "policy")

@@ -171,7 +171,7 @@ class Page {
     this.player.running = false;
     if (this.episode.over) this.tell(`${this.ending()}. Restart, or go back.`, this.mood());
     else this.guarded(() => this.player.step());
-    this.transport();
+    this.refresh();
     return true;
   }
 
