@@ -41,7 +41,7 @@ class Page {
     this.#buttons();
     this.#keys();
     this.#about();
-    this.restart(randomSeed());
+    if (this.restart(randomSeed()) && !this.episode.over) this.tell(this.#hint(), "");
   }
 
   // What is asked for before anybody asks: the values that the variables have.
@@ -196,9 +196,24 @@ class Page {
       this.states.began(state ? this.episode.arrays(state).flat() : [...x, ...p], seed);
     }
     if (begun) this.tell("", "");
+    this.chosen = this.chosen.map((c, k) => this.#possible(c, k));
     this.player.settle();
     this.refresh();
     return true;
+  }
+
+  // What to do first.
+  #hint() {
+    const { choices, inputs } = this.facts;
+    const what = [...(choices.length > 0 ? ["an alternative"] : []), ...(inputs.length > 0 ? ["values"] : [])];
+    return `${what.length > 0 ? `Choose ${what.join(" and ")} and press` : "Press"} Run for real time, Step for one decision.`;
+  }
+
+  // An alternative of a choice that has a run here, that one if it has.
+  #possible(alternative, choice) {
+    const first = this.deciding.firstOf[choice];
+    const open = this.facts.choices[choice].alternatives.map((_, a) => this.episode.now.mask[first + a]);
+    return open[alternative] ? alternative : Math.max(0, open.indexOf(true));
   }
 
   seed(text) {
