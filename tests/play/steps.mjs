@@ -1,7 +1,7 @@
 // steps.mjs FACTS WASM STEPS OUT: takes steps with decisions that look random, in the engine of a page.
 //
-// Writes a row of doubles for every reset and step: 0 or 1 for a step, choices, inputs, state, constants, mask,
-// reason, status, blocked, reward. Every reset has the next seed.
+// Writes a row of doubles for every reset and step: 0 or 1 for a step, choices, inputs, state, constants,
+// mask, reason, status, blocked, reward. Every reset has the next seed.
 
 import { readFileSync, writeFileSync } from "node:fs";
 import { Engine } from "../../dl2c/play/page/engine.js";

@@ -47,6 +47,8 @@ export function written(tree, atoms, full = false) {
   if (typeof tree === "boolean") return String(tree);
   if (typeof tree === "number") return full ? atoms[tree].full : atoms[tree].text.replace(/^\((.*)\)$/, "$1");
   const [word, ...parts] = tree;
-  const inner = parts.map((t) => (Array.isArray(t) ? `(${written(t, atoms, full)})` : written(t, atoms, full)));
+  const inner = parts.map((t) =>
+    Array.isArray(t) ? `(${written(t, atoms, full)})` : written(t, atoms, full),
+  );
   return inner.join(word === "and" ? " & " : " | ");
 }

@@ -8,7 +8,10 @@ const POSITIONS = 1000; // of a slider
 // What an alternative does, as the model writes it but briefly: without comments, braces, and tests beside
 // other statements.
 export function label(text) {
-  const inner = text.replace(/\/\*.*?\*\//g, " ").replace(/\s+/g, " ").trim();
+  const inner = text
+    .replace(/\/\*.*?\*\//g, " ")
+    .replace(/\s+/g, " ")
+    .trim();
   const bare = inner.startsWith("{") && inner.endsWith("}") ? inner.slice(1, -1).trim() : inner;
   const statements = statementsOf(bare);
   const acting = statements.filter((s) => !s.startsWith("?"));
@@ -37,9 +40,16 @@ export class Choices {
     this.buttons = [];
     facts.choices.forEach((choice, c) => {
       const made = choice.alternatives.map((text, a) => this.#button(text, c, a));
-      place.append(element("fieldset", {},
-        element("legend", { text: choice.name || (facts.choices.length > 1 ? `Choice ${c + 1}` : "Choice") }),
-        element("div", { class: "alternatives" }, ...made)));
+      place.append(
+        element(
+          "fieldset",
+          {},
+          element("legend", {
+            text: choice.name || (facts.choices.length > 1 ? `Choice ${c + 1}` : "Choice"),
+          }),
+          element("div", { class: "alternatives" }, ...made),
+        ),
+      );
     });
   }
 
@@ -47,11 +57,20 @@ export class Choices {
     const number = this.buttons.length;
     const why = element("small");
     const key = number < 9 ? element("kbd", { text: String(number + 1), "aria-hidden": "true" }) : "";
-    const button = element("button", {
-      type: "button", class: "alternative", title: text, "aria-pressed": "false",
-      "aria-keyshortcuts": number < 9 ? String(number + 1) : null,
-      onclick: () => this.press(number),
-    }, key, element("code", { text: label(text) }), why);
+    const button = element(
+      "button",
+      {
+        type: "button",
+        class: "alternative",
+        title: text,
+        "aria-pressed": "false",
+        "aria-keyshortcuts": number < 9 ? String(number + 1) : null,
+        onclick: () => this.press(number),
+      },
+      key,
+      element("code", { text: label(text) }),
+      why,
+    );
     this.buttons.push({ button, why, choice, alternative, reason: null, text });
     return button;
   }
@@ -64,7 +83,7 @@ export class Choices {
     return true;
   }
 
-  // `reasons(choice, alternative)` says why an alternative has no run, in [brief, whole]; null where it has one.
+  // `reasons(choice, alternative)` says why an alternative has no run, in [brief, whole]; null where it has.
   show(chosen, reasons, confidence = null) {
     this.buttons.forEach((b, number) => {
       const [brief, whole] = reasons(b.choice, b.alternative) ?? ["", null];
@@ -93,14 +112,33 @@ export class Inputs {
     const name = input.variable || "duration of the motion";
     const about = [quantity?.description, quantity?.unit].filter(Boolean).join(", ");
     const id = `input-${k}`;
-    const slider = element("input", { type: "range", id, min: 0, max: POSITIONS, step: 1,
-      oninput: () => this.set(k, low + ((high - low) * slider.value) / POSITIONS, slider) });
-    const number = element("input", { type: "number", step: "any", min: low, max: high,
-      "aria-label": `${name} as a number`, onchange: () => this.set(k, Number(number.value), number) });
+    const slider = element("input", {
+      type: "range",
+      id,
+      min: 0,
+      max: POSITIONS,
+      step: 1,
+      oninput: () => this.set(k, low + ((high - low) * slider.value) / POSITIONS, slider),
+    });
+    const number = element("input", {
+      type: "number",
+      step: "any",
+      min: low,
+      max: high,
+      "aria-label": `${name} as a number`,
+      onchange: () => this.set(k, Number(number.value), number),
+    });
     const marks = element("div", { class: "admissible", "aria-hidden": "true" });
     const said = element("small");
-    const row = element("div", { class: "input" },
-      element("label", { for: id, text: about ? `${name} (${about})` : name }), slider, number, marks, said);
+    const row = element(
+      "div",
+      { class: "input" },
+      element("label", { for: id, text: about ? `${name} (${about})` : name }),
+      slider,
+      number,
+      marks,
+      said,
+    );
     place.append(row);
     return { row, slider, number, marks, said, low, high };
   }
@@ -135,12 +173,14 @@ export class Inputs {
       const found = this.squash ? null : intervals(k);
       row.row.classList.toggle("idle", found === null && !this.squash);
       const spans = found ?? [];
-      row.marks.replaceChildren(...spans.map(([a, b]) => {
-        const span = element("span");
-        span.style.left = `${(100 * (a - low)) / (high - low)}%`;
-        span.style.width = `${(100 * (b - a)) / (high - low)}%`;
-        return span;
-      }));
+      row.marks.replaceChildren(
+        ...spans.map(([a, b]) => {
+          const span = element("span");
+          span.style.left = `${(100 * (a - low)) / (high - low)}%`;
+          span.style.width = `${(100 * (b - a)) / (high - low)}%`;
+          return span;
+        }),
+      );
       say(row.said, this.squash ? "a share of what is admissible, from -1 to 1" : said(found));
     });
   }

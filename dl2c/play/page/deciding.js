@@ -37,38 +37,49 @@ export class Deciding {
   against(choice, alternative, moment, inputs) {
     if (moment.mask[this.firstOf[choice] + alternative]) return null;
     const u = this.valuesOf(inputs);
-    const found = this.starting.filter((path) => path.decisions[choice] === alternative).map((path) => {
-      const tests = this.#failed(this.condition("guard", path.number), moment, u);
-      return tests.length > 0 ? tests : this.#withoutValue(path, moment, u);
-    });
+    const found = this.starting
+      .filter((path) => path.decisions[choice] === alternative)
+      .map((path) => {
+        const tests = this.#failed(this.condition("guard", path.number), moment, u);
+        return tests.length > 0 ? tests : this.#withoutValue(path, moment, u);
+      });
     return found.filter((tests) => tests.length > 0).sort((a, b) => b[0].by - a[0].by)[0] ?? [];
   }
 
   // The conjuncts of a condition that fail, the worst first.
   #failed(tree, moment, u) {
     const { margin, truth } = this.engine.atoms(moment.x, moment.p, u);
-    return conjuncts(tree).filter((part) => !holds(part, truth)).map((part) => ({
-      tree: part, by: clearanceOf(part, this.facts.atoms, margin), guilty: failing(part, truth),
-    })).sort((a, b) => a.by - b.by);
+    return conjuncts(tree)
+      .filter((part) => !holds(part, truth))
+      .map((part) => ({
+        tree: part,
+        by: clearanceOf(part, this.facts.atoms, margin),
+        guilty: failing(part, truth),
+      }))
+      .sort((a, b) => a.by - b.by);
   }
 
   // Tests of inputs on a path that fail whatever is tried: for the input and value that come nearest.
   #withoutValue(path, moment, u) {
-    const tried = path.inputs.filter((input) => input < this.facts.inputs.length).flatMap((input) => {
-      const tree = this.condition("admission", `${path.number} ${path.inputs.indexOf(input)}`);
-      const { low, high } = this.facts.inputs[input];
-      const values = Array.from({ length: TRIED }, (_, k) => low + ((high - low) * k) / (TRIED - 1));
-      return values.map((value) => this.#failed(tree, moment, u.with(input, value)));
-    });
+    const tried = path.inputs
+      .filter((input) => input < this.facts.inputs.length)
+      .flatMap((input) => {
+        const tree = this.condition("admission", `${path.number} ${path.inputs.indexOf(input)}`);
+        const { low, high } = this.facts.inputs[input];
+        const values = Array.from({ length: TRIED }, (_, k) => low + ((high - low) * k) / (TRIED - 1));
+        return values.map((value) => this.#failed(tree, moment, u.with(input, value)));
+      });
     return tried.filter((tests) => tests.length > 0).sort((a, b) => b[0].by - a[0].by)[0] ?? [];
   }
 
   // The paths that a step with these choices may begin with.
   pathsFor(choices, moment, inputs) {
     const { truth } = this.engine.atoms(moment.x, moment.p, this.valuesOf(inputs));
-    return this.starting.filter((path) =>
-      choices.every((c, k) => path.decisions[k] < 0 || path.decisions[k] === c)
-      && holds(this.condition("guard", path.number), truth));
+    return this.starting.filter(
+      (path) =>
+        choices.every((c, k) => path.decisions[k] < 0 || path.decisions[k] === c) &&
+        holds(this.condition("guard", path.number), truth),
+    );
   }
 
   // The intervals that an input of the agent may take, given those met before it; null where it is not asked.
@@ -99,7 +110,8 @@ export class Deciding {
   testsFor(choices, moment, inputs) {
     const paths = this.pathsFor(choices, moment, inputs);
     const trees = paths.flatMap((path) =>
-      path.inputs.flatMap((_, place) => conjuncts(this.condition("admission", `${path.number} ${place}`))));
+      path.inputs.flatMap((_, place) => conjuncts(this.condition("admission", `${path.number} ${place}`))),
+    );
     return distinct(trees).filter((tree) => tree !== true);
   }
 
@@ -119,7 +131,9 @@ export class Deciding {
 
   #isOfDomain(atom) {
     const { span } = this.facts.atoms[atom];
-    return span !== null && this.facts.flows.some((f) => f.span && f.span[0] <= span[0] && span[1] <= f.span[1]);
+    return (
+      span !== null && this.facts.flows.some((f) => f.span && f.span[0] <= span[0] && span[1] <= f.span[1])
+    );
   }
 }
 

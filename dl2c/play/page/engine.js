@@ -33,15 +33,29 @@ const BUFFERS = [
   ["time", Float64Array, () => 1],
 ];
 
-const SIZES = ["nx", "np", "nobs", "nchoice", "ninput", "nenvchoice", "nenvinput", "nmask", "npred",
-  "nflow", "nroot", "obs_size", "snapshot_size", "nscene"];
+const SIZES = [
+  "nx",
+  "np",
+  "nobs",
+  "nchoice",
+  "ninput",
+  "nenvchoice",
+  "nenvinput",
+  "nmask",
+  "npred",
+  "nflow",
+  "nroot",
+  "obs_size",
+  "snapshot_size",
+  "nscene",
+];
 const MORE_SIZES = ["natom", "nu", "npiece", "nnoted"];
 
 // What the model refuses: the message says why.
 export class Refused extends Error {}
 
 export class Engine {
-  // `options` are those of dl2c_options by name; `outputs` is how many numbers the policy gives, if there is one.
+  // `options` are those of dl2c_options by name; `outputs` is how many numbers the policy gives, if any.
   static async start(bytes, options, outputs = 0) {
     const { instance } = await WebAssembly.instantiate(bytes, {});
     instance.exports._initialize();
@@ -51,8 +65,10 @@ export class Engine {
   constructor(calls, options, outputs) {
     this.calls = calls;
     this.options = options;
-    this.sizes = { ...this.#read("dl2c_model_sizes", SIZES),
-      ...this.#read("dl2c_sizes_of_conditions", MORE_SIZES) };
+    this.sizes = {
+      ...this.#read("dl2c_model_sizes", SIZES),
+      ...this.#read("dl2c_sizes_of_conditions", MORE_SIZES),
+    };
     this.places = {};
     const table = this.#reserve(4 * BUFFERS.length);
     BUFFERS.forEach(([name, type, count], k) => {
@@ -60,9 +76,18 @@ export class Engine {
       this.#array(name, own, count(this.sizes));
       new Uint32Array(calls.memory.buffer, table, BUFFERS.length)[k] = this.places[name].at;
     });
-    for (const [name, count] of [["x", this.sizes.nx], ["p", this.sizes.np], ["u", this.sizes.nu],
-      ["scene", this.sizes.nscene], ["fractions", INSIDE], ["inside", INSIDE * this.sizes.nx],
-      ["grid", GRID[0] * GRID[1] * this.sizes.nx], ["margin", this.sizes.natom], ["low", this.sizes.npiece], ["high", this.sizes.npiece]])
+    for (const [name, count] of [
+      ["x", this.sizes.nx],
+      ["p", this.sizes.np],
+      ["u", this.sizes.nu],
+      ["scene", this.sizes.nscene],
+      ["fractions", INSIDE],
+      ["inside", INSIDE * this.sizes.nx],
+      ["grid", GRID[0] * GRID[1] * this.sizes.nx],
+      ["margin", this.sizes.natom],
+      ["low", this.sizes.npiece],
+      ["high", this.sizes.npiece],
+    ])
       this.#array(name, Float64Array, count);
     this.#array("given", Uint8Array, this.sizes.nu);
     this.#array("truth", Uint8Array, this.sizes.natom);
@@ -170,7 +195,15 @@ export class Engine {
     this.view("given").set(given.map(Number));
     const at = this.places;
     const count = this.calls.dl2c_admissible_values(
-      path, place, at.x.at, at.p.at, at.given.at, at.u.at, at.low.at, at.high.at);
+      path,
+      place,
+      at.x.at,
+      at.p.at,
+      at.given.at,
+      at.u.at,
+      at.low.at,
+      at.high.at,
+    );
     const [low, high] = [this.view("low"), this.view("high")];
     return Array.from({ length: Math.max(0, count) }, (_, k) => [low[k], high[k]]);
   }
@@ -182,7 +215,9 @@ export class Engine {
     const { fractions, inside } = this.places;
     this.#check(this.calls.dl2c_inspect_motion(this.batch, 0n, BigInt(INSIDE), fractions.at, inside.at));
     const all = this.view("inside");
-    return Array.from({ length: INSIDE }, (_, k) => [...all.subarray(k * this.sizes.nx, (k + 1) * this.sizes.nx)]);
+    return Array.from({ length: INSIDE }, (_, k) => [
+      ...all.subarray(k * this.sizes.nx, (k + 1) * this.sizes.nx),
+    ]);
   }
 
   // What the model's scene shows of a state.
@@ -197,12 +232,14 @@ export class Engine {
   unsafe(x, p, [first, second], columns, rows) {
     this.#place(x, p);
     const grid = this.view("grid");
-    columns.forEach((a, i) => rows.forEach((b, j) => {
-      const at = (i * rows.length + j) * x.length;
-      grid.set(x, at);
-      grid[at + first] = a;
-      grid[at + second] = b;
-    }));
+    columns.forEach((a, i) =>
+      rows.forEach((b, j) => {
+        const at = (i * rows.length + j) * x.length;
+        grid.set(x, at);
+        grid[at + first] = a;
+        grid[at + second] = b;
+      }),
+    );
     const count = BigInt(columns.length * rows.length);
     const { grid: states, p: constants, violated } = this.places;
     this.#check(this.calls.dl2c_inspect_violations(count, states.at, constants.at, violated.at));
@@ -233,7 +270,9 @@ export class Engine {
     memory.setBigInt64(at, BigInt(options.max_steps), true);
     memory.setBigInt64(at + 8, BigInt(options.stall_limit), true);
     memory.setFloat64(at + 16, options.blocked_penalty, true);
-    [0, options.on_blocked, options.action_map, 0].forEach((v, k) => memory.setInt32(at + 24 + 4 * k, v, true));
+    [0, options.on_blocked, options.action_map, 0].forEach((v, k) =>
+      memory.setInt32(at + 24 + 4 * k, v, true),
+    );
     const out = this.#reserve(4);
     this.#check(calls.dl2c_batch_create(1n, at, buffers, out));
     return new Uint32Array(calls.memory.buffer, out, 1)[0];

@@ -142,5 +142,7 @@ export function json(value) {
   if (typeof value === "number") return Object.is(value, -0) ? "-0.0" : JSON.stringify(value);
   if (Array.isArray(value)) return `[${value.map(json).join(", ")}]`;
   if (value === null || typeof value !== "object") return JSON.stringify(value);
-  return `{${Object.entries(value).map(([k, v]) => `${JSON.stringify(k)}: ${json(v)}`).join(",\n ")}}`;
+  return `{${Object.entries(value)
+    .map(([k, v]) => `${JSON.stringify(k)}: ${json(v)}`)
+    .join(",\n ")}}`;
 }

@@ -37,7 +37,9 @@ export class Scale {
 
 // The arguments of a shape by name, each a list of values.
 export function argumentsOf(shape, values) {
-  return Object.fromEntries(Object.entries(shape.arguments).map(([name, places]) => [name, places.map((k) => values[k])]));
+  return Object.fromEntries(
+    Object.entries(shape.arguments).map(([name, places]) => [name, places.map((k) => values[k])]),
+  );
 }
 
 // The height of a picture of a width.
@@ -48,16 +50,20 @@ export function heightOf(scene, width) {
 
 // The limits of all axes by name; `values` are those where an episode begins.
 export function limitsOf(scene, values) {
-  return Object.fromEntries(Object.entries(scene.axes).map(([name, axis]) => {
-    const seen = scene.shapes.filter((s) => s.panel === AXIS_OF[name])
-      .flatMap((shape) => endsOf(name, shape, argumentsOf(shape, values))).filter(Number.isFinite);
-    const [least, most] = seen.length > 0 ? [Math.min(...seen), Math.max(...seen)] : [0, 0];
-    const around = 0.5 * Math.max(most - least, 1);
-    const low = axis.low ?? Math.min(least, axis.high ?? least) - around;
-    const high = axis.high ?? Math.max(most, low) + around;
-    const padding = PADDING * (high - low) || 1;
-    return [name, [low - padding, high + padding]];
-  }));
+  return Object.fromEntries(
+    Object.entries(scene.axes).map(([name, axis]) => {
+      const seen = scene.shapes
+        .filter((s) => s.panel === AXIS_OF[name])
+        .flatMap((shape) => endsOf(name, shape, argumentsOf(shape, values)))
+        .filter(Number.isFinite);
+      const [least, most] = seen.length > 0 ? [Math.min(...seen), Math.max(...seen)] : [0, 0];
+      const around = 0.5 * Math.max(most - least, 1);
+      const low = axis.low ?? Math.min(least, axis.high ?? least) - around;
+      const high = axis.high ?? Math.max(most, low) + around;
+      const padding = PADDING * (high - low) || 1;
+      return [name, [low - padding, high + padding]];
+    }),
+  );
 }
 
 // How far a shape reaches along an axis.
@@ -77,7 +83,13 @@ export function panelsOf(scene, limits, width, height) {
   const found = {};
   let bottom = height - EDGE;
   if (kinds.includes("line")) {
-    found.line = linePanel(limits.line, EDGE, bottom - ROAD_HEIGHT + EDGE, width - 2 * EDGE, ROAD_HEIGHT - EDGE);
+    found.line = linePanel(
+      limits.line,
+      EDGE,
+      bottom - ROAD_HEIGHT + EDGE,
+      width - 2 * EDGE,
+      ROAD_HEIGHT - EDGE,
+    );
     bottom -= ROAD_HEIGHT;
   }
   above.forEach((kind, k) => {
@@ -100,13 +112,24 @@ function planePanel(x, y, left, top, width, height) {
   const step = Math.min(wide / (x[1] - x[0]), high / (y[1] - y[0]));
   const [across, up] = [(x[1] - x[0]) * step, (y[1] - y[0]) * step];
   const [begin, end] = [left + LEFT + (wide - across) / 2, top + (high - up) / 2];
-  return { left: begin, top: end, width: across, height: up,
-    x: new Scale(x, begin, step), y: new Scale(y, end + up, -step) };
+  return {
+    left: begin,
+    top: end,
+    width: across,
+    height: up,
+    x: new Scale(x, begin, step),
+    y: new Scale(y, end + up, -step),
+  };
 }
 
 function levelPanel(limits, left, top, width, height) {
   const across = Math.min(170, width / 3);
   const begin = left + LEFT + Math.max(0, (width - across) / 2 - 2 * LEFT);
-  return { left: begin, top, width: across, height: height - EDGE,
-    level: new Scale(limits, top + height - EDGE, (EDGE - height) / (limits[1] - limits[0])) };
+  return {
+    left: begin,
+    top,
+    width: across,
+    height: height - EDGE,
+    level: new Scale(limits, top + height - EDGE, (EDGE - height) / (limits[1] - limits[0])),
+  };
 }

@@ -31,7 +31,9 @@ export class Listing {
   #reveal() {
     const marks = [...this.place.querySelectorAll("mark.ran")];
     const top = (mark) => mark.offsetTop - this.place.offsetTop;
-    const seen = (mark) => top(mark) >= this.place.scrollTop && top(mark) < this.place.scrollTop + this.place.clientHeight;
-    if (marks.length > 0 && !marks.some(seen)) this.place.scrollTop = top(marks[0]) - this.place.clientHeight / 3;
+    const seen = (mark) =>
+      top(mark) >= this.place.scrollTop && top(mark) < this.place.scrollTop + this.place.clientHeight;
+    if (marks.length > 0 && !marks.some(seen))
+      this.place.scrollTop = top(marks[0]) - this.place.clientHeight / 3;
   }
 }

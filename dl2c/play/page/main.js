@@ -10,22 +10,11 @@ import { Listing } from "./listing.js";
 import { Bars, States } from "./panels.js";
 import { Drivers, Policy } from "./policy.js";
 import { Player } from "./player.js";
-import { Plots, sumOf } from "./plots.js";
+import { Plots, seriesOf, sumOf } from "./plots.js";
 import { Scene } from "./scene.js";
+import { endingOf, hintFor, moodOf } from "./words.js";
 
-const PLOTTED = 4; // strips of variables, where the model names none
 const REDRAWN = 100; // milliseconds between two pictures of the past
-
-const ENDS = {
-  blocked: "what was asked for has no run",
-  deadlock: "no run is possible from here",
-  numerical: "a value is undefined or too large",
-  solver: "its motion is too stiff for this page; dl2c itself can follow it",
-  stalled: "time stands still",
-  diverged: "a loop of the program does not end",
-  time_limit: "its steps are used up",
-  end: "the run is complete",
-};
 
 class Page {
   constructor(engine, facts) {
@@ -36,12 +25,15 @@ class Page {
     this.chosen = facts.choices.map(() => 0);
     this.asked = null;
     this.player = new Player(this.episode, {
-      decide: () => this.decide(), stepped: () => this.stepped(), draw: () => this.draw() });
+      decide: () => this.decide(),
+      stepped: () => this.stepped(),
+      draw: () => this.draw(),
+    });
     this.#parts();
     this.#buttons();
     this.#keys();
     this.#about();
-    if (this.restart(randomSeed()) && !this.episode.over) this.tell(this.#hint(), "");
+    if (this.restart(randomSeed()) && !this.episode.over) this.tell(hintFor(this.facts), "");
   }
 
   // What is asked for before anybody asks: the values that the variables have.
@@ -55,21 +47,29 @@ class Page {
 
   #parts() {
     const { facts } = this;
-    this.drivers = new Drivers(byId("policy"), { deciding: this.deciding, facts,
+    this.drivers = new Drivers(byId("policy"), {
+      deciding: this.deciding,
+      facts,
       policy: facts.policy && new Policy(this.engine, facts),
-      changed: () => this.refresh(), push: (share) => this.push(share) });
-    this.choices = new Choices(byId("choices"), facts,
+      changed: () => this.refresh(),
+      push: (share) => this.push(share),
+    });
+    this.choices = new Choices(
+      byId("choices"),
+      facts,
       (choice, alternative) => this.choose(choice, alternative),
-      (name, reason) => this.tell(`${name}: ${reason}`, "bad"));
+      (name, reason) => this.tell(`${name}: ${reason}`, "bad"),
+    );
     this.inputs = new Inputs(byId("inputs"), facts, (k, value) => this.ask(k, value));
     this.bars = new Bars(byId("bars"), facts);
     this.states = new States(byId("values"), facts, {
       begin: (state) => this.restart(this.episode.start.seed, state),
       check: (state) => this.against(state),
-      seed: (text) => this.seed(text) });
+      seed: (text) => this.seed(text),
+    });
     this.listing = new Listing(byId("listing"), facts.source.text);
     this.scene = new Scene(byId("scene"), facts, this.engine);
-    this.plots = new Plots(byId("plots"), series(facts), (count) => this.seek(count));
+    this.plots = new Plots(byId("plots"), seriesOf(facts), (count) => this.seek(count));
   }
 
   #buttons() {
@@ -79,7 +79,9 @@ class Page {
     on("back", "click", () => this.seek(this.episode.at - 1));
     on("restart", "click", () => this.restart(this.episode.start.seed, this.episode.start.state));
     on("resample", "click", () => this.restart(randomSeed()));
-    on("speed", "change", (event) => { this.player.speed = Number(event.target.value); });
+    on("speed", "change", (event) => {
+      this.player.speed = Number(event.target.value);
+    });
     on("timeline", "input", (event) => this.seek(Number(event.target.value)));
     on("record", "click", () => this.save());
     addEventListener("resize", () => this.draw(true));
@@ -113,8 +115,9 @@ class Page {
     byId("claim").textContent = `dl2c ${facts.version}, ${facts.source.name}; its theorem: ${known}`;
     byId("notes").append(...facts.notes.map((text) => element("p", { class: "note", text })));
     if (facts.approximate) {
-      byId("replay-note").textContent = "Functions such as sin round in other ways elsewhere: "
-        + "`dl2c replay` checks every step from the state before it, within 1e-12.";
+      byId("replay-note").textContent =
+        "Functions such as sin round in other ways elsewhere: " +
+        "`dl2c replay` checks every step from the state before it, within 1e-12.";
     }
   }
 
@@ -202,13 +205,6 @@ class Page {
     return true;
   }
 
-  // What to do first.
-  #hint() {
-    const { choices, inputs } = this.facts;
-    const what = [...(choices.length > 0 ? ["an alternative"] : []), ...(inputs.length > 0 ? ["values"] : [])];
-    return `${what.length > 0 ? `Choose ${what.join(" and ")} and press` : "Press"} Run for real time, Step for one decision.`;
-  }
-
   // An alternative of a choice that has a run here, that one if it has.
   #possible(alternative, choice) {
     const first = this.deciding.firstOf[choice];
@@ -266,18 +262,13 @@ class Page {
   }
 
   ending() {
-    const { now } = this.episode;
-    const reason = this.facts.reasons[now.reason];
-    const predicate = this.facts.predicates.find((p) => p.name === reason);
-    const status = this.facts.statuses[now.status];
-    const outcome = status === "none" ? "The episode is over" : status === "success" ? "Success" : "Failure";
-    const holdsNow = predicate && holds(this.deciding.condition(predicate.category, predicate.name), this.#atoms().truth);
-    const why = predicate ? `${reason} ${holdsNow ? "holds" : "does not hold"}` : ENDS[reason] ?? reason;
-    return `${outcome}: ${why}`;
+    return endingOf(this.facts, this.episode.now, (kind, name) =>
+      holds(this.deciding.condition(kind, name), this.#atoms().truth),
+    );
   }
 
   mood() {
-    return { success: "good", failure: "bad" }[this.facts.statuses[this.episode.now.status]] ?? "";
+    return moodOf(this.facts, this.episode.now);
   }
 
   tell(text, mood) {
@@ -319,7 +310,12 @@ class Page {
     timeline.max = episode.steps.length;
     timeline.value = at;
     const total = sumOf(episode.steps.slice(0, at));
-    const parts = [`step ${at}`, `time ${player.shown.toFixed(2)} s`, `reward ${shown(now.reward)}`, `return ${shown(total)}`];
+    const parts = [
+      `step ${at}`,
+      `time ${player.shown.toFixed(2)} s`,
+      `reward ${shown(now.reward)}`,
+      `return ${shown(total)}`,
+    ];
     const numbers = byId("numbers");
     parts.forEach((text, k) => say(numbers.children[k] ?? numbers.appendChild(element("span")), text));
   }
@@ -337,8 +333,10 @@ class Page {
     const found = now.ended ? null : this.deciding.against(choice, alternative, now, this.asked);
     if (found === null) return null;
     found.forEach((test) => test.guilty.forEach((k) => this.guilty.add(k)));
-    const texts = found.map(({ tree, by }) =>
-      `${written(tree, this.facts.atoms)} fails${Number.isFinite(by) ? ` by ${shown(-by)}` : ""}`);
+    const texts = found.map(
+      ({ tree, by }) =>
+        `${written(tree, this.facts.atoms)} fails${Number.isFinite(by) ? ` by ${shown(-by)}` : ""}`,
+    );
     if (texts.length === 0) return Array(2).fill("every run that begins like this fails later");
     return [texts[0] + (texts.length > 1 ? ` (and ${texts.length - 1} more)` : ""), texts.join("; ")];
   }
@@ -347,14 +345,21 @@ class Page {
     const { facts, deciding } = this;
     const { margin, truth } = this.#atoms();
     const of = (kind) => facts.conditions.filter((c) => c.kind === kind);
-    const trees = (kind) => of(kind).flatMap((c) => conjuncts(c.tree)).filter((t) => typeof t !== "boolean");
-    this.bars.show([
-      ["Safety", trees("safety")],
-      ["Goals", [...trees("progress"), ...trees("stability")]],
-      ["Tests before a step", deciding.guards()],
-      ["Tests of what is asked for", deciding.testsFor(this.chosen, this.episode.now, this.asked)],
-      ["Domain of the motion", trees("domain")],
-    ], margin, truth);
+    const trees = (kind) =>
+      of(kind)
+        .flatMap((c) => conjuncts(c.tree))
+        .filter((t) => typeof t !== "boolean");
+    this.bars.show(
+      [
+        ["Safety", trees("safety")],
+        ["Goals", [...trees("progress"), ...trees("stability")]],
+        ["Tests before a step", deciding.guards()],
+        ["Tests of what is asked for", deciding.testsFor(this.chosen, this.episode.now, this.asked)],
+        ["Domain of the motion", trees("domain")],
+      ],
+      margin,
+      truth,
+    );
   }
 
   // Marks in the text what ran and what does not hold.
@@ -374,15 +379,6 @@ class Page {
     element("a", { href: url, download: `${name}-${this.episode.start.seed}.json` }).click();
     URL.revokeObjectURL(url);
   }
-}
-
-// What is plotted over time: variables that the model marks, else the first ones; then what was earned.
-function series(facts) {
-  const all = facts.variables.map((q, place) => ({ q, place }));
-  const marked = all.filter(({ q }) => q.plot === "line");
-  const named = (marked.length > 0 ? marked : all.slice(0, PLOTTED)).map(({ q, place }) => ({
-    label: q.description ? `${q.name}: ${q.description}` : q.name, unit: q.unit, place }));
-  return [...named, { label: "return", unit: "", sums: true }];
 }
 
 function randomSeed() {

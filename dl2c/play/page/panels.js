@@ -21,8 +21,11 @@ export class Bars {
 
   #build(groups) {
     this.rows.clear();
-    const parts = groups.filter(([, trees]) => trees.length > 0).map(([title, trees]) =>
-      element("div", {}, element("h3", { text: title }), ...trees.map((tree) => this.#row(title, tree))));
+    const parts = groups
+      .filter(([, trees]) => trees.length > 0)
+      .map(([title, trees]) =>
+        element("div", {}, element("h3", { text: title }), ...trees.map((tree) => this.#row(title, tree))),
+      );
     this.place.replaceChildren(...parts);
   }
 
@@ -31,8 +34,13 @@ export class Bars {
     const title = written(tree, this.facts.atoms, true);
     const fill = element("span", { class: "fill" });
     const value = element("span", { class: "value" });
-    const row = element("div", { class: "bar" }, element("code", { text, title }),
-      element("span", { class: "track", "aria-hidden": "true" }, fill), value);
+    const row = element(
+      "div",
+      { class: "bar" },
+      element("code", { text, title }),
+      element("span", { class: "track", "aria-hidden": "true" }, fill),
+      value,
+    );
     this.rows.set(`${group} ${JSON.stringify(tree)}`, { tree, fill, value });
     return row;
   }
@@ -57,39 +65,74 @@ export class States {
     this.check = check;
     this.quantities = [...facts.variables, ...facts.constants];
     this.problem = element("p", { role: "status" });
-    this.begin = element("button", { type: "button", text: "Begin here", disabled: true,
-      onclick: () => begin(this.written()) });
-    this.seed = element("input", { type: "text", inputmode: "numeric", id: "seed",
-      onchange: () => seed(this.seed.value) });
+    this.begin = element("button", {
+      type: "button",
+      text: "Begin here",
+      disabled: true,
+      onclick: () => begin(this.written()),
+    });
+    this.seed = element("input", {
+      type: "text",
+      inputmode: "numeric",
+      id: "seed",
+      onchange: () => seed(this.seed.value),
+    });
     this.cells = this.quantities.map((q) => this.#cells(q));
-    const head = element("tr", {}, ...["name", "now", "beginning"].map((text) => element("th", { text, scope: "col" })));
+    const head = element(
+      "tr",
+      {},
+      ...["name", "now", "beginning"].map((text) => element("th", { text, scope: "col" })),
+    );
     place.append(
-      element("div", { class: "row" }, element("label", { for: "seed", text: "Seed" }), this.seed, this.begin),
+      element(
+        "div",
+        { class: "row" },
+        element("label", { for: "seed", text: "Seed" }),
+        this.seed,
+        this.begin,
+      ),
       this.problem,
-      element("table", {}, element("thead", {}, head), element("tbody", {}, ...this.cells.map((c) => c.row))));
+      element("table", {}, element("thead", {}, head), element("tbody", {}, ...this.cells.map((c) => c.row))),
+    );
   }
 
   #cells(q) {
     const about = [q.description, q.unit].filter(Boolean).join(", ");
-    const name = element("th", { scope: "row" }, element("code", { text: q.name }),
-      ...(about ? [element("small", { text: about })] : []));
+    const name = element(
+      "th",
+      { scope: "row" },
+      element("code", { text: q.name }),
+      ...(about ? [element("small", { text: about })] : []),
+    );
     const now = element("td", { class: "number" });
     const fixed = q.value !== null && q.value !== undefined;
-    const field = element("input", { type: "number", step: "any", "aria-label": `${q.name} at the beginning`,
-      disabled: fixed, title: fixed ? "fixed by the model" : null, oninput: () => this.#edited() });
+    const field = element("input", {
+      type: "number",
+      step: "any",
+      "aria-label": `${q.name} at the beginning`,
+      disabled: fixed,
+      title: fixed ? "fixed by the model" : null,
+      oninput: () => this.#edited(),
+    });
     return { now, field, row: element("tr", {}, name, now, element("td", {}, field)) };
   }
 
   // What is written in the fields, by name; constants that are fixed are left out.
   written() {
     const entries = this.quantities.map((q, k) => [q, this.exact?.[k] ?? Number(this.cells[k].field.value)]);
-    return Object.fromEntries(entries.filter(([q]) => q.value === null || q.value === undefined)
-      .map(([q, value]) => [q.name, value]));
+    return Object.fromEntries(
+      entries.filter(([q]) => q.value === null || q.value === undefined).map(([q, value]) => [q.name, value]),
+    );
   }
 
   #edited() {
     this.exact = this.cells.map(({ field }, k) =>
-      field.value === field.dataset.written ? this.beginning[k] : field.value === "" ? NaN : Number(field.value));
+      field.value === field.dataset.written
+        ? this.beginning[k]
+        : field.value === ""
+          ? NaN
+          : Number(field.value),
+    );
     this.#judge();
   }
 

@@ -5,7 +5,7 @@ const HELD_FOR = 60; // milliseconds
 const MOST = 8; // steps between two frames
 
 export class Player {
-  // `decide()` gives {choices, inputs} of the next step, `stepped()` is told of every step, `draw()` of a frame.
+  // `decide()` gives {choices, inputs} of the next step; `stepped()` is told of steps, `draw()` of frames.
   constructor(episode, { decide, stepped, draw }) {
     Object.assign(this, { episode, decide, stepped, draw, running: false, speed: 1, shown: 0, waits: 0 });
   }
@@ -62,7 +62,11 @@ export class Player {
 
   #advance(milliseconds, now) {
     this.shown += (milliseconds / 1000) * this.speed;
-    for (let k = 0; k < MOST && this.running && this.shown >= this.episode.now.time && now >= this.waits; k++) {
+    for (
+      let k = 0;
+      k < MOST && this.running && this.shown >= this.episode.now.time && now >= this.waits;
+      k++
+    ) {
       const ahead = this.shown - this.episode.now.time;
       this.step();
       this.shown += ahead;

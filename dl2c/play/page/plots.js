@@ -3,6 +3,7 @@
 import { colour, element, say, shown } from "./elements.js";
 
 const MARGIN = 8;
+const PLOTTED = 4; // strips of variables, where the model names none
 
 // `series` are {label, unit, value(moment)}; pressing a strip calls `seek` with a number of steps.
 export class Plots {
@@ -38,7 +39,8 @@ export class Plots {
     const low = Math.min(...values);
     const high = Math.max(...values);
     const across = (t) => MARGIN + (t / this.last) * (width - 2 * MARGIN);
-    const up = (v) => (high > low ? height - MARGIN - ((v - low) / (high - low)) * (height - 2 * MARGIN) : height / 2);
+    const up = (v) =>
+      high > low ? height - MARGIN - ((v - low) / (high - low)) * (height - 2 * MARGIN) : height / 2;
     if (low < 0 && high > 0) rule(pen, [0, up(0)], [width, up(0)], colour("line"));
     pen.strokeStyle = colour("series");
     pen.lineWidth = 1.5;
@@ -61,7 +63,10 @@ function pointsOf(moment) {
   if (!inside) return [{ time, x, earned: 0 }];
   const begun = time - duration;
   return inside.map((state, k) => ({
-    time: begun + (duration * k) / (inside.length - 1), x: state, earned: k === inside.length - 1 ? reward : 0 }));
+    time: begun + (duration * k) / (inside.length - 1),
+    x: state,
+    earned: k === inside.length - 1 ? reward : 0,
+  }));
 }
 
 function summed(values) {
@@ -94,4 +99,16 @@ export function penOf(canvas) {
   pen.setTransform(scale, 0, 0, scale, 0, 0);
   pen.clearRect(0, 0, width, height);
   return { pen, width, height };
+}
+
+// What is plotted over time: variables that the model marks, else the first ones; then what was earned.
+export function seriesOf(facts) {
+  const all = facts.variables.map((q, place) => ({ q, place }));
+  const marked = all.filter(({ q }) => q.plot === "line");
+  const named = (marked.length > 0 ? marked : all.slice(0, PLOTTED)).map(({ q, place }) => ({
+    label: q.description ? `${q.name}: ${q.description}` : q.name,
+    unit: q.unit,
+    place,
+  }));
+  return [...named, { label: "return", unit: "", sums: true }];
 }

@@ -9,12 +9,16 @@ export class Policy {
     Object.assign(this, { engine, facts, about: facts.policy });
   }
 
-  // {choices, inputs, shares}: what it asks for here, and the share of each alternative in the softmax of what
-  // it weighs against each other, null where it gives numbers.
+  // {choices, inputs, shares}: what it asks for here, and the share of each alternative in the softmax of
+  // what it weighs against each other, null where it gives numbers.
   asks(moment) {
     const outputs = this.engine.policyOutputs();
     const { kind } = this.about;
-    const nothing = { choices: this.facts.choices.map(() => 0), inputs: this.facts.inputs.map(() => 0), shares: null };
+    const nothing = {
+      choices: this.facts.choices.map(() => 0),
+      inputs: this.facts.inputs.map(() => 0),
+      shares: null,
+    };
     if (kind === "none") return nothing;
     if (kind === "box") return { ...nothing, ...this.#numbers(outputs) };
     if (kind === "runs") return { ...nothing, ...this.#runs(outputs, moment.mask) };
@@ -39,8 +43,11 @@ export class Policy {
     const open = runs.map((run) => !masked || run.every((a, c) => a < 0 || parts[c][a]));
     const weights = softmax(outputs, open);
     const taken = runs[largest(outputs, open)];
-    const shares = this.facts.choices.flatMap((choice, c) => choice.alternatives.map((_, a) =>
-      runs.reduce((sum, run, r) => sum + (run[c] === a ? weights[r] : 0), 0)));
+    const shares = this.facts.choices.flatMap((choice, c) =>
+      choice.alternatives.map((_, a) =>
+        runs.reduce((sum, run, r) => sum + (run[c] === a ? weights[r] : 0), 0),
+      ),
+    );
     return { choices: taken.map((a) => Math.max(a, 0)), shares };
   }
 
@@ -102,15 +109,39 @@ export class Drivers {
       return made;
     };
     const rows = [];
-    if (policy) this.drives = box("drives", "Policy drives", "The trained policy decides; what it asks for is shown above.");
+    if (policy)
+      this.drives = box(
+        "drives",
+        "Policy drives",
+        "The trained policy decides; what it asks for is shown above.",
+      );
     this.guards = box("guards", "Monitor", "Where a request is not admissible, the fallback takes over.");
-    this.disturbs = box("disturbs", "Disturb requests", "What is asked for is changed at random before it is tried.");
-    this.size = element("input", { type: "range", id: "size", min: 1, max: 50, value: 10, "aria-label": "Size of disturbances in percent of ranges" });
+    this.disturbs = box(
+      "disturbs",
+      "Disturb requests",
+      "What is asked for is changed at random before it is tried.",
+    );
+    this.size = element("input", {
+      type: "range",
+      id: "size",
+      min: 1,
+      max: 50,
+      value: 10,
+      "aria-label": "Size of disturbances in percent of ranges",
+    });
     rows.push(element("label", {}, "by ", this.size));
-    rows.push(element("button", { type: "button", text: "Push the state", title: "Every variable moves at random; a recording ends before.",
-      onclick: () => push(this.share) }));
-    place.append(element("legend", { text: policy ? "Policy, monitor, disturbances" : "Monitor, disturbances" }),
-      element("div", { class: "row" }, ...rows));
+    rows.push(
+      element("button", {
+        type: "button",
+        text: "Push the state",
+        title: "Every variable moves at random; a recording ends before.",
+        onclick: () => push(this.share),
+      }),
+    );
+    place.append(
+      element("legend", { text: policy ? "Policy, monitor, disturbances" : "Monitor, disturbances" }),
+      element("div", { class: "row" }, ...rows),
+    );
   }
 
   get share() {
@@ -119,22 +150,29 @@ export class Drivers {
 
   // Who decides where the episode stands: {choices, inputs, shares} of the policy, or of the person.
   asks(moment, person) {
-    return this.drives?.checked ? this.policy.asks(moment) : { ...person, shares: this.policy?.asks(moment).shares ?? null };
+    return this.drives?.checked
+      ? this.policy.asks(moment)
+      : { ...person, shares: this.policy?.asks(moment).shares ?? null };
   }
 
   // What is tried in the end: {choices, inputs, said}; `said` tells what the monitor did.
   decided(moment, asked) {
     const wanted = this.disturbs.checked ? this.#disturbed(asked) : asked;
     const wrong = this.guards.checked ? this.#inadmissible(moment, wanted) : "";
-    return wrong ? { ...this.#fallback(moment, wanted), said: `The monitor took over: ${wrong}.` } : { ...wanted, said: "" };
+    return wrong
+      ? { ...this.#fallback(moment, wanted), said: `The monitor took over: ${wrong}.` }
+      : { ...wanted, said: "" };
   }
 
   #disturbed({ choices, inputs }) {
     const { share, facts } = this;
     return {
-      choices: choices.map((c, k) => Math.random() < share ? Math.floor(Math.random() * facts.choices[k].alternatives.length) : c),
+      choices: choices.map((c, k) =>
+        Math.random() < share ? Math.floor(Math.random() * facts.choices[k].alternatives.length) : c,
+      ),
       inputs: inputs.map((v, k) => {
-        const [low, high] = facts.batch.action_map === 1 ? [-1, 1] : [facts.inputs[k].low, facts.inputs[k].high];
+        const [low, high] =
+          facts.batch.action_map === 1 ? [-1, 1] : [facts.inputs[k].low, facts.inputs[k].high];
         return Math.min(Math.max(v + share * (high - low) * (2 * Math.random() - 1), low), high);
       }),
     };

@@ -39,19 +39,24 @@ export class Scene {
   }
 
   #say(values) {
-    const texts = this.scene.shapes.filter((s) => s.panel === "text")
+    const texts = this.scene.shapes
+      .filter((s) => s.panel === "text")
       .map((s) => `${s.name} ${shown(argumentsOf(s, values).value[0])} ${s.unit}`.trim());
     this.said.textContent = texts.join(", ");
-    const places = this.scene.shapes.filter((s) => s.name && s.panel !== "text").map((s) => {
-      const given = Object.values(argumentsOf(s, values)).flat().slice(0, 2);
-      return `${s.name} ${given.map(shown).join(", ")}`;
-    });
+    const places = this.scene.shapes
+      .filter((s) => s.name && s.panel !== "text")
+      .map((s) => {
+        const given = Object.values(argumentsOf(s, values)).flat().slice(0, 2);
+        return `${s.name} ${given.map(shown).join(", ")}`;
+      });
     this.canvas.setAttribute("aria-label", `Scene: ${[...places, ...texts].join("; ")}`);
   }
 
   // The ways of agents in the plane, through the states inside of steps.
   #ways(pen, panel, episode, part, values) {
-    const agents = this.scene.shapes.filter((s) => s.role === "agent" && s.arguments.x && s.panel === "plane");
+    const agents = this.scene.shapes.filter(
+      (s) => s.role === "agent" && s.arguments.x && s.panel === "plane",
+    );
     if (agents.length === 0) return;
     const steps = episode.steps.slice(0, episode.at);
     const ways = steps.map((m) => (m.way ??= this.#wayOf(m)));
@@ -64,7 +69,9 @@ export class Scene {
     pen.beginPath();
     pen.rect(panel.left, panel.top, panel.width, panel.height);
     pen.clip();
-    for (const { arguments: { x, y } } of agents) {
+    for (const {
+      arguments: { x, y },
+    } of agents) {
       pen.strokeStyle = colour("agent");
       pen.lineWidth = 1.5;
       pen.beginPath();
@@ -115,15 +122,19 @@ export class Scene {
 
   // Marks where @safety fails, all else being as it is.
   #shade(pen, panel, x, p) {
-    const between = ({ low, high }, n) => Array.from({ length: n }, (_, k) => low + ((high - low) * (k + 0.5)) / n);
+    const between = ({ low, high }, n) =>
+      Array.from({ length: n }, (_, k) => low + ((high - low) * (k + 0.5)) / n);
     const [columns, rows] = [between(panel.x, GRID[0]), between(panel.y, GRID[1])];
     const unsafe = this.engine.unsafe(x, p, this.shaded, columns, rows);
     const [wide, high] = [panel.width / GRID[0], panel.height / GRID[1]];
     pen.fillStyle = colour("unsafe");
     pen.globalAlpha = 0.25;
-    columns.forEach((a, i) => rows.forEach((b, j) => {
-      if (unsafe[i * rows.length + j]) pen.fillRect(panel.x.at(a) - wide / 2, panel.y.at(b) - high / 2, wide + 0.5, high + 0.5);
-    }));
+    columns.forEach((a, i) =>
+      rows.forEach((b, j) => {
+        if (unsafe[i * rows.length + j])
+          pen.fillRect(panel.x.at(a) - wide / 2, panel.y.at(b) - high / 2, wide + 0.5, high + 0.5);
+      }),
+    );
     pen.globalAlpha = 1;
   }
 
@@ -151,7 +162,11 @@ export class Scene {
     pen.textAlign = "right";
     for (const [at, text] of panel[axis].ticks()) pen.fillText(text, panel.left - 6, at + 4);
     pen.textAlign = "left";
-    pen.fillText(this.#unit(axis, axis === "y" ? "y" : ""), Math.max(2, panel.left - 40), panel.top + panel.height + 14);
+    pen.fillText(
+      this.#unit(axis, axis === "y" ? "y" : ""),
+      Math.max(2, panel.left - 40),
+      panel.top + panel.height + 14,
+    );
   }
 
   #unit(axis, name) {

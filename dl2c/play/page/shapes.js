@@ -40,7 +40,10 @@ export class Painter {
       const wide = pen.measureText(text).width + 6;
       const left = Math.min(Math.max(x - wide / 2, 2), width - wide - 2);
       const rows = [0, -1, 1, -2, 2, -3, 3].map((r) => Math.min(Math.max(y + r * ROW, 9), height - 9));
-      const free = (row) => taken.every((t) => Math.abs(t.row - row) >= ROW - 1 || left + wide < t.left || t.left + t.wide < left);
+      const free = (row) =>
+        taken.every(
+          (t) => Math.abs(t.row - row) >= ROW - 1 || left + wide < t.left || t.left + t.wide < left,
+        );
       const row = rows.find(free) ?? rows[0];
       taken.push({ left, wide, row });
       pen.globalAlpha = 0.75;
@@ -112,7 +115,10 @@ export class Painter {
   }
 
   _segment(shape, panel, given) {
-    const [from, to] = [["x", "y"], ["x2", "y2"]].map(([u, v]) => [panel.x.at(given[u][0]), panel.y.at(given[v][0])]);
+    const [from, to] = [
+      ["x", "y"],
+      ["x2", "y2"],
+    ].map(([u, v]) => [panel.x.at(given[u][0]), panel.y.at(given[v][0])]);
     this.#lines(from, to);
     this.pen.stroke();
     this.#name(shape, (from[0] + to[0]) / 2, (from[1] + to[1]) / 2 - 12);
@@ -120,7 +126,9 @@ export class Painter {
 
   _polygon(shape, panel, given) {
     const places = given.points;
-    const corners = places.flatMap((x, k) => (k % 2 === 0 ? [[panel.x.at(x), panel.y.at(places[k + 1])]] : []));
+    const corners = places.flatMap((x, k) =>
+      k % 2 === 0 ? [[panel.x.at(x), panel.y.at(places[k + 1])]] : [],
+    );
     this.#lines(...corners, corners[0]);
     this.#area(shape.role);
     this.#name(shape, ...corners[0]);
