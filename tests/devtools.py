@@ -99,6 +99,10 @@ class Page:
         self._send("Input.dispatchKeyEvent", type="keyDown", **named, **typed)
         self._send("Input.dispatchKeyEvent", type="keyUp", **named)
 
+    def downloads_to(self, folder: Path) -> None:
+        """Where what the page saves goes."""
+        self._send("Page.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
+
     def picture(self, path: Path, whole: bool = False) -> None:
         found = self._send("Page.captureScreenshot", captureBeyondViewport=whole)
         path.write_bytes(base64.b64decode(found["data"]))

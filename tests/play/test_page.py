@@ -59,6 +59,19 @@ def test_an_episode_by_clicks_is_replayed_bit_for_bit(browser: Page, tmp_path: P
     assert "bit for bit" in replayed(recording, tmp_path)
 
 
+def test_an_episode_is_saved(browser: Page, tmp_path: Path) -> None:
+    page = opened(browser, "waypoint", tmp_path)
+    page.press("ArrowRight")
+    page.downloads_to(tmp_path)
+    page.click(button("Save this episode"))
+    saved = tmp_path / "Waypoint-7.json"
+    for _ in range(100):
+        if saved.exists():
+            break
+        page("new Promise((done) => setTimeout(done, 50))")
+    assert saved.read_text(encoding="utf-8") == page("page.episode.recording()")
+
+
 def test_nothing_is_requested_and_the_page_is_small(browser: Page, tmp_path: Path) -> None:
     page = opened(browser, "watertank", tmp_path)
     page.press("ArrowRight")

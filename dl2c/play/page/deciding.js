@@ -137,7 +137,7 @@ export class Deciding {
   }
 }
 
-export function distinct(trees) {
+function distinct(trees) {
   return [...new Map(trees.map((tree) => [JSON.stringify(tree), tree])).values()];
 }
 

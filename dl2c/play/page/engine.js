@@ -3,7 +3,7 @@
 const OK = 0;
 
 // States inside a step that are shown: enough for curves to look round.
-export const INSIDE = 9;
+const INSIDE = 9;
 
 // Places of a plane at which @safety is judged, where that is shaded.
 export const GRID = [40, 30];

@@ -38,10 +38,6 @@ export class Episode {
     return this.at === 0 ? this.first : this.steps[this.at - 1];
   }
 
-  get before() {
-    return this.at < 2 ? this.first : this.steps[this.at - 2];
-  }
-
   get over() {
     return this.now.ended;
   }
@@ -137,7 +133,7 @@ function word(number) {
 }
 
 // JSON in which every number reads back as the same double: -0 keeps its sign, seeds all their digits.
-export function json(value) {
+function json(value) {
   if (typeof value === "bigint") return String(value);
   if (typeof value === "number") return Object.is(value, -0) ? "-0.0" : JSON.stringify(value);
   if (Array.isArray(value)) return `[${value.map(json).join(", ")}]`;

@@ -8,7 +8,7 @@ const ROAD_HEIGHT = 170;
 const AXIS_OF = { x: "plane", y: "plane", line: "line", level: "level" };
 
 // Numbers along an axis: `low` is at pixel `start`, the next unit `step` further.
-export class Scale {
+class Scale {
   constructor([low, high], start, step) {
     Object.assign(this, { low, high, start, step });
   }

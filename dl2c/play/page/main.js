@@ -14,6 +14,7 @@ import { Plots, seriesOf, sumOf } from "./plots.js";
 import { Scene } from "./scene.js";
 import { endingOf, hintFor, moodOf } from "./words.js";
 
+const KEPT = 60_000; // milliseconds for which a saved episode may be fetched
 const REDRAWN = 100; // milliseconds between two pictures of the past
 
 class Page {
@@ -377,7 +378,7 @@ class Page {
     const url = URL.createObjectURL(blob);
     const name = this.facts.name.replace(/[^A-Za-z0-9]+/g, "_");
     element("a", { href: url, download: `${name}-${this.episode.start.seed}.json` }).click();
-    URL.revokeObjectURL(url);
+    setTimeout(() => URL.revokeObjectURL(url), KEPT);
   }
 }
 

@@ -78,7 +78,7 @@ export class Policy {
   }
 }
 
-export function largest(values, open) {
+function largest(values, open) {
   let best = -1;
   values.forEach((v, k) => {
     if (open[k] && (best < 0 || v > values[best])) best = k;
