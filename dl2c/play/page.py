@@ -25,7 +25,7 @@ MODULES = (
         "controls",
         "panels",
     ),
-    *("layout", "shapes", "scene", "player", "words", "main"),
+    *("layout", "shapes", "scene", "player", "words", "keys", "main"),
 )
 """Modules of JavaScript, each behind those that it imports; their names do not clash."""
 

@@ -102,6 +102,7 @@ def test_keys_drive_and_go_back(browser: Page, tmp_path: Path) -> None:
 
 def test_time_passes_as_it_does_in_the_model(browser: Page, tmp_path: Path) -> None:
     page = opened(browser, "pendulum", tmp_path)
+    page.click(button("Restart"))
     page.press(" ")
     assert page("new Promise((r) => setTimeout(() => r(page.player.running), 600))")
     page.press(" ")

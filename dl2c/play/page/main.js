@@ -6,6 +6,7 @@ import { Deciding } from "./deciding.js";
 import { byId, element, say, shown } from "./elements.js";
 import { Engine, Refused } from "./engine.js";
 import { Episode } from "./episode.js";
+import { listen } from "./keys.js";
 import { Listing } from "./listing.js";
 import { Bars, States } from "./panels.js";
 import { Drivers, Policy } from "./policy.js";
@@ -78,7 +79,7 @@ class Page {
     on("run", "click", () => this.run(!this.player.running));
     on("step", "click", () => this.once());
     on("back", "click", () => this.seek(this.episode.at - 1));
-    on("restart", "click", () => this.restart(this.episode.start.seed, this.episode.start.state));
+    on("restart", "click", () => this.again());
     on("resample", "click", () => this.restart(randomSeed()));
     on("speed", "change", (event) => {
       this.player.speed = Number(event.target.value);
@@ -96,18 +97,11 @@ class Page {
       ArrowLeft: () => this.seek(this.episode.at - 1),
       ArrowUp: () => this.inputs.nudge(5, this.asked),
       ArrowDown: () => this.inputs.nudge(-5, this.asked),
-      r: () => this.restart(this.episode.start.seed, this.episode.start.state),
+      r: () => this.again(),
       n: () => this.restart(randomSeed()),
     };
-    addEventListener("keydown", (event) => {
-      const { target, key } = event;
-      if (event.ctrlKey || event.altKey || event.metaKey || !byId("keys").checked) return;
-      if (target.matches("input:not([type=checkbox]), select, textarea, pre")) return;
-      if (key === " " && target.matches("button, input")) return; // presses that
-      const digit = /^[1-9]$/.test(key) && this.choices.press(Number(key) - 1);
-      const done = digit || (does[key.length === 1 ? key.toLowerCase() : key]?.() ?? null) !== null;
-      if (done) event.preventDefault();
-    });
+    for (let k = 1; k <= 9; k++) does[k] = () => this.choices.press(k - 1);
+    listen(does, () => byId("keys").checked);
   }
 
   #about() {
@@ -165,7 +159,7 @@ class Page {
   }
 
   run(running) {
-    if (running && this.episode.over) this.restart(this.episode.start.seed, this.episode.start.state);
+    if (running && this.episode.over) this.again();
     this.player.run(running);
     this.transport();
     return true;
@@ -185,6 +179,11 @@ class Page {
     this.player.settle();
     this.refresh();
     return true;
+  }
+
+  // The same beginning once more.
+  again() {
+    return this.restart(this.episode.start.seed, this.episode.start.state);
   }
 
   // Begins with a seed, in a given state or a drawn one.
