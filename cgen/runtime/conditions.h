@@ -77,10 +77,10 @@ DL2C_API int32_t dl2c_paths_ahead(const dl2c_batch *b, int64_t i, int32_t *paths
   dl2c_stand(b, i, &run, p);
   for (int k = 0; k < DL2C_NSTART; k++) enabled[k] = b->enabled[k * b->stride + i];
   run.nnoted = 0;
-  const dl2c_request request = dl2c_request_of(b, i, p);
-  if (!dl2c_complete(&request, &run, enabled, NULL)) return 0;
-  memcpy(paths, run.noted, sizeof *paths * (size_t)run.nnoted);
-  return run.nnoted;
+  dl2c_request request = dl2c_request_of(b, i, p);
+  request.noted = paths;
+  request.followed = NULL;
+  return dl2c_complete(&request, &run, enabled, NULL) ? run.nnoted : 0;
 }
 
 #endif

@@ -10,6 +10,8 @@
 #define DL2C_MONITORED 0 /* steps are not judged by a monitor */
 #endif
 
+/* Paths of one run that are noted; of a run with more of them the first ones. */
+enum { DL2C_MOST_NOTED = 256 };
 
 /* What a step is asked for. */
 typedef struct dl2c_request {
@@ -21,7 +23,8 @@ typedef struct dl2c_request {
   int32_t map;
   bool request_only; /* do not fall back to other alternatives */
 #if DL2C_INSPECT
-  dl2c_followed *followed; /* (DL2C_INSPECT_FLOWS) flows of the run are noted here, unless NULL */
+  dl2c_followed *followed; /* (DL2C_INSPECT_FLOWS) flows of the run are noted here, unless NULL, */
+  int32_t *noted;          /* (DL2C_MOST_NOTED) and here which paths it takes, likewise */
 #endif
 } dl2c_request;
 
@@ -32,15 +35,13 @@ typedef enum dl2c_failure {
   DL2C_UNSOLVABLE = 3, /* the solver failed */
 } dl2c_failure;
 
-/* Paths that an inspected run notes. */
-enum { DL2C_MOST_NOTED = 256 };
-
 /* A run so far. */
 typedef struct dl2c_trial {
   int32_t point;
   int32_t failure;             /* dl2c_failure */
   int32_t entered;             /* iterations of while loops */
-  int32_t nfollowed;           /* flows that are noted, see dl2c_request */
+  int32_t nfollowed;           /* flows that are noted, see dl2c_request, */
+  int32_t nnoted;              /* and paths */
   bool left;                   /* it is not the run requested */
   real duration;               /* time its flows took */
   int16_t taken[NDECISION + 1]; /* alternatives, -1 where a decision was not met */
@@ -54,10 +55,6 @@ typedef struct dl2c_trial {
   int32_t violated;  /* which found this condition violated, 0 for none */
   bool unexplained;  /* its state was set by hand, so that there is nothing to judge */
   real before[NX];   /* the state where the step began */
-#endif
-#if DL2C_INSPECT
-  int32_t nnoted;                 /* paths taken, */
-  int32_t noted[DL2C_MOST_NOTED]; /* and the first of them, in order */
 #endif
 } dl2c_trial;
 
@@ -264,7 +261,7 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
     return;
   }
 #if DL2C_INSPECT
-  if (trial->nnoted < DL2C_MOST_NOTED) trial->noted[trial->nnoted++] = path;
+  if (request->noted != NULL && trial->nnoted < DL2C_MOST_NOTED) request->noted[trial->nnoted++] = path;
 #endif
   real y[NX];
   dl2c_decide(request, trial, path, y);
