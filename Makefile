@@ -94,9 +94,15 @@ lint: $(READY)
 	$(BIN)/pyright --pythonpath $(BIN)/python || status=1; \
 	exit $$status
 
-# The pages to read are in build/docs.
+# The pages to read are in build/docs, those to play in build/docs/play.
 docs: $(READY)
 	$(BIN)/python -m sphinx -W -q -b html -d build/docs/.doctrees docs build/docs
+	for model in examples/*.kyx; do \
+	  $(BIN)/dl2c play $$model -o build/docs/play/$$(basename $$model .kyx).html || exit 1; \
+	done
+	$(BIN)/dl2c play docs/lecture/unguarded.kyx -o build/docs/play/unguarded.html
+	$(BIN)/dl2c play examples/static_safety_line.kyx -o build/docs/play/guarded.html
+	$(BIN)/dl2c play examples/static_safety_line.kyx --policy docs/lecture/policy -o build/docs/play/trained.html
 
 bench: $(READY)
 	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000 --require gym/empty=0.67 \
@@ -135,5 +141,5 @@ $(READY): pyproject.toml constraints.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv || \
 	  { rm -rf .venv; echo "cannot make .venv: install python3-venv" >&2; exit 1; }
 	$(BIN)/python -m pip install -q -c constraints.txt torch
-	$(BIN)/python -m pip install -q -c constraints.txt -e '.[train,dev,docs]'
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[train,dev,docs,zig]'
 	@touch $@

@@ -30,6 +30,7 @@ from dl2c.commands.waiting import working
 from dl2c.interruption import INTERRUPTED, was_asked
 from dl2c.lsp.command import lsp
 from dl2c.outputs import output_folder, write_output
+from dl2c.play.command import play
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
@@ -277,6 +278,7 @@ app.command()(model_options(falsify))
 app.command()(replay)
 app.command("report")(report_command)
 app.command()(talkative(lsp))
+app.command()(model_options(play))
 
 
 app.command()(model_options(monitor))

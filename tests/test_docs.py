@@ -72,6 +72,7 @@ def run(folder: Path, *command: str) -> None:
 )
 def test_page_works_as_written(page: Path, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    shutil.copytree(DOCS / "lecture", tmp_path / "docs" / "lecture")
     for block in blocks(page):
         if block.needs and find_spec(block.needs) is None:
             continue

@@ -43,10 +43,11 @@ def names(wheel: Path) -> set[str]:
 
 def expected() -> set[str]:
     """Every source file that has to be in a wheel, as the wheel names it."""
-    package = [p for p in (ROOT / "dl2c").rglob("*") if p.suffix in {".py", ".lark", ".cdef", ".typed"}]
+    suffixes = {".py", ".lark", ".cdef", ".typed", ".html", ".css", ".js"}
+    package = [p for p in (ROOT / "dl2c").rglob("*") if p.suffix in suffixes]
     found = {p.relative_to(ROOT).as_posix() for p in package}
-    for folder, suffixes in SHIPPED.items():
-        files = [p for p in (ROOT / folder).rglob("*") if p.suffix in suffixes]
+    for folder, wanted in SHIPPED.items():
+        files = [p for p in (ROOT / folder).rglob("*") if p.suffix in wanted]
         found |= {f"dl2c/{p.relative_to(ROOT).as_posix()}" for p in files}
     return found
 

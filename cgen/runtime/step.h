@@ -10,6 +10,9 @@
 #define DL2C_MONITORED 0 /* steps are not judged by a monitor */
 #endif
 
+/* Paths of one run that are noted; of a run with more of them the first ones. */
+enum { DL2C_MOST_NOTED = 256 };
+
 /* What a step is asked for. */
 typedef struct dl2c_request {
   const int32_t *choices; /* (NCHOICE) alternatives */
@@ -20,7 +23,8 @@ typedef struct dl2c_request {
   int32_t map;
   bool request_only; /* do not fall back to other alternatives */
 #if DL2C_INSPECT
-  dl2c_followed *followed; /* (DL2C_INSPECT_FLOWS) flows of the run are noted here, unless NULL */
+  dl2c_followed *followed; /* (DL2C_INSPECT_FLOWS) flows of the run are noted here, unless NULL, */
+  int32_t *noted;          /* (DL2C_MOST_NOTED) and here which paths it takes, likewise */
 #endif
 } dl2c_request;
 
@@ -36,7 +40,8 @@ typedef struct dl2c_trial {
   int32_t point;
   int32_t failure;             /* dl2c_failure */
   int32_t entered;             /* iterations of while loops */
-  int32_t nfollowed;           /* flows that are noted, see dl2c_request */
+  int32_t nfollowed;           /* flows that are noted, see dl2c_request, */
+  int32_t nnoted;              /* and paths */
   bool left;                   /* it is not the run requested */
   real duration;               /* time its flows took */
   int16_t taken[NDECISION + 1]; /* alternatives, -1 where a decision was not met */
@@ -255,6 +260,9 @@ static inline void dl2c_follow(const dl2c_request *request, dl2c_trial *trial, i
     trial->failure = DL2C_ENDLESS;
     return;
   }
+#if DL2C_INSPECT
+  if (request->noted != NULL && trial->nnoted < DL2C_MOST_NOTED) request->noted[trial->nnoted++] = path;
+#endif
   real y[NX];
   dl2c_decide(request, trial, path, y);
 #if DL2C_MONITORED

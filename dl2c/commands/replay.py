@@ -33,7 +33,8 @@ def replay(
 ) -> None:
     """Replay a recorded episode, say whether every state is the same to the last bit, and what it violates.
 
-    Exit code 0: the same. Exit code 1: it differs, as it may with another model.
+    One from a page whose model calls functions such as sin is checked step by step, within 1e-12. Exit code
+    0: the same. Exit code 1: it differs, as it may with another model.
     """
     from dl2c.env.opening import source_of
     from dl2c.native.errors import ResetFailed
@@ -49,28 +50,42 @@ def replay(
             found = episodes.replay(recorded, None if model is None else source_of(model))
     except (episodes.EpisodeError, ValueError, TypeError, ResetFailed) as problem:
         raise CommandError(f"{problem}" if str(file) in str(problem) else f"{file}: {problem}") from None
-    different = episodes.difference(recorded, found)
+    different, steps = episodes.difference(recorded, found), False
+    if different and model is None:
+        different, steps = _by_steps(recorded, different)
     conditions = blamed(found, model_of(found))
     changed = _changed(recorded, found)
     _draw(found, plot, film)
     if json:
         told = {"steps": len(found.moments), "status": found.status, "reason": found.reason}
-        told |= {"difference": different, "model": changed, "conditions": as_data(conditions)}
+        told |= {"difference": different, "step_by_step": steps, "model": changed}
+        told |= {"conditions": as_data(conditions)}
         print(to_json(told))
     else:
         for condition in conditions:
             print(render(condition), end="\n\n")
         if changed and not quiet():
             print(changed)
-        print(_summary(found, different))
+        print(_summary(found, different, steps))
     if different:
         raise typer.Exit(1)
 
 
-def _summary(found: "Episode", different: str) -> str:
+def _by_steps(recorded: "Episode", different: str) -> tuple[str, bool]:
+    """The difference of an episode whose bits differ; and whether it was checked step by step instead."""
+    from dl2c.report.stepwise import is_inexact, stepwise_difference
+
+    return (stepwise_difference(recorded), True) if is_inexact(recorded) else (different, False)
+
+
+def _summary(found: "Episode", different: str, steps: bool) -> str:
     end = f"{found.status}: {found.reason}" if found.reason else "not ended"
-    same = different or "every state is as recorded, bit for bit"
-    return f"{len(found.moments)} steps, {end}; {same}"
+    same = "every state is as recorded, bit for bit"
+    if steps:
+        same = (
+            "each step is as recorded, within 1e-12 from the state before it (sin and the like differ here)"
+        )
+    return f"{len(found.moments)} steps, {end}; {different or same}"
 
 
 def _changed(recorded: "Episode", found: "Episode") -> str:

@@ -36,6 +36,8 @@ MIRRORED = {"<": ">", "<=": ">="}
 FUNCTIONS = {name: row.c for name, row in LIBRARY.items()} | OF_DERIVATIVES
 MATH = "|".join(c for c in FUNCTIONS.values() if not c.startswith("dl2c_"))
 """Those of <math.h>, as a pattern."""
+INEXACT = re.compile(rf"\b({'|'.join(row.c or name for name, row in LIBRARY.items() if not row.exact)})\(")
+"""A call of a function whose last bit is not that of every C library."""
 
 TRUTHS = frozenset({"lt", "le", "eq", "ne", "and", "or", "not"})
 

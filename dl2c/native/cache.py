@@ -25,7 +25,7 @@ from dl2c.inputs import MALFORMED, read_json
 from dl2c.native.errors import NativeError
 from dl2c.native.sundials import find_sundials
 from dl2c.native.toolchain import cpu_features, find_compiler, python_include
-from dl2c.storage import ADVICE, DEFAULT_CAP, StorageError, private_folder
+from dl2c.storage import ADVICE, DEFAULT_CAP, StorageError, cache_home, private_folder
 
 GRACE = 60.0
 """Seconds for which the automatic pruning spares an entry, so that its user can load it."""
@@ -37,6 +37,9 @@ MOST_SEALED = 2**20
 
 NOTES = "notes"
 """In the cache's folder: what is known of texts, see `notes`."""
+
+ZIG = "zig"
+"""Beside the cache's folder: what zig has compiled of its C library for pages."""
 
 KEY_LENGTH = 32
 
@@ -148,14 +151,15 @@ def prune(cap: int = DEFAULT_CAP, idle: float = 0.0) -> tuple[CacheEntry, ...]:
 
 
 def clear() -> tuple[CacheEntry, ...]:
-    """Remove every entry that nobody is building, all notes, and what killed builds left; returns the
-    entries.
+    """Remove every entry that nobody is building, all notes, what zig keeps, and what killed builds left;
+    returns the entries.
     """
     from filelock import Timeout
 
     root = cache_dir()
     removed = prune(cap=0)
     shutil.rmtree(root / NOTES, ignore_errors=True)
+    shutil.rmtree(cache_home() / ZIG, ignore_errors=True)
     for key in {path.name.partition(".")[0] for path in root.glob("*.tmp")}:
         with suppress(Timeout), _locked(root, key, timeout=0):
             _remove_leftovers(root, key)

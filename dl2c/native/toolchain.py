@@ -171,39 +171,49 @@ def cpu_features() -> str:
     return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))
 
 
-def run(command: tuple[str, ...], directory: Path) -> None:
+def run(command: tuple[str, ...], directory: Path, variables: Mapping[str, str] | None = None) -> None:
     """Run a compiler there, without a shell, for `COMPILER_SECONDS` of its time at most where the system
-    can limit that, and for `PATIENCE` times as long in any case.
+    can limit that, and for `PATIENCE` times as long in any case. Its environment has these `variables` too.
 
     Raises `CompilerFailed` with the first useful lines of what it said.
     """
-    run_all([command], directory)
+    run_all([command], directory, variables)
 
 
-def run_all(commands: Iterable[tuple[str, ...]], directory: Path) -> None:
+def run_all(
+    commands: Iterable[tuple[str, ...]], directory: Path, variables: Mapping[str, str] | None = None
+) -> None:
     """Run compilers like that at the same time; a failure, or Ctrl-C, ends all of them."""
+    environment = {**os.environ, **(variables or {})}
     with ExitStack() as stack:
-        begun = [stack.enter_context(_begun(command, directory)) for command in commands]
+        begun = [stack.enter_context(_begun(command, directory, environment)) for command in commands]
         for end in begun:
             end()
 
 
 @contextmanager
-def _begun(command: tuple[str, ...], directory: Path) -> Generator[Callable[[], None]]:
+def _begun(
+    command: tuple[str, ...], directory: Path, environment: Mapping[str, str]
+) -> Generator[Callable[[], None]]:
     """Yields what waits for the end of it."""
     LOG.debug("%s", shlex.join(command))
-    with tempfile.TemporaryFile() as messages, _process(command, directory, messages) as process:
+    with (
+        tempfile.TemporaryFile() as messages,
+        _process(command, directory, environment, messages) as process,
+    ):
         yield lambda: _end(command, process, messages)
 
 
 @contextmanager
 def _process(
-    command: tuple[str, ...], directory: Path, messages: IO[bytes]
+    command: tuple[str, ...], directory: Path, environment: Mapping[str, str], messages: IO[bytes]
 ) -> Generator[subprocess.Popen[bytes]]:
     """What it starts itself may outlive it: no pipe is waited for."""
     nothing = subprocess.DEVNULL
     try:
-        process = subprocess.Popen(command, cwd=directory, stdin=nothing, stdout=nothing, stderr=messages)
+        process = subprocess.Popen(
+            command, cwd=directory, env=environment, stdin=nothing, stdout=nothing, stderr=messages
+        )
     except OSError as problem:
         raise CompilerFailed(f"cannot run {command[0]}: {problem.strerror}") from None
     try:

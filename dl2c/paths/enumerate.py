@@ -309,6 +309,7 @@ def _path(
         target=draft.target,
         span=draft.span,
         enters=draft.line.enters,
+        statements=tuple(s.span for s in draft.line.statements),
     )
 
 

@@ -9,7 +9,7 @@ program.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 
 from dl2c.ir.model import Formula, Role, Symbol, Term
@@ -59,7 +59,8 @@ class Path:
     alternative of each is marked `@fallback`. `guard` is every test that no input decides,
     with the domain of the flow at its start. `updates` are the changed variables. A path that
     `enters` begins with an iteration of a while loop. Decisions and inputs that were met earlier
-    in the step keep their outcome: a path of another alternative is closed.
+    in the step keep their outcome: a path of another alternative is closed. `statements` are the places of
+    what it executes, in order.
     """
 
     point: int
@@ -73,6 +74,7 @@ class Path:
     target: int
     span: Span = NOWHERE
     enters: bool = False
+    statements: tuple[Span, ...] = field(default=(), compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,9 @@ from dl2c.version import __version__
 
 FORMAT, VERSION = "dl2c episode", 1
 
+NATIVE, WEB = "native", "webassembly"
+"""What an episode was run by: this machine's code, or that of a page of `dl2c play`."""
+
 MOST_BYTES = 256 * 1024**2
 """What is longer is no episode."""
 
@@ -71,6 +74,7 @@ class Episode:
     status: str
     reason: str
     version: str = __version__
+    engine: str = NATIVE
 
     @property
     def states(self) -> tuple[Mapping[str, float], ...]:
@@ -130,12 +134,12 @@ def replay(episode: Episode, source: Source | None = None) -> Episode:
     """The episode once more, with its own text or another. Raises what `Dl2cEnv` and `play` raise."""
     env = Dl2cEnv(source or episode.source, **episode.options)
     try:
-        return play(env, episode.start, [action_of(env, a) for a in episode.actions])
+        return play(env, episode.start, [action_of(a) for a in episode.actions])
     finally:
         env.close()
 
 
-def action_of(env: Dl2cEnv, action: Any) -> Any:
+def action_of(action: Any) -> Any:
     """An action of a file, as the environment takes it."""
     if isinstance(action, dict):
         return cast("dict[str, Any]", action)
@@ -189,6 +193,7 @@ def write_episode(episode: Episode, path: Path) -> None:
         "format": FORMAT,
         "format_version": VERSION,
         "dl2c_version": episode.version,
+        "engine": episode.engine,
         "model": {
             "name": episode.source.name,
             "sha256": text_hash(episode.source.text),
@@ -238,6 +243,7 @@ def _episode(content: Any) -> Episode:
         status=_text(data["status"]),
         reason=_text(data["reason"]),
         version=_text(data["dl2c_version"]),
+        engine=_text(data.get("engine", NATIVE)),
     )
 
 

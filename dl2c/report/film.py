@@ -86,7 +86,7 @@ def frames_of(episode: Episode) -> Iterator[Frame]:
         start = 0.0
         for moment in episode.moments:
             fractions = _fractions(start, moment.duration, every)
-            act = partial(env.step, action_of(env, moment.action))
+            act = partial(env.step, action_of(moment.action))
             for last in env.watch(act, fractions):
                 yield last
             start = moment.time

@@ -105,7 +105,7 @@ def _source(unit: Unit, policy: NetworkPolicy) -> str:
     leaves = Leaves(builder_of(unit), order_of(unit), unit.single)
     observed = _observe(unit, policy, leaves)
     size, signature = len(policy.interface.observations), declarations_of_policy(unit)["outputs"]
-    parts = [network_functions(unit, policy.network, size, signature), *_acting(unit, policy)]
+    parts = [network_functions(unit.single, policy.network, size, signature), *_acting(unit, policy)]
     body = "\n".join([*leaves.texts, observed, *parts])
     used = [one_line(name) for name in RUNTIME if f"{name}(" in body]
     used += [copied("policy.h", ("clipped",))] if "clipped(" in body else []

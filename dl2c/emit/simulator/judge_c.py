@@ -43,13 +43,20 @@ def fact_names(model: Model) -> list[str]:
     return [*names, "F_postcondition"]
 
 
-def _precondition(build: BuildPlan, leaves: Leaves) -> str:
+def checked_precondition(build: BuildPlan) -> Formula:
     """What a given state must satisfy: P, equalities within the tolerance where doubles may miss them."""
-    plan, formula = build.sampling, build.model.precondition
-    rounded = plan is None or plan.certificate == "witness"
+    formula = build.model.precondition
+    return equalities_relaxed(formula, build.options.tolerance) if _is_rounded(build) else formula
+
+
+def _is_rounded(build: BuildPlan) -> bool:
+    return build.sampling is None or build.sampling.certificate == "witness"
+
+
+def _precondition(build: BuildPlan, leaves: Leaves) -> str:
+    formula = checked_precondition(build)
     about = "The problem's P, strict."
-    if rounded:
-        formula = equalities_relaxed(formula, build.options.tolerance)
+    if _is_rounded(build):
         about = "The problem's P, equalities within the tolerance, all else strict."
     holds = leaves.condition("problem_precondition", formula, print_formula(formula))
     return function(f"static inline bool model_precondition({STATE})", [f"return {holds};"], about)

@@ -42,10 +42,7 @@ def model_sources(build: BuildPlan) -> dict[str, str]:
 
 def model_c(build: BuildPlan) -> str:
     """The whole C file."""
-    ranks = {symbol: k for k, symbol in enumerate(_symbols(build))}
-    bounds = {Symbol(c.name, "constant"): _range(c) for c in build.model.constants}
-    taken = {symbol.name for symbol in ranks}
-    leaves = Leaves(Builder(bounds), lambda symbol: ranks.get(symbol, len(ranks)), shared=True, taken=taken)
+    leaves = leaves_of(build)
     functions = [
         *flow_functions(build, leaves),
         *watch_functions(build, leaves),
@@ -60,6 +57,14 @@ def model_c(build: BuildPlan) -> str:
         *(text for unit in [build.monitor] if unit for text in judging_functions(unit)),
     ]
     return "\n".join([_head(build), *leaves.texts, *functions, _runtime(build)])
+
+
+def leaves_of(build: BuildPlan) -> Leaves:
+    """No leaf functions yet, for a file about the model."""
+    ranks = {symbol: k for k, symbol in enumerate(_symbols(build))}
+    bounds = {Symbol(c.name, "constant"): _range(c) for c in build.model.constants}
+    taken = {symbol.name for symbol in ranks}
+    return Leaves(Builder(bounds), lambda symbol: ranks.get(symbol, len(ranks)), shared=True, taken=taken)
 
 
 def tables_h(build: BuildPlan) -> str:

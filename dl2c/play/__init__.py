@@ -1,0 +1,1 @@
+"""Pages in which a model is driven by hand: its C as WebAssembly, with all that shows and steers it."""
