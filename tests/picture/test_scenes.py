@@ -223,7 +223,7 @@ def test_headings_turn_shapes_and_point_somewhere() -> None:
     )
     plane = panels(env)["plane"]
     x, y = plane.scales["x"].at, plane.scales["y"].at
-    assert share(pixels, "agent", (x(5), y(2.5))) == 1.0 and share(pixels, "agent", (x(7), y(0))) == 0.0
+    assert share(pixels, "agent", (x(5.3), y(-2.5))) == 1.0 and share(pixels, "agent", (x(7), y(0))) == 0.0
     assert share(pixels, "goal", (x(2), y(1))) == 1.0 and share(pixels, "goal", (x(3.5), y(1))) == 0.0
     assert share(pixels, "unsafe", (plane.left + plane.width - 3, y(-4))) == 1.0
 
