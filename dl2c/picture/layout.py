@@ -20,6 +20,9 @@ LEFT, BELOW = 44, 34
 FAR = 8000
 """Pixels beyond which nothing is drawn."""
 
+ENDLESS, NARROW = 1e100, 1e-6
+"""Numbers that are drawn are below this, and a picture is at least so wide, in parts of them."""
+
 PADDING = 0.04
 """Of the extent of an axis, so that nothing ends at the edge."""
 
@@ -125,11 +128,12 @@ def _level(limits: tuple[float, float], left: int, top: int, width: int, height:
 
 def _limits(axis: AxisSpec, seen: Sequence[float]) -> tuple[float, float]:
     """The limits of an axis, with some padding; where the model has none, around what is `seen`."""
-    least, most = (min(seen), max(seen)) if seen else (0.0, 0.0)
-    around = 0.5 * max(most - least, 1.0)
-    low = axis.low if math.isfinite(axis.low) else min(least, axis.high) - around
-    high = axis.high if math.isfinite(axis.high) else max(most, low) + around
-    padding = PADDING * (high - low) or 1.0
+    near = [end for end in seen if abs(end) < ENDLESS] or [0.0]
+    least, most = min(near), max(near)
+    around = max(0.5 * (most - least), 0.5, NARROW * max(abs(least), abs(most)))
+    low = axis.low if abs(axis.low) < ENDLESS else min(least, axis.high) - around
+    high = axis.high if abs(axis.high) < ENDLESS else max(most, low) + around
+    padding = max(PADDING * (high - low), NARROW * max(abs(low), abs(high))) or 1.0
     return low - padding, high + padding
 
 

@@ -171,6 +171,9 @@ class Painter:
             for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
         ]
         self._area(surface, shape.role, corners)
+        if "heading" in given:
+            tip = to_x(x + 1.5 * along[0]), to_y(y + 1.5 * along[1])
+            self._arrow(surface, INK, self._middle(panel, given), tip)
         top = min(corner[1] for corner in corners)
         low = max(corner[1] for corner in corners)
         inside = low - top > 3 * ROW

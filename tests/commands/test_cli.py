@@ -31,7 +31,7 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     (built / "manifest.json").write_text("{}")
     (built / "toy.c").write_text("")
 
-    def build(source: Source, given: Any, progress: Any = None) -> Any:
+    def build(source: Source, given: Any, progress: Any = None, inspect: bool = False) -> Any:
         with_options(Options(), given)
         found = (warning("a-lint", "careful", Span(source, 2, 7), "this"),)
         library = ToyLibrary(toy_manifest(**{k: v for k, v in given.items() if k != "constants"}))
@@ -55,7 +55,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, 
 
 
 def failing(patch: pytest.MonkeyPatch, failure: Exception) -> None:
-    def build(source: Source, given: Any, progress: Any = None, portable: bool = False) -> Any:
+    def build(source: Source, given: Any, progress: Any = None, **_: bool) -> Any:
         raise failure
 
     for name in ("dl2c.env.opening.build", "dl2c.env.opening.manifest_of", "dl2c.lint.check.examine"):

@@ -179,6 +179,15 @@ def test_an_open_axis_is_that_of_the_first_state(low: float, high: float) -> Non
     assert math.isfinite(far.low) and far.low < far.high
 
 
+@pytest.mark.parametrize("ends", [(-1e300, 1e300), (5.0, 5.0), (1e20, 1e20), (-INF, INF)])
+@pytest.mark.parametrize("value", [0.0, -3e250, 1e90, 7.0])
+def test_any_numbers_have_an_axis(ends: tuple[float, float], value: float) -> None:
+    for axis in ("line", "level"):
+        scale = arranged(scene_of(axis, low=ends[0], high=ends[1]), [value])[axis].scales[axis]
+        assert 0 < scale.high - scale.low < INF and len(list(scale.ticks())) < 20
+        assert abs(scale.at(value)) < 10_000
+
+
 def test_ticks_are_round_numbers_inside_the_axis() -> None:
     for low, high in ((0.0, 1.0), (-20.4, 20.8), (3e-5, 7e-5), (1e6, 3e6), (0.0, 4600.0)):
         ticks = list(Scale(low, high, 0.0, 500 / (high - low)).ticks())
@@ -214,7 +223,7 @@ def test_headings_turn_shapes_and_point_somewhere() -> None:
     )
     plane = panels(env)["plane"]
     x, y = plane.scales["x"].at, plane.scales["y"].at
-    assert share(pixels, "agent", (x(5), y(2.5))) == 1.0 and share(pixels, "agent", (x(7), y(0))) == 0.0
+    assert share(pixels, "agent", (x(5.3), y(-2.5))) == 1.0 and share(pixels, "agent", (x(7), y(0))) == 0.0
     assert share(pixels, "goal", (x(2), y(1))) == 1.0 and share(pixels, "goal", (x(3.5), y(1))) == 0.0
     assert share(pixels, "unsafe", (plane.left + plane.width - 3, y(-4))) == 1.0
 
