@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dl2c.experiments.parallel import in_parallel
+from dl2c.report.episode import Episode
 from dl2c.training.evaluation import evaluate
 from dl2c.training.plots import plot_curves, plot_trajectory
 from dl2c.training.rollout import rollout
@@ -26,6 +28,8 @@ MODEL = "example:waypoint"
 FOLDER = Path("build/demo")
 SEEDS = (1, 2, 3)
 EPISODES = 200
+FILMED = 3
+"""Episodes of a film."""
 
 STRICT: dict[str, Any] = {"on_blocked": "terminate"}
 """How every policy is measured: a request without a run ends the episode, unsuccessfully."""
@@ -107,7 +111,7 @@ def main() -> None:
         console.print(about, markup=False)
         console.print(rows)
         console.print()
-    for path in _pictures(trained):
+    for path in (*_pictures(trained), *_films(learned.policy)):
         console.print(f"wrote {path}", markup=False)
     console.print(f"{time.perf_counter() - started:.0f} s in all")
 
@@ -177,6 +181,22 @@ def _pictures(trained: Iterable[Trained]) -> list[Path]:
     names = {"xr": "position / m", "vr": "velocity / (m/s)", "T": "time to deadline / s"}
     plot_trajectory(rows, names, trajectory, "one episode of PPO without masks")
     return [curves, trajectory]
+
+
+def _films(policy: Path) -> list[Path]:
+    """Some episodes of `LEARNED` before and after learning; none where what films need is missing."""
+    from dl2c.report.film import write_film
+    from dl2c.report.recording import Recorder
+
+    if not (find_spec("imageio_ffmpeg") and find_spec("pygame")):
+        return []
+    films = {FOLDER / "before.gif": "random", FOLDER / "after.gif": policy}
+    for path, acting in films.items():
+        seen: list[Episode] = []
+        for _ in rollout(acting, LEARNED, FILMED, masked=False, around=partial(Recorder, ended=seen.append)):
+            pass
+        write_film(seen, path)
+    return list(films)
 
 
 if __name__ == "__main__":
