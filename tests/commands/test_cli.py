@@ -163,9 +163,9 @@ def test_options_reach_the_build(capsys: Any, model: str) -> None:
         "terminate", 7, "float64",
     )  # fmt: skip
     code, _, err = run(capsys, "info", model, "--on-blocked", "explode")
-    assert code == 1 and "`on_blocked` takes 'fallback', 'truncate', 'terminate'" in err
+    assert code == 2 and "`on_blocked` takes 'fallback', 'truncate', 'terminate'" in err
     code, _, err = run(capsys, "info", model, "--set", "k")
-    assert code == 1 and "NAME=VALUE" in err
+    assert code == 2 and "NAME=VALUE" in err
 
 
 def test_info_for_people(capsys: Any, model: str) -> None:
