@@ -76,12 +76,15 @@ def at_place(span: Span) -> None:
 
 
 @contextmanager
-def budgeted(seconds: float = SECONDS, stopped: Callable[[], bool] | None = None) -> Generator[None]:
-    """Work within the budget that is running, or a new one. Raises `CompileError` where it is used up, where
-    `stopped` says that nobody waits for the result, and where terms are so deep that Python gives up."""
+def budgeted(seconds: float | None = None, stopped: Callable[[], bool] | None = None) -> Generator[None]:
+    """Work within the budget that is running, or a new one: `SECONDS` unless said. Raises `CompileError` where it
+    is used up, where `stopped` says that nobody waits for the result, and where terms are so deep that
+    Python gives up.
+    """
     if _RUNNING.get() is not None:
         yield
         return
+    seconds = SECONDS if seconds is None else seconds
     budget = _Budget(seconds, time.thread_time() + seconds, _memory() + BYTES, stopped=stopped)
     token = _RUNNING.set(budget)
     try:

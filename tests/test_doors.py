@@ -217,7 +217,7 @@ def test_wrong_text_exits_1_without_a_traceback(tmp_path: Path) -> None:
         result = command("check", str(path), check=False)
         assert (result.returncode, result.stdout) == (1, "")
         assert result.stderr.startswith("error: ") and "Traceback" not in result.stderr
-    assert command("emit", "--stage", "soup", WAYPOINT, check=False).returncode == 1
+    assert command("emit", "--stage", "soup", WAYPOINT, check=False).returncode == 2
 
 
 def test_importing_dl2c_is_cheap_and_registers_the_ids() -> None:
@@ -278,4 +278,4 @@ def test_every_door_refuses_what_an_option_does_not_take(name: str) -> None:
     with pytest.raises(dl2c.CompileError, match=r"soup|decimal"):
         dl2c.make(MIXED.replace("Problem", f"/* @episode: {name}=soup */\nProblem"))
     refused = command("check", WAYPOINT, f"--{name.replace('_', '-')}", "soup", check=False)
-    assert refused.returncode == 1 and f"`{name}` takes" in refused.stderr
+    assert refused.returncode == 2 and f"`{name}` takes" in refused.stderr

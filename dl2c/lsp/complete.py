@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from dl2c.ir.functions import KYX_MATH
+from dl2c.ir.scene import FORMS
 from dl2c.lsp import words
 from dl2c.lsp.analysis import Analysis
 from dl2c.lsp.context import comment_before, section_at, word_before
@@ -45,6 +46,9 @@ def completions(analysis: Analysis, text: str, at: int, known: int) -> tuple[int
         return start, ()
     if not comment.named:
         return at - len(comment.annotation) - 1, tuple(_annotations())
+    if comment.annotation == "scene":
+        shapes = (Item(shape, "attribute", "a shape", f"{shape}($1)", fill=True) for shape in FORMS)
+        return start, tuple(dict.fromkeys((*shapes, *_names(analysis, known, programs=False))))
     if comment.attribute is None:
         return start, tuple(_attributes(comment.annotation))
     if words.is_expression(comment.attribute):

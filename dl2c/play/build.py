@@ -12,8 +12,8 @@ from dl2c.emit.simulator.conditions import Conditions, conditions_of
 from dl2c.emit.simulator.conditions_c import conditions_c
 from dl2c.env.opening import compilation_of
 from dl2c.native.manifest import Manifest
-from dl2c.native.wasm import compile_wasm, require_zig
 from dl2c.pipeline import Compilation
+from dl2c.play.wasm import compile_wasm, require_zig
 from dl2c.policy.network import NetworkPolicy
 from dl2c.progress import Progress, silent
 from dl2c.source import Source

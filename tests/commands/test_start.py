@@ -88,20 +88,24 @@ def test_the_version_needs_no_numbers(place: Mapping[str, str]) -> None:
 
 def test_a_model_is_read_once(place: Mapping[str, str], tmp_path: Path) -> None:
     reading = {"lark", "dl2c.parse.parser", "dl2c.resolve.problem", "dl2c.lower.problem", "z3"}
-    for words in (("build", str(MODEL), "-o", str(tmp_path)), ("check", str(MODEL)), ("info", str(MODEL))):
+    for words in (
+        ("build", str(MODEL), "-o", str(tmp_path)),
+        ("check", str(MODEL), "--no-native"),
+        ("info", str(MODEL), "--no-native"),
+    ):
         first = dl2c(place, *words)
         assert not imported(place, *words) & reading, words
         assert dl2c(place, *words) == first
 
 
 def test_info_compiles_no_c(place: Mapping[str, str], tmp_path: Path) -> None:
-    said, _ = dl2c(place, "info", str(MODEL), "--json")
+    said, _ = dl2c(place, "info", str(MODEL), "--json", "--no-native")
     assert not (tmp_path / "calls").exists()
     dl2c(place, "build", str(MODEL), "-o", str(tmp_path / "built"))
     assert (tmp_path / "calls").exists()
     (manifest,) = (tmp_path / "built").glob("*/manifest.json")
     assert json.loads(said) == json.loads(manifest.read_text())
-    assert dl2c(place, "info", str(MODEL), "--json")[0] == said
+    assert dl2c(place, "info", str(MODEL), "--json", "--no-native")[0] == said
 
 
 def test_warnings_are_told_again(place: Mapping[str, str], tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ class Draft:
         """The text with other names for everything."""
         own = self.own_names()
         parts: list[str] = []
-        for part in re.split(r"(\"[^\"]*\"|@\w+)", self.text):
-            quoted = part[:1] in ('"', "@")
+        for part in re.split(r"(\"[^\"]*\"|@\w+|\brole=\w+)", self.text):
+            quoted = part[:1] in ('"', "@") or part.startswith("role=")
             parts.append(part if quoted else _WORD.sub(lambda f: beginning * (f[0] in own) + f[0], part))
         return "".join(parts)
