@@ -79,8 +79,8 @@ def at_place(span: Span) -> None:
 def budgeted(seconds: float | None = None, stopped: Callable[[], bool] | None = None) -> Generator[None]:
     """Work within the budget that is running, or a new one: `SECONDS` unless said.
 
-    Raises `CompileError` where it is used up, where `stopped` says that nobody waits for the result, and where
-    terms are so deep that Python gives up.
+    Raises `CompileError` where it is used up, where `stopped` says that nobody waits for the result, and
+    where terms are so deep that Python gives up.
     """
     if _RUNNING.get() is not None:
         yield
