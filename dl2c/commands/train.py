@@ -1,6 +1,5 @@
 """`dl2c train`: train a policy and evaluate it."""
 
-import math
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -19,7 +18,7 @@ from dl2c.training.run import ALGORITHMS, Algorithm, Run, Settings
 
 if TYPE_CHECKING:
     from dl2c.training.provable import Taught, Verify
-    from dl2c.training.run import Estimate, Evaluation
+    from dl2c.training.run import Evaluation
 
 OUTPUT = Path("build/train")
 
@@ -284,15 +283,8 @@ def _table(rows: "Mapping[str, Evaluation]") -> list[str]:
         ("policy", "success", "violations", "blocked", "return", "time to success / s")
     ]
     for name, found in rows.items():
-        rates = (_interval(e, ".1%") for e in (found.success, found.violations, found.blocked))
-        means = (_interval(e, ".4g") for e in (found.episode_return, found.travel_time))
+        rates = (e.shown(".1%") for e in (found.success, found.violations, found.blocked))
+        means = (e.shown(".4g") for e in (found.episode_return, found.travel_time))
         lines.append((name, *rates, *means))
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return ["  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines]
-
-
-def _interval(estimate: "Estimate", form: str) -> str:
-    if math.isnan(estimate.value):
-        return "-"
-    low, high = (format(end, form) for end in (estimate.low, estimate.high))
-    return f"{estimate.value:{form}} [{low}, {high}]"

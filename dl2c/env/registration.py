@@ -30,14 +30,27 @@ EXAMPLES = {
 """The models that come with dl2c: `dl2c/<key>-v0` is `examples/<value>.kyx`."""
 
 
-def with_limit(spec: EnvSpec | None, manifest: "Manifest") -> EnvSpec | None:
-    """A spec that says after how many steps episodes are truncated, unless it says so already."""
-    limit = manifest.options["max_episode_steps"]
-    if spec is None or spec.max_episode_steps is not None or not limit:
-        return spec
-    known = copy(spec)
-    known.max_episode_steps = limit
-    return known
+class WithSpec:
+    """What environments know of the id that they were made from; their `manifest` is there before."""
+
+    manifest: "Manifest"
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What Gymnasium made this from, with the number of steps after which episodes are truncated.
+
+        None for an environment that was made otherwise.
+        """
+        return self._spec
+
+    @spec.setter
+    def spec(self, given: EnvSpec | None) -> None:
+        limit = self.manifest.options["max_episode_steps"]
+        if given is not None and given.max_episode_steps is None and limit:
+            given = copy(given)
+            given.max_episode_steps = limit
+        self._spec = given
 
 
 def register() -> None:

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from dl2c.env.actions import encoding
 from dl2c.env.opening import Model, batch_options, open_library, source_of
-from dl2c.env.registration import with_limit
+from dl2c.env.registration import WithSpec
 from dl2c.env.screen import Screen
 from dl2c.env.seeding import SEEDS, draw_seed
 from dl2c.env.snapshot import Snapshot, put, take
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from dl2c.native.binding import Batch
 
 
-class Dl2cEnv(gym.Env[NDArray[Any], Any]):
+class Dl2cEnv(WithSpec, gym.Env[NDArray[Any], Any]):  # pyright: ignore[reportIncompatibleVariableOverride] # `spec` is a variable there
     """A compiled dL model as a Gymnasium environment.
 
     `model` is a path, a text or `example:NAME`; `options` are those of `dl2c.options.Options`.
@@ -47,8 +46,6 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["ansi", "rgb_array", "human"], "render_fps": 10}  # pyright: ignore[reportIncompatibleVariableOverride] # not ClassVar there
-
-    _spec: EnvSpec | None = None
 
     def __init__(self, model: Model, *, render_mode: str | None = None, **options: Any) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
@@ -86,15 +83,6 @@ class Dl2cEnv(gym.Env[NDArray[Any], Any]):
         if self.manifest.choices:
             extras["action_mask"] = batch.mask[0] if plain else self._fresh_mask
         self._transition = step_function(Parts(self.manifest, batch, self._encoding, extras, self._stop))
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """What `gym.make` made this from; None for an environment that was made otherwise."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, given: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride] # a variable there
-        self._spec = with_limit(given, self.manifest)
 
     def _stop(self) -> None:
         self._act = _not_running

@@ -9,7 +9,6 @@ from typing import Any, TypeAlias, cast
 import gymnasium as gym
 import numpy as np
 from gymnasium import Space
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from dl2c.env.actions import encoding
 from dl2c.env.infos import ENTRIES, IS_SUCCESS, NUMBERS, STATUS, SUCCESS, reason_names
 from dl2c.env.lazy import LazyInfos
 from dl2c.env.opening import Model, batch_options, open_library, source_of
-from dl2c.env.registration import with_limit
+from dl2c.env.registration import WithSpec
 from dl2c.env.seeding import begin, spread
 from dl2c.env.snapshot import Snapshot, put, take
 from dl2c.env.spaces import observation_space
@@ -36,7 +35,7 @@ _MODES = {
 }
 
 
-class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
+class Dl2cVectorEnv(WithSpec, VectorEnv[NDArray[Any], Any, NDArray[Any]]):  # pyright: ignore[reportIncompatibleVariableOverride] # `spec` is a variable there
     """`num_envs` environments of one model; `model` and `options` as for `Dl2cEnv`.
 
     Infos are arrays of length n, each `key` with a mask `_key` that says whose entry counts: those
@@ -46,8 +45,6 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
     observations and rewards: they change with the next step. `num_threads` share the environments, to
     the same bits: worth it where a step of all takes long, some 100 us, as with CVODES or thousands.
     """
-
-    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -86,15 +83,6 @@ class Dl2cVectorEnv(VectorEnv[NDArray[Any], Any, NDArray[Any]]):
         self.status_names, self.reason_names = dict(enumerate(STATUS)), reason_names(self.manifest)
         self._seeded = np.zeros(num_envs, np.bool_)
         self._set_ready(np.zeros(num_envs, np.bool_))
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """What `gym.make_vec` made this from; None for environments that were made otherwise."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, given: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride] # a variable there
-        self._spec = with_limit(given, self.manifest)
 
     def reset(  # pyright: ignore[reportIncompatibleMethodOverride] # Gymnasium's own environments take lists too
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

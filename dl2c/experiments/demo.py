@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from dl2c.experiments.parallel import in_parallel
@@ -19,7 +20,7 @@ from dl2c.report.episode import Episode
 from dl2c.training.evaluation import evaluate
 from dl2c.training.plots import plot_curves, plot_trajectory
 from dl2c.training.rollout import rollout
-from dl2c.training.run import Algorithm, Estimate, Evaluation, Point, Settings
+from dl2c.training.run import Algorithm, Evaluation, Point, Settings
 
 LEARNED, LEARNED_STEPS = "example:evasion", 300_000
 """Where random actions hardly ever succeed, and PPO learns within a minute."""
@@ -161,15 +162,8 @@ def _table() -> Table:
 
 def _add(table: Table, name: str, masked: bool, found: Evaluation) -> None:
     rates = (found.success, found.violations, found.blocked)
-    shown = (*(_interval(e, "{:.1%}") for e in rates), _interval(found.travel_time, "{:.2f}"))
-    table.add_row(name, "yes" if masked else "no", *shown)
-
-
-def _interval(estimate: Estimate, form: str) -> str:
-    if estimate.value != estimate.value:
-        return "-"
-    ends = (form.format(end) for end in (estimate.low, estimate.high))
-    return rf"{form.format(estimate.value)} \[{', '.join(ends)}]"
+    shown = (*(e.shown(".1%") for e in rates), found.travel_time.shown(".2f"))
+    table.add_row(name, "yes" if masked else "no", *map(escape, shown))
 
 
 def _pictures(trained: Iterable[Trained]) -> list[Path]:

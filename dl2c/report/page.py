@@ -19,7 +19,7 @@ from dl2c.report.pictures import curves_figure, episodes_of, track_of
 from dl2c.report.proof import proof_section
 from dl2c.report.trained import Trained
 from dl2c.training.evaluation import FIRST_SEED, evaluate
-from dl2c.training.run import Estimate, Evaluation
+from dl2c.training.run import Evaluation
 from dl2c.version import __version__
 
 STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
@@ -88,17 +88,10 @@ def _results(trained: Trained, episodes: int) -> Markup:
 def _rates(found: Evaluation) -> tuple[str, ...]:
     fractions = (found.success, found.violations, found.blocked)
     return (
-        *(_interval(e, "{:.1%}") for e in fractions),
-        _interval(found.travel_time, "{:.3g}"),
-        _interval(found.episode_return, "{:.4g}"),
+        *(e.shown(".1%", "–") for e in fractions),
+        found.travel_time.shown(".3g", "–"),
+        found.episode_return.shown(".4g", "–"),
     )
-
-
-def _interval(e: Estimate, form: str) -> str:
-    if e.value != e.value:
-        return "–"
-    value = form.format(e.value)
-    return value if e.low != e.low else f"{value} [{form.format(e.low)}, {form.format(e.high)}]"
 
 
 def _trajectories(seen: list[Episode]) -> Markup:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
+from math import isnan
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -67,6 +68,13 @@ class Estimate:
     value: float
     low: float
     high: float
+
+    def shown(self, form: str, nothing: str = "-") -> str:
+        """`value [low, high]`, each in that format; the value alone where there is no interval."""
+        if isnan(self.value):
+            return nothing
+        ends = "" if isnan(self.low) else f" [{self.low:{form}}, {self.high:{form}}]"
+        return f"{self.value:{form}}{ends}"
 
 
 @dataclass(frozen=True, slots=True)
