@@ -30,7 +30,7 @@ from dl2c.resolve.problem import expansion
 from dl2c.resolve.symbols import nodes
 from dl2c.smt.portfolio import Outcome, Portfolio, Solver
 from dl2c.source import Source, Span
-from dl2c.verify.prove import Limits, prove_entry
+from dl2c.verify.prove import Limits, prove_theorem
 from dl2c.verify.theorem import theorem_of
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -187,7 +187,9 @@ def row_of(problem: Claim) -> Row:
         try:
             group = group_of(problem, problem.entry)
             entry = problem.bare if BARE else problem.entry
-            answer = prove_entry(entry, {}, Limits(total=SECONDS, jobs=1), solvers=solvers).answer
+            answer = prove_theorem(
+                theorem_of(entry, {}), Limits(total=SECONDS, jobs=1), solvers=solvers
+            ).answer
         except CompileError:
             answer = "refused"
         except Exception as failure:  # a row must not hide the others

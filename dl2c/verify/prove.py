@@ -5,10 +5,9 @@ First with what the text gives, then with candidates of its tactics and goals, t
 
 import importlib.metadata
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from pathlib import Path
 
 from dl2c.diagnostics import CompileError
@@ -17,7 +16,6 @@ from dl2c.ir.model import FALSE, TRUE, Bound, Formula
 from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.printer import print_formula
-from dl2c.parse.tree import Entry
 from dl2c.resolve.shape import statements
 from dl2c.resolve.symbols import nodes
 from dl2c.resolve.unreadable import read_entry
@@ -39,6 +37,7 @@ from dl2c.verify.theorem import (
     theorem_of,
     with_consequent,
 )
+from dl2c.work import at_place, budgeted
 
 FINAL = ("proved", "refuted", "not checked")
 """Answers that no further search makes better: with the last all that is checked is proved."""
@@ -93,20 +92,21 @@ def prove(
     source: Source, options: Options, limits: Limits = DEFAULT, told: Callable[[str], None] = lambda _: None
 ) -> Report:
     """What is known of the theorem of a model. Raises `CompileError` for a mistake in the model."""
-    entry, _ = read_entry(source, options.entry)
-    return prove_entry(entry, dict(options.constants), limits, told)
+    with budgeted():
+        at_place(source.start)
+        entry, _ = read_entry(source, options.entry)
+        theorem = theorem_of(entry, dict(options.constants))
+    return prove_theorem(theorem, limits, told)
 
 
-def prove_entry(
-    entry: Entry,
-    values: Mapping[str, Fraction],
+def prove_theorem(
+    theorem: Theorem,
     limits: Limits = DEFAULT,
     told: Callable[[str], None] = lambda _: None,
     solvers: Portfolio | None = None,
 ) -> Report:
-    """The same for one entry of an archive; `solvers` are used and kept, else some are started."""
+    """What is known of a claim; `solvers` are used and kept, else some are started."""
     begun = time.monotonic()
-    theorem = theorem_of(entry, values)
     own = nullcontext(solvers) if solvers is not None else Portfolio(limits.jobs, agree=limits.agree)
     with own as portfolio:
         prover = Prover(portfolio, limits.each, begun + limits.total, told=told)

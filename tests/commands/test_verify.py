@@ -56,6 +56,17 @@ def models(tmp_path: Path) -> dict[str, str]:
     return {name: str(tmp_path / f"{name}.kyx") for name in PROBLEMS}
 
 
+def test_reading_a_model_has_the_budget_of_compiling(
+    capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A text that takes too long to read is refused with a place."""
+    monkeypatch.setattr("dl2c.work.SECONDS", 0.05)
+    path = tmp_path / "long.kyx"
+    path.write_text(KYX.replace("{problem}", "x >= 0 -> [" + "x := x + 1; " * 3000 + "] x >= 0"))
+    code, _, err = run(capsys, "verify", str(path))
+    assert code == 1 and "takes too much work to compile" in err and re.search(r"long\.kyx:1:1\n", err)
+
+
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_exit_codes(capsys: Any, models: dict[str, str], name: str) -> None:
     code, out, err = run(capsys, "verify", models[name], "--total", "8")

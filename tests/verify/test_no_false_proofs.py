@@ -10,7 +10,8 @@ from dl2c.diagnostics import CompileError
 from dl2c.parse.parser import parse_archive
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source
-from dl2c.verify.prove import Limits, prove_entry
+from dl2c.verify.prove import Limits, prove_theorem
+from dl2c.verify.theorem import theorem_of
 
 SECONDS = 20.0
 """For each theorem."""
@@ -32,7 +33,7 @@ def answer(text: str, solvers: Portfolio, seconds: float = SECONDS) -> str:
     try:
         archive, _ = parse_archive(Source("model.kyx", text))
         limits = Limits(each=2.0, total=seconds)
-        return str(prove_entry(archive.entries[0], {}, limits, solvers=solvers).answer)
+        return str(prove_theorem(theorem_of(archive.entries[0], {}), limits, solvers=solvers).answer)
     except CompileError:
         return "refused"
 

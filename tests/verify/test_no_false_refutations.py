@@ -8,7 +8,8 @@ from verify.trap import Trap
 from dl2c.parse.parser import parse_archive
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source
-from dl2c.verify.prove import Limits, prove_entry
+from dl2c.verify.prove import Limits, prove_theorem
+from dl2c.verify.theorem import theorem_of
 
 NEVER = "(\\forall z (z^5 + z > 2 -> z > 100))"
 """False, and no elimination of quantifiers says so."""
@@ -61,5 +62,5 @@ def solvers() -> Generator[Portfolio]:
 @pytest.mark.parametrize("theorem", TRUE, ids=lambda theorem: theorem.name)
 def test_what_is_true_is_not_refuted(theorem: Trap, solvers: Portfolio) -> None:
     archive, _ = parse_archive(Source("model.kyx", theorem.text))
-    said = prove_entry(archive.entries[0], {}, Limits(each=2.0, total=5.0), solvers=solvers)
+    said = prove_theorem(theorem_of(archive.entries[0], {}), Limits(each=2.0, total=5.0), solvers=solvers)
     assert said.answer != "refuted", theorem.why

@@ -9,7 +9,8 @@ from oracles.exact_motion import Flow
 from oracles.exact_runs import expanded, refutes
 from proof_table import CORPUS, Claim, expected, problems
 
-from dl2c.verify.prove import Limits, prove_entry
+from dl2c.verify.prove import Limits, prove_theorem
+from dl2c.verify.theorem import theorem_of
 
 needs_corpus = pytest.mark.skipif(not CORPUS.exists(), reason="no public models beside the checkout")
 
@@ -50,7 +51,7 @@ def test_every_row_is_a_problem_of_the_corpus(claims: dict[str, Claim]) -> None:
 def test_some_are_answered_alike(claims: dict[str, Claim]) -> None:
     chosen = [d for d, (_, group, _, _) in expected().items() if group in QUICK]
     for digest in random.Random(1).sample(chosen, 6):
-        answer = prove_entry(claims[digest].entry, {}, Limits(total=60.0)).answer
+        answer = prove_theorem(theorem_of(claims[digest].entry, {}), Limits(total=60.0)).answer
         assert answer == expected()[digest][0], claims[digest].name
 
 
@@ -60,7 +61,7 @@ def test_refutations_are_confirmed_by_another_evaluator(claims: dict[str, Claim]
     chosen = [d for d, (answer, _, _, _) in expected().items() if answer == "refuted"]
     for digest in random.Random(2).sample(chosen, min(5, len(chosen))):
         entry = claims[digest].entry
-        run = prove_entry(entry, {}, Limits(total=60.0)).counterexample
+        run = prove_theorem(theorem_of(entry, {}), Limits(total=60.0)).counterexample
         assert run is not None, claims[digest].name
         if "as soon as" in run.violated:
             continue

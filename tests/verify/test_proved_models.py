@@ -27,7 +27,8 @@ from dl2c.parse.printer import print_formula
 from dl2c.parse.tree import Entry
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source
-from dl2c.verify.prove import Limits, prove_entry
+from dl2c.verify.prove import Limits, prove_theorem
+from dl2c.verify.theorem import theorem_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 RUNS = int(os.environ.get("DL2C_RUNS", "100000"))
@@ -108,7 +109,7 @@ def runs_of(share: int, model: Example | Claim) -> Row:
 
 def _is_used(model: Example | Claim) -> bool:
     """Whether the proof is one with the invariants that the text gives."""
-    report = prove_entry(model.entry, {}, Limits(total=60.0, jobs=1))
+    report = prove_theorem(theorem_of(model.entry, {}), Limits(total=60.0, jobs=1))
     return report.answer in PROVED and not report.invented
 
 
@@ -130,7 +131,9 @@ def mutants_of(share: int, seconds: float, model: Example | Claim) -> Row:
             found += 1
             limits = Limits(each=2.0, total=seconds)
             source = Source("mutant.kyx", mutant.text)
-            said = prove_entry(parse_archive(source)[0].entries[0], {}, limits, solvers=solvers).answer
+            said = prove_theorem(
+                theorem_of(parse_archive(source)[0].entries[0], {}), limits, solvers=solvers
+            ).answer
             counts[mutant.kind] += 1
             counts[f"said: {said}"] += 1
             if said in PROVED:

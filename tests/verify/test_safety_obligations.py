@@ -7,8 +7,9 @@ import pytest
 from dl2c.parse.parser import parse_archive
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source
-from dl2c.verify.prove import Limits, prove_entry
+from dl2c.verify.prove import Limits, prove_theorem
 from dl2c.verify.report import Obligation, Report
+from dl2c.verify.theorem import theorem_of
 
 MODEL = """ArchiveEntry "model"
 Definitions
@@ -38,7 +39,7 @@ def solvers() -> Generator[Portfolio]:
 def report(safe: str, problem: str, solvers: Portfolio) -> Report:
     text = MODEL.replace("{safe}", safe).replace("{problem}", problem)
     archive, _ = parse_archive(Source("model.kyx", text))
-    return prove_entry(archive.entries[0], {}, Limits(each=2.0, total=20.0), solvers=solvers)
+    return prove_theorem(theorem_of(archive.entries[0], {}), Limits(each=2.0, total=20.0), solvers=solvers)
 
 
 def safety(said: Report) -> Obligation:

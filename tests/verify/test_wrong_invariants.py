@@ -12,8 +12,9 @@ from oracles.exact_runs import refutes, theorem
 from dl2c.parse.parser import parse_archive
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source
-from dl2c.verify.prove import Limits, prove_entry
+from dl2c.verify.prove import Limits, prove_theorem
 from dl2c.verify.report import Counterexample, Obligation, Report
+from dl2c.verify.theorem import theorem_of
 
 MODEL = """ArchiveEntry "model"
 ProgramVariables Real x; Real y; Real v; Real t; Real c; End.
@@ -32,7 +33,7 @@ def solvers() -> Generator[Portfolio]:
 
 def report(problem: str, solvers: Portfolio, seconds: float = 20.0) -> Report:
     archive, _ = parse_archive(Source("model.kyx", MODEL.replace("{problem}", problem)))
-    return prove_entry(archive.entries[0], {}, Limits(each=2.0, total=seconds), solvers=solvers)
+    return prove_theorem(theorem_of(archive.entries[0], {}), Limits(each=2.0, total=seconds), solvers=solvers)
 
 
 def found(said: Report, kind: str, loop: int) -> Obligation:
