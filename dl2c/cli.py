@@ -20,6 +20,7 @@ from dl2c.commands.failures import as_json, report, show, to_json
 from dl2c.commands.falsify import falsify
 from dl2c.commands.flags import Json, model_options
 from dl2c.commands.monitor import monitor
+from dl2c.commands.play import play
 from dl2c.commands.replay import replay
 from dl2c.commands.report import report as report_command
 from dl2c.commands.rollout import rollout
@@ -30,7 +31,6 @@ from dl2c.commands.waiting import working
 from dl2c.interruption import INTERRUPTED, was_asked
 from dl2c.lsp.command import lsp
 from dl2c.outputs import output_folder, write_output
-from dl2c.play.command import play
 from dl2c.version import __version__
 
 if TYPE_CHECKING:

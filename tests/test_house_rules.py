@@ -32,7 +32,7 @@ LAYERS = (
     *("ir", "parse", "resolve", "quantifiers", "flows", "lower", "interval", "paths", "interp"),
     *("smt", "sampling", "symbolic", "monitor", "policy", "emit"),
     *("native", "verify", "policy_proof", "pipeline", "picture", "env", "training", "ray"),
-    *("lint", "report", "lsp", "commands", "play", "cli", "experiments", "__main__"),
+    *("lint", "report", "lsp", "play", "commands", "cli", "experiments", "__main__"),
 )
 """Everything in dl2c, in the order of the way through. A layer imports only what stands before it."""
 

@@ -16,10 +16,10 @@ from dl2c.commands.verbosity import quiet
 from dl2c.work import budgeted
 
 if TYPE_CHECKING:
-    from dl2c.commands.trace import Violation
     from dl2c.emit.monitor.monitor_h import Unit
     from dl2c.monitor.check import Tolerance
     from dl2c.policy.network import NetworkPolicy
+    from dl2c.report.trace import Violation
 
 
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="Folder for the files.")]
@@ -188,7 +188,7 @@ def _written(unit: "Unit", output: Path, policy: "NetworkPolicy | None", onnx: b
 
 def _replayed(unit: "Unit", trace: Path) -> "tuple[list[Violation], int, int]":
     """Violations, how many steps there are, and how many of them lack the row before."""
-    from dl2c.commands.trace import disconnected, replayed, rows_of, unseen
+    from dl2c.report.trace import disconnected, replayed, rows_of, unseen
 
     rows, unchecked = rows_of(trace, unit), list[int]()
     if any(check.transition for check in unit.monitor.checks):

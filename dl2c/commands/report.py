@@ -1,7 +1,10 @@
 """`dl2c report`: one page about a training."""
 
+import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
+from urllib.parse import quote
 
 import typer
 
@@ -11,6 +14,10 @@ from dl2c.commands.failures import CommandError
 from dl2c.commands.verbosity import talkative
 from dl2c.commands.waiting import working
 from dl2c.outputs import write_output
+from dl2c.training.run import TEXT
+
+if TYPE_CHECKING:
+    from dl2c.report.trained import Trained
 
 
 @talkative
@@ -25,28 +32,63 @@ def report(
     ] = None,
     episodes: Annotated[int, typer.Option(min=1, help="Episodes of each evaluation.")] = 200,
     film: Film = None,
+    play: Annotated[
+        Path | None,
+        typer.Option(metavar="HTML", help="A page in which one drives by hand, or lets the policy drive."),
+    ] = None,
 ) -> None:
     """Write one HTML page that needs nothing else: curves, episodes, tables, the model, versions, seeds.
 
-    With --film also a film of the trained policy's first episode.
+    With --film also a film of the trained policy's first episode, with --play also a page of `dl2c play`; the
+    report links both.
     """
-    from dl2c.report.film import check_film, write_film
-    from dl2c.report.page import first_episode
+    from dl2c.play.wasm import require_zig
+    from dl2c.report.film import check_film
     from dl2c.report.page import report as write
     from dl2c.report.trained import RunError, read_trained
 
     if film is not None:
         check_film(film)
+    if play is not None:
+        require_zig()
     try:
         trained = read_trained(run, model)
     except RunError as problem:
         raise CommandError(str(problem)) from None
     path = output or run / "report.html"
+    beside = {"A film of the first episode": film, "A page in which the model is driven": play}
     with working(f"looking at {run}"):
-        text = write(trained, episodes)
+        text = write(trained, episodes, _links(path, beside))
     write_output(path, text)
     print(path)
     if film is not None:
-        with working(f"making {film}"):
-            write_film(first_episode(trained), film)
-        print(film)
+        _write_film(trained, film)
+    if play is not None:
+        _write_page(trained, model or str(run / TEXT), play)
+
+
+def _links(page: Path, beside: Mapping[str, Path | None]) -> dict[str, str]:
+    """What stands beside a page, by addresses from there."""
+    folder = page.absolute().parent
+    places = {title: os.path.relpath(path.absolute(), folder) for title, path in beside.items() if path}
+    return {title: quote(Path(place).as_posix()) for title, place in places.items()}
+
+
+def _write_film(trained: "Trained", path: Path) -> None:
+    from dl2c.report.film import write_film
+    from dl2c.report.page import first_episode
+
+    with working(f"making {path}"):
+        write_film(first_episode(trained), path)
+    print(path)
+
+
+def _write_page(trained: "Trained", model: str, path: Path) -> None:
+    from dl2c.commands.policy import policy_for
+    from dl2c.play.build import playable
+    from dl2c.play.page import page_of
+
+    with working(f"making {path}") as note:
+        policy, options = policy_for(model, trained.folder, trained.options, trusted=True)
+        write_output(path, page_of(playable(trained.source, options, policy, note)))
+    print(path)

@@ -12,6 +12,9 @@ from dl2c.play.facts import facts_of
 
 FOLDER = Path(__file__).parent / "page"
 
+CHARTS, CHARTS_STYLE = "uplot/uPlot.iife.min.js", "uplot/uPlot.min.css"
+"""uPlot, as it is distributed; plots.js uses it."""
+
 MODULES = (
     *(
         "elements",
@@ -35,7 +38,7 @@ EXPORT = re.compile(r"^export ", re.MULTILINE)
 
 def page_of(made: Playable) -> str:
     """The whole page."""
-    style, program = _file("page.css"), script()
+    style, program = _file(CHARTS_STYLE) + _file("page.css"), script()
     allowed = [
         "default-src 'none'",
         f"script-src {_hash(program)} 'wasm-unsafe-eval'",
@@ -55,8 +58,8 @@ def page_of(made: Playable) -> str:
 
 
 def script() -> str:
-    """All modules as one: they import nothing but each other."""
-    texts = [EXPORT.sub("", IMPORT.sub("", _file(f"{name}.js"))) for name in MODULES]
+    """uPlot and all modules as one: they import nothing but each other."""
+    texts = [_file(CHARTS)] + [EXPORT.sub("", IMPORT.sub("", _file(f"{name}.js"))) for name in MODULES]
     return "\n".join(texts)
 
 

@@ -30,8 +30,9 @@ SHOWN = 12
 LIBRARIES = ("numpy", "gymnasium", "torch", "stable-baselines3", "sb3-contrib")
 
 
-def report(trained: Trained, episodes: int = 200) -> str:
+def report(trained: Trained, episodes: int = 200, links: Mapping[str, str] | None = None) -> str:
     """The page. The policy is measured once more, in so many episodes, beside policies that learn nothing.
+    `links` are titles of files that stand beside the page, and their addresses.
 
     Raises what `evaluate` raises.
     """
@@ -41,6 +42,7 @@ def report(trained: Trained, episodes: int = 200) -> str:
     parts = [
         tag("h1", manifest.name),
         tag("p", _summary(trained), class_="lead"),
+        *(tag("p", tag("a", title, href=address)) for title, address in (links or {}).items()),
         section("Results", _results(trained, episodes)),
         *proof_section(trained),
         section("Learning", image(data_uri(curves), "learning curve")),

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dl2c.commands.failures import CommandError
-from dl2c.diagnostics import Diagnostic, warning
+from dl2c.diagnostics import Diagnostic, Mistake, warning
 from dl2c.emit.cfile import place
 from dl2c.emit.monitor.files import monitor_files
 from dl2c.emit.monitor.monitor_h import Unit
@@ -34,6 +33,11 @@ UNMOVED = ("blocked", "diverged", "numerical", "solver")
 
 MOST_BYTES = 1024**3
 """A longer trace is not read."""
+
+
+class TraceError(Mistake):
+    """A file that is no trace of the model; the message says why."""
+
 
 Row = Mapping[str | Any, str | Any]
 
@@ -194,16 +198,16 @@ def _violation(monitor: Monitor, row: int, values: Row, kind: str, ids: list[int
 
 
 def rows_of(trace: Path, unit: Unit) -> list[Row]:
-    """Raises `CommandError` for a file that is no trace of the model, `OSError`."""
+    """Raises `TraceError` for a file that is no trace of the model, `OSError`."""
     try:
         text = read_text(trace, MOST_BYTES)
         rows: list[Row] = list(csv.DictReader(io.StringIO(text, newline="")))
     except (*MALFORMED, csv.Error) as problem:
-        raise CommandError(f"{trace} is no trace: {reason(problem)}") from None
+        raise TraceError(f"{trace} is no trace: {reason(problem)}") from None
     wanted = [*(v.name for v in unit.monitor.model.variables), *(c.name for c in unit.parameters)]
     columns = ["episode", "step", "reason", *(column(n) for n in wanted)]
     if missing := [c for c in columns if not rows or rows[0].get(c) is None]:
-        raise CommandError(f"{trace} is no trace of {unit.monitor.model.name}: it lacks {', '.join(missing)}")
+        raise TraceError(f"{trace} is no trace of {unit.monitor.model.name}: it lacks {', '.join(missing)}")
     return rows
 
 

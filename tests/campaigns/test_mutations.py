@@ -18,9 +18,7 @@ import pytest
 from policy.test_policy_files import made
 
 import dl2c
-from dl2c.commands.failures import CommandError
 from dl2c.commands.monitor import unit_of
-from dl2c.commands.trace import disconnected, questions, rows_of
 from dl2c.configuration import configured
 from dl2c.diagnostics import CompileError
 from dl2c.env.single import Dl2cEnv
@@ -32,6 +30,7 @@ from dl2c.parse.parser import parse_archive
 from dl2c.policy.files import read_policy, write_policy
 from dl2c.policy.network import PolicyError
 from dl2c.report.episode import EpisodeError, Start, play, read_episode, write_episode
+from dl2c.report.trace import TraceError, disconnected, questions, rows_of
 from dl2c.report.trained import RunError, read_trained
 from dl2c.source import Source
 from dl2c.training.configured import read_configuration
@@ -106,7 +105,7 @@ def traced(folder: Path) -> Format:
         list(questions(unit, found))
         disconnected(found)
 
-    return Format("t.csv", {"t.csv": "\n".join(lines).encode()}, read, (CommandError, OSError))
+    return Format("t.csv", {"t.csv": "\n".join(lines).encode()}, read, (TraceError, OSError))
 
 
 def recorded(folder: Path) -> Format:

@@ -15,7 +15,6 @@ from monitor_program import Program, program_of
 
 from dl2c import cli
 from dl2c.commands.monitor import unit_of
-from dl2c.commands.trace import replayed, rows_of, unseen
 from dl2c.diagnostics import CompileError
 from dl2c.emit.monitor.files import monitor_files
 from dl2c.emit.monitor.monitor_h import Unit
@@ -24,6 +23,7 @@ from dl2c.monitor.check import Kind
 from dl2c.native.toolchain import EXACT_FLAGS, STRICT_FLAGS
 from dl2c.options import Options
 from dl2c.pipeline import Compilation, emit
+from dl2c.report.trace import replayed, rows_of, unseen
 from dl2c.source import Source
 from dl2c.training.rollout import rollout
 

@@ -13,9 +13,9 @@ from oracles.exact_truth import Row, exact_check
 from target_program import Asked, on_host
 
 from dl2c.commands.monitor import unit_of
-from dl2c.commands.trace import questions
 from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.monitor.check import KINDS, OUT_OF_RANGE, Check
+from dl2c.report.trace import questions
 
 EXAMPLES = sorted(set(MODELS) - {"operations", "functions", "pendulum"})
 """Whole numbers give the truth of these; campaigns/test_controller_relation.py judges the pendulum too."""

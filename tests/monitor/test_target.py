@@ -11,9 +11,9 @@ from conftest import REPOSITORY
 from target_program import CROSS, HARD, QEMU, SOFT, Records, needed, on_host, on_target, record, records_of
 
 from dl2c.commands.monitor import unit_of
-from dl2c.commands.trace import questions
 from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.monitor.check import KINDS
+from dl2c.report.trace import questions
 from dl2c.training.rollout import rollout
 
 EXAMPLES = sorted(p.stem for p in (REPOSITORY / "examples").glob("*.kyx"))

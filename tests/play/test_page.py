@@ -111,6 +111,19 @@ def test_time_passes_as_it_does_in_the_model(browser: Page, tmp_path: Path) -> N
     assert not page("page.player.running") and 0.1 < page("page.player.shown") < 1.5
 
 
+def test_pressing_a_plot_goes_to_that_time(browser: Page, tmp_path: Path) -> None:
+    """In the middle of a strip is the middle of the episode's time."""
+    page = opened(browser, "watertank", tmp_path)
+    for _ in range(9):
+        page.press("ArrowRight")
+    times = page("[page.episode.first, ...page.episode.steps].map((m) => m.time)")
+    nearest = min(range(10), key=lambda k: abs(times[k] - times[-1] / 2))
+    page.click("document.querySelector('.plot .u-over')")
+    assert page(AT) == nearest and page("page.episode.steps.length") == 9
+    drawn = page("page.plots.strips.map((s) => [s.chart.data[0].at(-1), s.chart.data[1].length])")
+    assert all(last == times[-1] and count >= 10 for last, count in drawn) and page.said == []
+
+
 def test_a_step_that_differs_is_found(browser: Page, tmp_path: Path) -> None:
     page = opened(browser, "pendulum", tmp_path)
     page.press("ArrowRight")

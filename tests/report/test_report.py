@@ -149,6 +149,21 @@ def test_the_command_writes_it(trained: Trained, tmp_path: Path, monkeypatch: py
     Reader(target.read_text(encoding="utf-8"))
 
 
+def test_what_stands_beside_the_page_is_linked(
+    trained: Trained, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the page's own folder, whatever folder the command runs in; the policy can drive there."""
+    pytest.importorskip("ziglang")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("dl2c.report.film.LONGEST", 1.0)
+    wanted = ["-o", "a/page.html", "--film", "b c/film.gif", "--play", "a/drive it.html", "--episodes", "2"]
+    shown = CliRunner().invoke(app, ["report", str(trained.folder), *wanted])
+    assert shown.exit_code == 0, shown.output
+    links = Reader((tmp_path / "a" / "page.html").read_text(encoding="utf-8")).addresses
+    assert [a for a in links if not a.startswith("data:")] == ["../b%20c/film.gif", "drive%20it.html"]
+    assert '"policy": {' in (tmp_path / "a" / "drive it.html").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("content", [None, "", "[]", "{}", '{"model": "m", "algo": 1}'])
 def test_what_is_no_training_is_refused(tmp_path: Path, content: str | None) -> None:
     if content is not None:

@@ -1,60 +1,85 @@
-// Quantities over time, each in a strip of its own, on canvases.
+// Quantities over time, each in a strip of its own. uPlot (the folder uplot) draws them.
 
 import { colour, element, say, shown } from "./elements.js";
 
-const MARGIN = 8;
-const PLOTTED = 4; // strips of variables, where the model names none
+/* global uPlot */
 
-// `series` are {label, unit, value(moment)}; pressing a strip calls `seek` with a number of steps.
+const HEIGHT = 112; // CSS pixels of a strip
+const PLOTTED = 4; // strips of variables, where the model names none
+const FONT = "11px system-ui, sans-serif";
+
+// `series` are {label, unit, place} or {label, sums}; pressing a strip calls `seek` with a number of steps.
 export class Plots {
   constructor(place, series, seek) {
     this.strips = series.map((one) => {
-      const canvas = element("canvas", { role: "img", "aria-label": `${one.label} over time` });
+      const graph = element("div", { role: "img", "aria-label": `${one.label} over time` });
       const value = element("span");
       const label = element("span", { text: one.unit ? `${one.label} / ${one.unit}` : one.label });
-      place.append(element("figure", { class: "plot" }, element("figcaption", {}, label, value), canvas));
-      canvas.addEventListener("click", (event) => this.#press(canvas, event.offsetX, seek));
-      return { ...one, canvas, valueText: value };
+      place.append(element("figure", { class: "plot" }, element("figcaption", {}, label, value), graph));
+      const chart = new uPlot(optionsOf(() => this.time), [[], []], graph);
+      chart.over.addEventListener("click", (event) => seek(this.#nearest(chart, event.offsetX)));
+      return { ...one, graph, chart, valueText: value };
     });
   }
 
-  // Draws all steps; `time` is where the cursor stands.
+  // Draws all steps; `time` is where the player stands.
   draw(episode, time) {
     const moments = [episode.first, ...episode.steps];
+    this.time = time;
     this.times = moments.map((m) => m.time);
-    this.last = Math.max(this.times.at(-1), 1e-9);
     const points = moments.flatMap(pointsOf);
     for (const strip of this.strips) {
-      const values = strip.sums ? points.map((p) => p.earned) : points.map((p) => p.x[strip.place]);
-      this.#strip(strip.canvas, points, strip.sums ? summed(values) : values, time);
+      const values = strip.sums ? summed(points) : points.map((p) => p.x[strip.place]);
+      fitted(strip.chart, strip.graph.clientWidth);
+      strip.chart.setData([points.map((p) => p.time), values.map((v) => (Number.isFinite(v) ? v : null))]);
       const now = strip.sums ? sumOf(episode.steps.slice(0, episode.at)) : episode.now.x[strip.place];
-      const [low, high] = [Math.min(...values), Math.max(...values)];
-      const between = low < high && !strip.sums ? ` (${shown(low)} to ${shown(high)})` : "";
-      say(strip.valueText, `${shown(now)}${between}`);
+      say(strip.valueText, shown(now));
     }
   }
 
-  #strip(canvas, points, values, time) {
-    const { pen, width, height } = penOf(canvas);
-    const low = Math.min(...values);
-    const high = Math.max(...values);
-    const across = (t) => MARGIN + (t / this.last) * (width - 2 * MARGIN);
-    const up = (v) =>
-      high > low ? height - MARGIN - ((v - low) / (high - low)) * (height - 2 * MARGIN) : height / 2;
-    if (low < 0 && high > 0) rule(pen, [0, up(0)], [width, up(0)], colour("line"));
-    pen.strokeStyle = colour("series");
-    pen.lineWidth = 1.5;
-    pen.beginPath();
-    values.forEach((v, k) => pen.lineTo(across(points[k].time), up(v)));
-    pen.stroke();
-    rule(pen, [across(time), 0], [across(time), height], colour("faint"));
+  // The number of steps after which the time is nearest to that of a place in a strip.
+  #nearest(chart, across) {
+    const pointed = chart.posToVal(across, "x");
+    const distances = this.times.map((t) => Math.abs(t - pointed));
+    return distances.indexOf(Math.min(...distances));
   }
+}
 
-  #press(canvas, x, seek) {
-    const time = ((x - MARGIN) / (canvas.clientWidth - 2 * MARGIN)) * this.last;
-    const distances = this.times.map((t) => Math.abs(t - time));
-    seek(distances.indexOf(Math.min(...distances)));
-  }
+// How a strip looks; `now` says where the player stands.
+function optionsOf(now) {
+  const axis = {
+    font: FONT,
+    stroke: () => colour("faint"),
+    grid: { stroke: () => colour("line"), width: 0.5 },
+    ticks: { show: false },
+    values: (_, marks) => marks.map(shown),
+  };
+  return {
+    width: 0,
+    height: HEIGHT,
+    legend: { show: false },
+    cursor: { drag: { x: false, y: false }, y: false, sync: { key: "time" } },
+    scales: { x: { time: false, range: (_, low, high) => [low ?? 0, high > low ? high : (low ?? 0) + 1] } },
+    axes: [
+      { ...axis, size: 22, gap: 2, space: 60 },
+      { ...axis, size: 58, gap: 4, space: 26 },
+    ],
+    series: [{}, { stroke: () => colour("series"), width: 1.5, points: { show: false } }],
+    hooks: { draw: [(chart) => markTime(chart, now())] },
+  };
+}
+
+// A line where the player stands.
+function markTime(chart, time) {
+  const { ctx: pen, bbox } = chart;
+  const across = Math.round(chart.valToPos(time ?? 0, "x", true));
+  pen.fillStyle = colour("faint");
+  pen.fillRect(across, bbox.top, window.devicePixelRatio || 1, bbox.height);
+}
+
+// Takes the width that there is.
+function fitted(chart, width) {
+  if (width > 0 && width !== chart.width) chart.setSize({ width, height: HEIGHT });
 }
 
 // The states of a step in time: those inside it, where it is known what they were.
@@ -69,36 +94,14 @@ function pointsOf(moment) {
   }));
 }
 
-function summed(values) {
+// What was earned until each point.
+function summed(points) {
   let sum = 0;
-  return values.map((v) => (sum += v));
+  return points.map((p) => (sum += p.earned));
 }
 
 export function sumOf(moments) {
   return moments.reduce((sum, m) => sum + m.reward, 0);
-}
-
-function rule(pen, from, to, style) {
-  pen.strokeStyle = style;
-  pen.lineWidth = 1;
-  pen.beginPath();
-  pen.moveTo(...from);
-  pen.lineTo(...to);
-  pen.stroke();
-}
-
-// What draws on a canvas that is as sharp as the screen, cleared; sizes are CSS pixels.
-export function penOf(canvas) {
-  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-  const scale = window.devicePixelRatio || 1;
-  if (canvas.width !== Math.round(width * scale) || canvas.height !== Math.round(height * scale)) {
-    canvas.width = Math.round(width * scale);
-    canvas.height = Math.round(height * scale);
-  }
-  const pen = canvas.getContext("2d");
-  pen.setTransform(scale, 0, 0, scale, 0, 0);
-  pen.clearRect(0, 0, width, height);
-  return { pen, width, height };
 }
 
 // What is plotted over time: variables that the model marks, else the first ones; then what was earned.

@@ -3,7 +3,6 @@
 import { colour, element, shown } from "./elements.js";
 import { GRID } from "./engine.js";
 import { argumentsOf, heightOf, limitsOf, panelsOf } from "./layout.js";
-import { penOf } from "./plots.js";
 import { Painter, dialOf, groundOf } from "./shapes.js";
 
 export class Scene {
@@ -172,4 +171,18 @@ export class Scene {
   #unit(axis, name) {
     return [name, this.scene.axes[axis].unit].filter(Boolean).join(" / ");
   }
+}
+
+// What draws on a canvas that is as sharp as the screen, cleared; sizes are CSS pixels.
+function penOf(canvas) {
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const scale = window.devicePixelRatio || 1;
+  if (canvas.width !== Math.round(width * scale) || canvas.height !== Math.round(height * scale)) {
+    canvas.width = Math.round(width * scale);
+    canvas.height = Math.round(height * scale);
+  }
+  const pen = canvas.getContext("2d");
+  pen.setTransform(scale, 0, 0, scale, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  return { pen, width, height };
 }
