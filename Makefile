@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo paper studies test test-slow test-events test-hostile prove prove-slow test-target test-ray lint docs bench corpus corpus-table sampling-report fuzz clean
+.PHONY: help demo paper studies test test-slow test-events test-hostile prove prove-slow test-target test-ray lint docs bench bench-start corpus corpus-table sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | paper | studies | test | test-slow | test-events | test-hostile | prove | prove-slow | test-target | test-ray | lint | docs | bench | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | paper | studies | test | test-slow | test-events | test-hostile | prove | prove-slow | test-target | test-ray | lint | docs | bench | bench-start | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -104,6 +104,16 @@ docs: $(READY)
 	$(BIN)/dl2c play examples/static_safety_line.kyx -o build/docs/play/guarded.html
 	$(BIN)/dl2c play examples/static_safety_line.kyx --policy docs/lecture/policy -o build/docs/play/trained.html
 
+# AGAINST=REV compares every row of every example with another revision instead, and `bench-start` whole commands:
+# ratios with intervals, from turns. REQUIRE="batch1024=1.4 acc/gym=1" says what must be reached, EXAMPLES=waypoint,acc
+# of which examples.
+COMPARED = PYTHONPATH=tests $(BIN)/python tests/bench/against.py $(AGAINST) $(if $(EXAMPLES),--examples $(EXAMPLES)) \
+  $(addprefix --require ,$(REQUIRE))
+
+ifdef AGAINST
+bench: $(READY)
+	$(COMPARED)
+else
 bench: $(READY)
 	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000 --require gym/empty=0.67 \
 	  --require gym/cartpole=4 --require batch1024/scalar1024=3 --require batch1024/loop=1 \
@@ -112,6 +122,11 @@ bench: $(READY)
 	$(BIN)/dl2c bench examples/dubins.kyx --integrator cvodes --rtol 1e-6 --atol 1e-6 --require batch1024=30
 	$(BIN)/dl2c bench examples/dubins.kyx --integrator dopri5 --rtol 1e-6 --atol 1e-6 --require batch1024=800 \
 	  --require batch1024/scalar1024=3
+endif
+
+bench-start: $(READY)
+	@test -n "$(AGAINST)" || { echo "make bench-start: set AGAINST to a revision" >&2; exit 1; }
+	$(COMPARED) --start
 
 # What becomes of every public model, where these are at hand (../shared/corpus), and how many of them run.
 corpus: corpus-table

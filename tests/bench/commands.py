@@ -1,0 +1,76 @@
+"""How fast two trees' commands are: how often they are done in a second of processor time, children's too."""
+
+import resource
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import rmtree
+
+Rates = dict[str, list[float]]
+Environment = Callable[[Path], Mapping[str, str]]
+
+TRAINED = ("--steps", "2048", "--n-envs", "8", "--algo", "ppo")
+"""A training for a report."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What is started; a `cold` one finds nothing that is kept."""
+
+    row: str
+    words: tuple[str, ...]
+    cold: bool = False
+
+
+def commands_of(model: str, run: str) -> tuple[Command, ...]:
+    """What people do with a model, and with the folder of a training."""
+    return (
+        Command("version", ("--version",)),
+        Command("build-kept", ("build", model)),
+        Command("check", ("check", model)),
+        Command("info", ("info", model)),
+        Command("build-cold", ("build", model), cold=True),
+        Command("report", ("report", run, "--episodes", "50")),
+    )
+
+
+def seconds_of_commands(
+    trees: Sequence[Path], examples: Sequence[str], environment: Environment, rounds: int
+) -> Iterator[tuple[str, Rates, Rates]]:
+    """By example, for both trees and each command, how often it is done in a second."""
+    for example in examples:
+        rates: list[Rates] = [{}, {}]
+        for tree in trees:
+            run = _run_of(tree, example)
+            rmtree(run, ignore_errors=True)
+            _seconds(tree, ("train", f"examples/{example}.kyx", "-o", str(run), *TRAINED), environment(tree))
+            list(_round(tree, example, environment(tree)))  # so that all is kept
+        for turn in range(rounds):
+            for k in sorted(range(len(trees)), reverse=turn % 2 == 1):
+                for row, rate in _round(trees[k], example, environment(trees[k])):
+                    rates[k].setdefault(row, []).append(rate)
+        yield example, rates[0], rates[1]
+
+
+def _run_of(tree: Path, example: str) -> Path:
+    return tree / "build" / f"run-of-benchmark-{example}"
+
+
+def _round(tree: Path, example: str, given: Mapping[str, str]) -> Iterator[tuple[str, float]]:
+    """Every command once."""
+    cold = Path(given["DL2C_CACHE_DIR"]) / "cold"
+    for command in commands_of(f"examples/{example}.kyx", str(_run_of(tree, example))):
+        rmtree(cold, ignore_errors=True)
+        place = {"DL2C_CACHE_DIR": str(cold)} if command.cold else {}
+        yield command.row, 1.0 / _seconds(tree, command.words, {**given, **place})
+
+
+def _seconds(tree: Path, words: Sequence[str], given: Mapping[str, str]) -> float:
+    """Processor time of a command. Raises `CalledProcessError` for one that fails."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command, null = [sys.executable, "-m", "dl2c", *words], subprocess.DEVNULL
+    subprocess.run(command, cwd=tree, env=given, stdout=null, stderr=null, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

@@ -1,0 +1,57 @@
+"""What `make bench AGAINST=REV` says is true of trees that differ by a known factor."""
+
+import random
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from bench import against
+from bench.against import ROUNDS, Rates, ratio_of, ratios, required_of
+
+
+def rounds(faster: float, seed: int = 1) -> tuple[list[float], list[float]]:
+    """Rates of a row in two trees on a machine whose speed changes from round to round."""
+    rng = random.Random(seed)
+    machine = [rng.uniform(0.3, 1.0) for _ in range(ROUNDS)]
+    here = [faster * speed * rng.uniform(0.99, 1.01) for speed in machine]
+    return here, [speed * rng.uniform(0.99, 1.01) for speed in machine]
+
+
+def test_what_slows_both_alike_does_not_count() -> None:
+    found = ratio_of("row", *rounds(1.4), 1.4)
+    assert found.low < 1.4 < found.high < 1.45 and found.met
+    assert not ratio_of("row", *rounds(1.4), 1.5).met
+
+
+def test_the_interval_holds_the_truth_nineteen_times_of_twenty() -> None:
+    inside = 0
+    for seed in range(400):
+        found = ratio_of("row", *rounds(2.0, seed), None)
+        inside += found.low <= 2.0 <= found.high
+    assert 360 <= inside <= 396
+
+
+def test_what_is_required_of_one_example_goes_before_what_is_of_all() -> None:
+    required = {"batch1024": 1.4, "acc/batch1024": 1.0}
+    assert required_of("acc/batch1024", required) == 1.0
+    assert required_of("waypoint/batch1024", required) == 1.4
+    assert required_of("waypoint/gym", required) is None
+
+
+def test_only_rows_of_both_are_compared() -> None:
+    def measured() -> Iterator[tuple[str, Rates, Rates]]:
+        here, there = rounds(1.1)
+        yield "acc", {"gym": here, "new": here}, {"gym": there}
+
+    assert [r.row for r in ratios(measured(), {})] == ["acc/gym"]
+
+
+@pytest.mark.slow
+def test_a_tree_is_as_fast_as_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows of one example, by two processes each."""
+    monkeypatch.setattr(against, "ROUNDS", 3)
+    here, there = against.rates_of("watertank", [against.ROOT, against.ROOT])
+    found = [ratio_of(row, here[row], there[row], None) for row in here]
+    assert {"gym", "batch1024", "vector1024", "shared1024"} <= {r.row for r in found}
+    assert all(0.7 < r.mean < 1.4 for r in found if "-" not in r.row)
+    assert Path(against.WORKER).exists()

@@ -1,0 +1,82 @@
+"""What one tree's environments do, asked by `against.py`: rows of one model, in a process of their own.
+
+    python worker.py MODEL
+
+prints the keys of its rows as JSON, then for each key that it reads the environment steps per second of
+processor time. PYTHONPATH says which tree is measured.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import dl2c
+from dl2c.experiments.bench.rows import POLICY, rows, subject
+from dl2c.source import Source
+
+KEPT = ("gym", "batch", "scalar", "vector", "sb3_")
+"""Rows of dl2c itself begin so."""
+
+SHARED = "shared1024"
+"""A vector environment that returns its own arrays."""
+
+SLICE = 0.08
+"""Seconds of processor time for one answer."""
+
+Run = Callable[[int], None]
+
+
+def rows_of(model: Path) -> dict[str, tuple[int, Run]]:
+    """By key: how many environments a call steps, and what makes so many calls."""
+    found, _ = rows(subject(Source.read(model), {}))
+    kept = {row.key: (row.n, row.run) for row in found if row.key.startswith(KEPT)}
+    return kept | {SHARED: (1024, _shared(model, 1024))}
+
+
+def _shared(model: Path, n: int) -> Run:
+    env: Any = dl2c.make_vec(model, n, copy=False, **POLICY)
+    env.reset(seed=0)
+    space = env.action_space
+    actions: Any = (
+        {key: np.zeros(part.shape, part.dtype) for key, part in space.spaces.items()}
+        if hasattr(space, "spaces")
+        else np.zeros(space.shape, space.dtype)
+    )
+
+    def run(calls: int) -> None:
+        for _ in range(calls):
+            env.step(actions)
+
+    return run
+
+
+def calls_of(run: Run) -> int:
+    """How many calls take about `SLICE`; finding out warms the row up."""
+    calls = 1
+    while True:
+        begun = time.process_time()
+        run(calls)
+        if (took := time.process_time() - begun) >= SLICE / 4:
+            return max(1, round(calls * SLICE / took))
+        calls *= 2
+
+
+def main() -> None:
+    found = rows_of(Path(sys.argv[1]))
+    calls = {key: calls_of(run) for key, (_, run) in found.items()}
+    print(json.dumps(list(found)), flush=True)
+    for line in sys.stdin:
+        key = line.strip()
+        n, run = found[key]
+        begun = time.process_time()
+        run(calls[key])
+        print(n * calls[key] / (time.process_time() - begun), flush=True)
+
+
+if __name__ == "__main__":
+    main()
