@@ -18,6 +18,10 @@ KEYWORDS = frozenset(_WORDS.split())
 """Of the language, its library and its annotations."""
 
 
+SCENE_NAME = re.compile(r"\"[^\"]*\"|\brole=\w+|\b[A-Za-z]\w*\b(?![=\w])")
+"""A name of the model in `@scene`, or what is kept: a text, a role. A word before `=` is the scene's own."""
+
+
 def without_comments(text: str) -> str:
     """The same text with blanks for comments and strings."""
     return _HIDDEN.sub(lambda found: re.sub(r"[^\n]", " ", found[0]), text)
@@ -132,7 +136,10 @@ class Draft:
         """The text with other names for everything."""
         own = self.own_names()
         parts: list[str] = []
-        for part in re.split(r"(\"[^\"]*\"|@\w+|\brole=\w+)", self.text):
+        for part in re.split(r"(@scene.*?\*/|\"[^\"]*\"|@\w+|\brole=\w+)", self.text, flags=re.DOTALL):
+            if part.startswith("@scene"):
+                parts.append(re.sub(SCENE_NAME, lambda f: beginning * (f[0] in own) + f[0], part))
+                continue
             quoted = part[:1] in ('"', "@") or part.startswith("role=")
             parts.append(part if quoted else _WORD.sub(lambda f: beginning * (f[0] in own) + f[0], part))
         return "".join(parts)
