@@ -86,7 +86,5 @@ def _found(found: "Falsified", episode: "Episode", output: Path | None, json: bo
         print(render(condition), end="\n\n")
     print(f"found within {found.episodes} episodes: steps {steps}, before it was made small {found.steps};")
     if found.worst:
-        print(
-            f"the worst one found, at the end of its step: {'; '.join(d.label for d in found.worst)};"
-        )
+        print(f"the worst one found, at the end of its step: {'; '.join(d.label for d in found.worst)};")
     print(f"replay it with `dl2c replay {path}`")

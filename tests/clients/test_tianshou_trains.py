@@ -60,24 +60,27 @@ def normal(parameters: Any) -> Any:
     return torch.distributions.Independent(torch.distributions.Normal(*parameters), 1)
 
 
+def policy_and_critic(env: Any) -> Any:
+    from tianshou.algorithm.modelfree.reinforce import DiscreteActorPolicy, ProbabilisticActorPolicy
+
+    space, observed = env.action_space, env.observation_space
+    size = (observed["obs"] if isinstance(observed, gym.spaces.Dict) else observed).shape[0]
+    critic = Critic(size, 1, masked=False)
+    if isinstance(space, gym.spaces.Discrete):
+        return DiscreteActorPolicy(actor=Net(size, int(space.n)), action_space=space), critic
+    actor = Gaussian(size, space.shape[0])
+    return ProbabilisticActorPolicy(actor=actor, dist_fn=normal, action_space=space), critic
+
+
 def trained(make: Any) -> Any:
     """The rewards of one iteration of PPO, which has changed the policy."""
     from tianshou.algorithm import PPO
-    from tianshou.algorithm.modelfree.reinforce import DiscreteActorPolicy, ProbabilisticActorPolicy
     from tianshou.algorithm.optim import AdamOptimizerFactory
     from tianshou.data import Collector, VectorReplayBuffer
     from tianshou.env import DummyVectorEnv
     from tianshou.trainer import OnPolicyTrainerParams
 
-    env = make()
-    space = env.action_space
-    size = env.observation_space["obs"].shape[0] if with_mask(env) else env.observation_space.shape[0]
-    if isinstance(space, gym.spaces.Discrete):
-        policy = DiscreteActorPolicy(actor=Net(size, int(space.n)), action_space=space)
-    else:
-        actor = Gaussian(size, space.shape[0])
-        policy = ProbabilisticActorPolicy(actor=actor, dist_fn=normal, action_space=space)
-    critic = Critic(size, 1, masked=False)
+    policy, critic = policy_and_critic(make())
     algorithm = PPO(policy=policy, critic=critic, optim=AdamOptimizerFactory(lr=1e-3))
     buffer = VectorReplayBuffer(256, 4)
     collector = Collector(algorithm, DummyVectorEnv([make] * 4), buffer)
@@ -104,10 +107,6 @@ def trained(make: Any) -> Any:
     assert found.train_step == 256
     assert not torch.equal(policy.actor.net[0].weight, before)
     return np.concatenate(kept)
-
-
-def with_mask(env: Any) -> bool:
-    return isinstance(env.observation_space, gym.spaces.Dict)
 
 
 @pytest.mark.parametrize("model", ["example:waypoint", "example:dubins"])
