@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo paper studies test test-slow test-events test-hostile prove prove-slow test-target test-ray lint docs bench bench-start corpus corpus-table sampling-report fuzz clean
+.PHONY: help demo paper studies test test-slow test-events test-hostile prove prove-slow test-target test-ray test-clients lint docs bench bench-start corpus corpus-table sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | paper | studies | test | test-slow | test-events | test-hostile | prove | prove-slow | test-target | test-ray | lint | docs | bench | bench-start | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | paper | studies | test | test-slow | test-events | test-hostile | prove | prove-slow | test-target | test-ray | test-clients | lint | docs | bench | bench-start | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -88,6 +88,26 @@ test-ray: .venv.ray/.ready
 	$(RAY) -m pip install -q 'ray[rllib]>=2.40' torchrl hypothesis pytest -e '.[ray]'
 	@touch $@
 
+# Tests that Stable-Baselines3 and sb3-contrib ship, on environments of dl2c, and a training with each of four other
+# libraries, each in an environment of its own: half an hour or so on one core, and 5 GB.
+CLIENTS := stable-baselines3 sbx-rl skrl tianshou torchrl
+stable-baselines3_PACKAGES := 'stable-baselines3[extra]' sb3-contrib moviepy
+sbx-rl_PACKAGES := 'jax[cpu]' sbx-rl
+test-clients: $(CLIENTS:%=.venv.clients/%/.ready)
+	@status=0; \
+	.venv.clients/stable-baselines3/bin/python tests/clients/shipped_tests.py || status=1; \
+	for client in $(filter-out stable-baselines3,$(CLIENTS)); do \
+	  .venv.clients/$$client/bin/python -m pytest -q tests/clients/test_$${client%-rl}_trains.py || status=1; \
+	done; \
+	exit $$status
+
+.venv.clients/%/.ready: pyproject.toml constraints.txt
+	@test -x $(@D)/bin/python || $(PYTHON) -m venv $(@D) || \
+	  { rm -rf $(@D); echo "cannot make $(@D): install python3-venv" >&2; exit 1; }
+	$(@D)/bin/python -m pip install -q -c constraints.txt torch
+	$(@D)/bin/python -m pip install -q -c constraints.txt $(or $($*_PACKAGES),$*) hypothesis pytest -e .
+	@touch $@
+
 lint: $(READY)
 	@status=0; \
 	$(BIN)/ruff check dl2c tests examples docs || status=1; \
@@ -146,7 +166,7 @@ sampling-report: $(READY)
 	$(BIN)/python -m tests.sampling_report
 
 clean:
-	rm -rf .venv .venv.ray dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv.ray .venv.clients dist .pytest_cache .ruff_cache .hypothesis
 	find build -mindepth 1 ! -name README.md -delete
 	find . -name __pycache__ -not -path './.venv*' -exec rm -rf {} +
 

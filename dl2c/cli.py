@@ -51,7 +51,8 @@ app.add_typer(cache_app, name="cache")
 Stage = Annotated[
     str,
     typer.Option(
-        help="tree, expanded, ir, paths, c or gym.",
+        metavar="tree|expanded|ir|paths|c|gym",
+        help="Which stage of the pipeline.",
         autocompletion=words("tree", "expanded", "ir", "paths", "c", "gym"),
     ),
 ]

@@ -20,8 +20,7 @@ from dl2c.lower.problem import lower
 from dl2c.native.built import WARNINGS, Compiled, Reading, loaded
 from dl2c.native.cache import build_key, cached, inspected_key
 from dl2c.options import Options, UnknownOption, as_words
-from dl2c.parse.parser import parse_archive
-from dl2c.parse.printer import print_archive, print_formula
+from dl2c.parse.printer import print_formula, print_source
 from dl2c.parse.tree import And, Entry
 from dl2c.progress import LOG, Progress, silent, stage
 from dl2c.resolve.episode import completed, deprecated_values
@@ -345,7 +344,7 @@ def emit(source: Source, stage: str, options: Options, pure_python: bool = False
     found = compilation(source, options)
     match stage:
         case "tree":
-            return print_archive(parse_archive(source)[0])
+            return print_source(source)
         case "expanded":
             return print_formula(expansion(found.parsed.entry)) + "\n"
         case "ir":

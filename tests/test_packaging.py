@@ -117,3 +117,11 @@ def test_an_installed_wheel_builds_its_examples(wheel: Path, tmp_path: Path) -> 
     ends = json.loads(dl2c("rollout", "example:watertank", "--max-episode-steps", "5", "--json"))
     assert ends["steps"] == 5
     assert next(site.glob("dl2c/py.typed"), None) is not None
+
+
+def test_an_editable_install_copies_nothing(tmp_path: Path) -> None:
+    """But for a path to the checkout: a copy would be a package without code, and become old."""
+    code = "import hatchling.build, sys; print(hatchling.build.build_editable(sys.argv[1]))"
+    name = run("-c", code, tmp_path, cwd=ROOT)
+    inside = {name for name in names(tmp_path / name.splitlines()[-1]) if ".dist-info/" not in name}
+    assert inside == {"_dl2c.pth"}

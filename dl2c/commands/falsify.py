@@ -80,9 +80,11 @@ def _found(found: "Falsified", episode: "Episode", output: Path | None, json: bo
     steps = len(episode.moments)
     if json:
         told = {"found": True, "episodes": found.episodes, "steps": steps, "file": str(path)}
-        print(to_json(told | {"conditions": as_data(found.conditions)}))
+        print(to_json(told | {"conditions": as_data(found.conditions), "worst": as_data(found.worst)}))
         return
     for condition in found.conditions:
         print(render(condition), end="\n\n")
     print(f"found within {found.episodes} episodes: steps {steps}, before it was made small {found.steps};")
+    if found.worst:
+        print(f"the worst one found, at the end of its step: {'; '.join(d.label for d in found.worst)};")
     print(f"replay it with `dl2c replay {path}`")

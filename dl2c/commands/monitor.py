@@ -29,7 +29,12 @@ Kinds = Annotated[
         metavar="init|controller|model|safety", help="A check to write; may be repeated. Default: all."
     ),
 ]
-Number = Annotated[str, typer.Option(help="double or float.", autocompletion=words("double", "float"))]
+Number = Annotated[
+    str,
+    typer.Option(
+        metavar="double|float", help="Type of numbers in C.", autocompletion=words("double", "float")
+    ),
+]
 Sound = Annotated[
     bool, typer.Option("--sound", help="Evaluate in intervals: no verdict is wrong, some are unknown.")
 ]

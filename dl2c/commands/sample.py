@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from dl2c.smt.coverage import Region
 
 LARGEST_BATCH = 4096
-MOST_PLOTTED = 12
-"""Names in a corner plot."""
+CELL = 1.6
+"""Width and height of a cell of a corner plot in inches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +125,13 @@ def corner_plot(sample: Sample, path: Path) -> None:
 
     from dl2c.picture.figure import save
 
-    varying = [k for k in range(len(sample.names)) if np.ptp(sample.rows[:, k]) > 0][:MOST_PLOTTED]
+    varying = [k for k in range(len(sample.names)) if np.ptp(sample.rows[:, k]) > 0]
     if not varying:
         raise CommandError("nothing to plot: no name varies")
     n = len(varying)
     figure: Any
     axes: Any
-    figure, axes = plt.subplots(n, n, figsize=(1.6 * n + 1, 1.6 * n + 1), squeeze=False)
+    figure, axes = plt.subplots(n, n, figsize=(CELL * n + 1, CELL * n + 1), squeeze=False)
     for i, below in enumerate(varying):
         for k, across in enumerate(varying):
             _cell(axes[i][k], sample, i, k, (below, across), n)
@@ -143,17 +143,25 @@ def corner_plot(sample: Sample, path: Path) -> None:
 def _cell(ax: Any, sample: Sample, i: int, k: int, names: tuple[int, int], n: int) -> None:
     below, across = names
     if k > i:
-        ax.axis("off")
+        ax.remove()
         return
     if k == i:
         ax.hist(sample.rows[:, across], bins=40, color="0.4")
     else:
         ax.hist2d(sample.rows[:, across], sample.rows[:, below], bins=40, cmap="Greys")
-    ax.tick_params(labelsize=6, labelleft=k == 0 and i > 0, labelbottom=i == n - 1)
-    if i == n - 1:
-        ax.set_xlabel(sample.names[across], fontsize=8)
-    if k == 0:
-        ax.set_ylabel(sample.names[below], fontsize=8)
+    ax.tick_params(labelsize=0.7 * _points(n), labelleft=k == 0 and i > 0, labelbottom=i == n - 1)
+    ax.tick_params("x", labelrotation=90)
+    ax.locator_params(nbins=2)
+    for direction, name, outer in (("x", across, i == n - 1), ("y", below, k == 0)):
+        if outer:
+            text = sample.names[name]
+            size = min(_points(n), 0.9 * CELL * 72 / (0.6 * len(text)))  # a letter is 0.6 as wide as high
+            getattr(ax, f"set_{direction}label")(text, fontsize=size)
+
+
+def _points(n: int) -> float:
+    """How large letters are, so that they can be read where all of the picture is on a screen."""
+    return 8.0 + n
 
 
 def report_coverage(model: str, options: Mapping[str, Any], quietly: bool) -> bool:

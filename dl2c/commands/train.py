@@ -31,7 +31,10 @@ Model = Annotated[
     ),
 ]
 Algo = Annotated[
-    str | None, typer.Option(help=f"{', '.join(ALGORITHMS)}; default ppo.", autocompletion=words(*ALGORITHMS))
+    str | None,
+    typer.Option(
+        metavar="|".join(ALGORITHMS), help="How to learn; default ppo.", autocompletion=words(*ALGORITHMS)
+    ),
 ]
 Config = Annotated[
     Path | None, typer.Option(metavar="YAML", help="File with these settings; flags win over it.")

@@ -8,9 +8,10 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from dl2c.env.views import PlotView, SceneView
+from dl2c.env.views import NoView, PlotView, SceneView
 from dl2c.source import Source
 
 if TYPE_CHECKING:
@@ -49,14 +50,14 @@ class View(Protocol):
 class Screen:
     """The episode so far, drawn when asked for; with `mode` "human" also at every reset and step.
 
-    Raises `DependencyNotInstalled`.
+    Raises `DependencyNotInstalled` in that mode; in the other one a picture does: learning libraries ask for
+    pixels that they never look at.
     """
 
     def __init__(
         self, source: Source, options: Mapping[str, Any], batch: "Batch", mode: str, fps: int
     ) -> None:
-        scene = batch.library.manifest.scene.shapes
-        self._view: View = SceneView(batch, fps) if scene else PlotView(source, options, batch, fps)
+        self._view = _view(source, options, batch, fps, mode == "human")
         self._human, self._begun, self._watching = mode == "human", False, True
 
     def begin(self) -> None:
@@ -100,7 +101,10 @@ class Screen:
         yield from self._view.stepped(result[1], result[-1], fractions)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The picture (height, width, 3) in mode `rgb_array`; a window brought up to date in mode `human`."""
+        """The picture (height, width, 3) in mode `rgb_array`; a window brought up to date in mode `human`.
+
+        Raises `DependencyNotInstalled`.
+        """
         if not self._begun:
             return None
         if self._human:
@@ -111,3 +115,14 @@ class Screen:
     def close(self) -> None:
         """Close the window, if there is one."""
         self._view.close()
+
+
+def _view(source: Source, options: Mapping[str, Any], batch: "Batch", fps: int, needed: bool) -> View:
+    """How the model is shown. Raises `DependencyNotInstalled` if the view is needed."""
+    try:
+        scene = batch.library.manifest.scene.shapes
+        return SceneView(batch, fps) if scene else PlotView(source, options, batch, fps)
+    except DependencyNotInstalled as missing:
+        if needed:
+            raise
+        return NoView(missing)

@@ -25,7 +25,7 @@ def observation_space(manifest: Manifest) -> spaces.Box:
 
 
 def _outward(bounds: NDArray[np.float64], dtype: "np.dtype[Any]", end: float) -> NDArray[Any]:
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", under="ignore"):
         rounded = bounds.astype(dtype)
         inside = rounded > bounds if end < 0 else rounded < bounds
         return np.where(inside, np.nextafter(rounded, dtype.type(end)), rounded)

@@ -28,6 +28,33 @@ def needed(module: str, package: str) -> None:
         raise DependencyNotInstalled(f"rendering needs {package}: `pip install {package}`")
 
 
+class NoView:
+    """In place of a view whose library is missing: the episode goes on, a picture raises `missing`."""
+
+    def __init__(self, missing: DependencyNotInstalled) -> None:
+        self._missing = missing
+
+    def begin(self) -> None:
+        """There is nothing to remember."""
+
+    def stepped(
+        self, reward: float, info: Mapping[str, Any], fractions: Sequence[float]
+    ) -> Iterator[NDArray[np.uint8]]:
+        """A picture for each of the fractions."""
+        yield from (self.pixels() for _ in fractions)
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """Raises `DependencyNotInstalled`."""
+        raise self._missing
+
+    def show(self) -> None:
+        """Raises `DependencyNotInstalled`."""
+        raise self._missing
+
+    def close(self) -> None:
+        """There is no window."""
+
+
 class SceneView:
     """The scene of a model; `batch` is one environment of a library that was built to inspect."""
 

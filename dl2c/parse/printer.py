@@ -12,7 +12,9 @@ from typing import assert_never, cast
 from dl2c.ir.printer import decimal_places
 from dl2c.parse import tree
 from dl2c.parse.archive import read_archive
+from dl2c.parse.comments import read_annotations
 from dl2c.parse.notes import with_notes
+from dl2c.parse.scan import scan
 from dl2c.source import Source
 
 SUM, PRODUCT, POWER, ATOM = range(4)
@@ -38,6 +40,9 @@ CHOICE, SEQUENCE, STATEMENT = range(3)
 """How strongly a program binds."""
 
 INDENT = "  "
+
+WIDTH = 90
+"""A part of a Problem that is longer is broken into lines."""
 
 
 def print_term(term: tree.Term) -> str:
@@ -219,12 +224,103 @@ def _invariants(invariants: Sequence[tree.Formula]) -> str:
     return f"@invariant({', '.join(map(print_formula, invariants))})" if invariants else ""
 
 
+# ---------------------------------------------------------------- lines
+
+
+def _indented(lines: Sequence[str]) -> list[str]:
+    return [INDENT + line for line in lines]
+
+
+def _formula_lines(formula: tree.Formula, level: int) -> list[str]:
+    """The formula as `_formula` gives it, on several lines if it is long."""
+    text = _formula(formula, level)
+    if len(text) <= WIDTH:
+        return [text]
+    match formula:
+        case tree.Connective():
+            operator, own, left, right = INFIX[type(formula)]
+            first, *rest = _formula_lines(formula.right, right)
+            lines = [*_formula_lines(formula.left, left), f"{operator[1:]}{first}", *rest]
+            return lines if own >= level else ["(", *_indented(lines), ")"]
+        case tree.Box(program, child):
+            return _modal_lines("[", program, "]", child)
+        case tree.Diamond(program, child):
+            return _modal_lines("<", program, ">", child)
+        case _:
+            return [text]
+
+
+def _modal_lines(begin: str, program: tree.Program, end: str, child: tree.Formula) -> list[str]:
+    """A modality; programs that are not a loop get a line for each bracket."""
+    steps = _program_lines(program, CHOICE)
+    if not isinstance(program, tree.Loop):
+        steps = ["", *_indented(steps), ""]
+    first, *after = [_operand(child)] if isinstance(child, tree.Compare) else _formula_lines(child, UNARY)
+    steps[0] = begin + steps[0]
+    steps[-1] += end + first
+    return [*steps, *after]
+
+
+def _program_lines(program: tree.Program, level: int) -> list[str]:
+    """The program as `_program` gives it, on several lines if it is long."""
+    text = _program(program, level)
+    if len(text) <= WIDTH:
+        return [text]
+    match program:
+        case tree.Choice() | tree.Compose() if (
+            text.startswith("{") and text == f"{{{_bare_program(program)}}}"
+        ):
+            return ["{", *_indented(_program_lines(program, CHOICE)), "}"]
+        case tree.Compose():
+            lines: list[str] = []
+            while isinstance(program, tree.Compose):
+                lines += _program_lines(program.left, STATEMENT)
+                program = program.right
+            return [*lines, *_program_lines(program, SEQUENCE)]
+        case tree.Choice(left=left, right=right, dual=dual):
+            chain = isinstance(right, tree.Choice) and right.dual == dual
+            first, *rest = _program_lines(right, CHOICE if chain else SEQUENCE)
+            later = rest if chain else [f"   {line}" for line in rest]
+            return [*_program_lines(left, SEQUENCE), f"{'--' if dual else '++'} {first}", *later]
+        case tree.Loop(child=child, invariants=invariants, dual=dual):
+            end = f"}}{'×' if dual else '*'}{_invariants(invariants)}"
+            return ["{", *_indented(_program_lines(child, CHOICE)), end]
+        case tree.ODESystem(dual=False, domain=domain, invariants=invariants) if domain != tree.Truth(True):
+            equations = ", ".join(map(_equation, program.equations))
+            first, *rest = _formula_lines(domain, EQUIV)
+            lines = [f"{{{equations}", f"  & {first}", *(f"    {line}" for line in rest)]
+            return [*lines[:-1], f"{lines[-1]}}}{_invariants(invariants)}"]
+        case _:
+            return [text]
+
+
 # ---------------------------------------------------------------- archives
 
 
 def print_archive(archive: tree.Archive) -> str:
     """The whole archive as a file, its annotations included."""
     return "\n".join(map(print_entry, archive.entries))
+
+
+def print_source(source: Source) -> str:
+    """A whole file, printed, with the comments before each entry that hold no annotation. Raises as
+    `parser.parse_archive` does.
+    """
+    archive, _ = read_archive(source)
+    code = scan(source)
+    notes = [annotation.span.start for annotation in read_annotations(code, [])]
+    prose = [
+        comment.span
+        for comment in code.comments
+        if not any(comment.span.start <= at < comment.span.end for at in notes)
+    ]
+    parts: list[str] = []
+    after = 0
+    for entry in archive.entries:
+        parts += [f"{span.text}\n" for span in prose if after <= span.start < entry.span.start]
+        parts.append(print_entry(entry) + "\n" * (entry is not archive.entries[-1]))
+        after = entry.span.end
+    return "".join(parts)
 
 
 def print_entry(entry: tree.Entry) -> str:
@@ -241,7 +337,7 @@ def print_entry(entry: tree.Entry) -> str:
         lines += [line for declaration in entry.variables for line in _declared([declaration])]
         lines += ["End.", ""]
     lines += [_annotation(annotation) for annotation in entry.problem_annotations]
-    lines += ["Problem", INDENT + print_formula(entry.problem), "End.", "", "End.", ""]
+    lines += ["Problem", *_indented(_formula_lines(entry.problem, EQUIV)), "End.", "", "End.", ""]
     text = "\n".join(lines)
     if not entry.program_annotations:
         return text

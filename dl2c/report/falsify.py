@@ -1,7 +1,7 @@
 """From a model to a small counterexample: search, then shrink."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from dl2c.diagnostics import Diagnostic
@@ -9,7 +9,7 @@ from dl2c.env.opening import Model, compilation_of, open_library, source_of
 from dl2c.env.single import Dl2cEnv
 from dl2c.ir.model import TRUE
 from dl2c.report.blame import blamed, model_of
-from dl2c.report.episode import Episode
+from dl2c.report.episode import Episode, replay
 from dl2c.report.search import Note, Target, limits_of, objective, options_of, search
 from dl2c.report.shrink import shrunk
 
@@ -21,13 +21,15 @@ class NothingToFalsify(Exception):
 @dataclass(frozen=True, slots=True)
 class Falsified:
     """What a search found: a counterexample and the conditions it violates, or None and no conditions; in
-    how many episodes, and how many steps it had before it was made smaller.
+    how many episodes. Before it was made smaller it had `steps`, and failed by as much as `worst` says at the
+    end of its last step, which a violation otherwise ends at once.
     """
 
     episode: Episode | None
     conditions: tuple[Diagnostic, ...]
     episodes: int
     steps: int = 0
+    worst: tuple[Diagnostic, ...] = ()
 
 
 def falsify(
@@ -64,7 +66,14 @@ def falsify(
     if found.episode is None:
         return Falsified(None, (), found.episodes)
     small = _shrunk(found.episode, target, limits_of(drawn))
-    return Falsified(small, blamed(small, model_of(small)), found.episodes, len(found.episode.moments))
+    conditions = blamed(small, model_of(small))
+    return Falsified(small, conditions, found.episodes, len(found.episode.moments), _worst(found.episode))
+
+
+def _worst(episode: Episode) -> tuple[Diagnostic, ...]:
+    """What fails where the steps of the episode are not ended by a violation, or else where they are."""
+    whole = replay(replace(episode, options={**episode.options, "safety_check": "step"}))
+    return blamed(whole, model_of(whole)) or blamed(episode, model_of(episode))
 
 
 def _shrunk(episode: Episode, target: Target, limits: Mapping[str, tuple[float, float]]) -> Episode:

@@ -99,7 +99,7 @@ class Space:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """What was found: the first violation, if any, after how many episodes."""
+    """What was found: the worst of the first violations, if any, after how many episodes."""
 
     episode: Episode | None
     episodes: int
@@ -139,8 +139,8 @@ def search(
         done += n_envs
         note(done)
         if (hits >= 0).any():
-            first = int(np.argmin(np.where(hits >= 0, hits, steps)))
-            found = _recorded(env, space, attempts.at([first]), int(hits[first]), given)
+            worst = int(np.argmin(np.where(hits >= 0, scores.min(axis=0), np.inf)))
+            found = _recorded(env, space, attempts.at([worst]), int(hits[worst]), given)
             env.close()
             return Search(found, done)
         beliefs = _beliefs(space, attempts, scores, beliefs)

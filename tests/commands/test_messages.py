@@ -230,3 +230,21 @@ def test_windows_is_refused_where_a_build_starts(
     assert (code, out) == (1, "")
     assert "Windows" in err and "WSL" in err and "Traceback" not in err
     assert run(capsys, "check", model)[0] == 0
+
+
+@pytest.mark.parametrize(
+    "command, option, words",
+    [
+        ("emit", "--stage", "tree|expanded|ir|paths|c|gym"),
+        ("monitor", "--real", "double|float"),
+        ("train", "--algo", "ppo|maskable-ppo|sac"),
+        ("falsify", "--target", "safety|failure|postcondition"),
+        ("build", "--on-blocked", "fallback|truncate|terminate"),
+    ],
+)
+def test_help_shows_the_words_that_an_option_takes(
+    command: str, option: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = run(capsys, command, "--help")
+    assert code == 0
+    assert re.search(rf"{option} +{re.escape(words)}\s", out), out

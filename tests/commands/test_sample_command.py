@@ -96,3 +96,13 @@ def test_definitions_do_not_hinder_the_proof():
     m = model("x == 2*y + z and x > 0.3 and y*z > 0.1", {"x": "0:1", "y": "-5:5", "z": "0.1:3"})
     plan = planned(m)
     assert isinstance(coverage(m, plan.around, boxes_of(plan)), Covered)
+
+
+def test_a_corner_plot_has_every_name_that_varies(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    drawn = []
+    monkeypatch.setattr("dl2c.picture.figure.save", lambda figure, path: drawn.append(figure))
+    arguments = ("-n", "50", "--plot", str(tmp_path / "corner.png"))
+    assert run("sample", "example:passive_safety", *arguments).exit_code == 0
+    below = [axes.get_xlabel() for axes in drawn[0].axes if axes.get_xlabel()]
+    assert len(below) == 16 and {"x", "vx", "gy", "V"} <= set(below)

@@ -60,3 +60,20 @@ def test_stable_baselines_learns_on_it(name: str) -> None:
     model.learn(128)
     assert model.num_timesteps == 128
     assert np.isfinite(env.get_original_obs()).all() and np.isfinite(env.obs_rms.mean).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_users_may_make_errors_of_numpy_exceptions(name: str) -> None:
+    """As many do who look for NaNs, `np.seterr(all="raise")`."""
+    pytest.importorskip("stable_baselines3")
+    with np.errstate(all="raise"):
+        one, several = dl2c.make(f"example:{name}"), dl2c.make_vec(f"example:{name}", 3)
+        one.action_space.seed(0)
+        learner = dl2c.make_sb3(f"example:{name}", 1)
+        one.reset(seed=0)
+        several.reset(seed=0)
+        learner.reset()
+        for _ in range(5):
+            several.step(several.action_space.sample())
+            learner.step(np.array([learner.action_space.sample()]))
+        assert one.observation_space.contains(one.step(one.action_space.sample())[0])

@@ -8,7 +8,7 @@ from generators.syntax_strategies import archives, formulas, programs, terms
 from hypothesis import given, settings
 
 from dl2c.parse.parser import parse_archive, parse_formula, parse_program, parse_term
-from dl2c.parse.printer import decimal, print_archive, print_formula, print_program, print_term
+from dl2c.parse.printer import decimal, print_archive, print_formula, print_program, print_source, print_term
 from dl2c.parse.tree import Archive, Formula, Number, Program, Term
 from dl2c.source import Source
 
@@ -34,6 +34,74 @@ def test_parse_inverts_print_of_archives(archive: Archive) -> None:
     read, warnings = parse_archive(Source("printed.kyx", print_archive(archive)))
     assert read == archive
     assert not warnings
+
+
+@given(archives())
+@settings(max_examples=50)
+def test_parse_inverts_print_of_archives_with_short_lines(archive: Archive) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dl2c.parse.printer.WIDTH", 12)
+        text = print_archive(archive)
+    assert parse_archive(Source("printed.kyx", text))[0] == archive
+
+
+TOLD = """/* What it is about,
+ * in two lines. */
+// And a third.
+ArchiveEntry "long"
+ProgramVariables Real position; Real velocity; End.
+/* @episode: max_steps=7 */ /* Nor this. */
+Problem position >= 0 & velocity >= 0 & position <= 100 & velocity <= 20 -> [{
+  /* not kept */ { ?velocity <= 10; velocity := velocity + 1; ++ velocity := velocity - 1; }
+  { position' = velocity & velocity >= 0 }
+}*] position >= 0 End.
+End.
+/* Of another one. */
+Theorem "short" ProgramVariables Real x; End. Problem x >= 0 -> [x := 1;] x >= 0 End. End.
+"""
+
+PRINTED = """\
+/* What it is about,
+ * in two lines. */
+// And a third.
+ArchiveEntry "long"
+
+ProgramVariables
+  Real position;
+  Real velocity;
+End.
+
+/* @episode: max_steps=7 */
+Problem
+  position >= 0 & velocity >= 0 & position <= 100 & velocity <= 20
+  -> [{
+    {?velocity <= 10; velocity := velocity + 1; ++ velocity := velocity - 1;}
+    {position' = velocity & velocity >= 0}
+  }*](position >= 0)
+End.
+
+End.
+
+/* Of another one. */
+Theorem "short"
+
+ProgramVariables
+  Real x;
+End.
+
+Problem
+  x >= 0 -> [x := 1;](x >= 0)
+End.
+
+End.
+"""
+
+
+def test_a_file_is_printed_with_its_comments_and_in_short_lines() -> None:
+    source = Source("told.kyx", TOLD)
+    assert print_source(source) == PRINTED
+    assert parse_archive(Source("printed.kyx", PRINTED))[0] == parse_archive(source)[0]
+    assert print_source(Source("printed.kyx", PRINTED)) == PRINTED
 
 
 SORTS = {"Real": "R", "Bool": "B", "HP": "P"}

@@ -186,13 +186,24 @@ def test_rendering_changes_nothing(model: str, monkeypatch: pytest.MonkeyPatch) 
     shown.close()
 
 
-def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    with pytest.raises(gym.error.DependencyNotInstalled, match="pip install matplotlib"):
-        dl2c.make(UNSHOWN, render_mode="rgb_array")
-    monkeypatch.setitem(__import__("sys").modules, "pygame", None)
-    with pytest.raises(gym.error.DependencyNotInstalled, match="pip install pygame-ce"):
-        dl2c.make("example:watertank", render_mode="rgb_array")
+@pytest.mark.parametrize(
+    "model, module, package",
+    [(UNSHOWN, "matplotlib", "matplotlib"), ("example:watertank", "pygame", "pygame-ce")],
+    ids=["curves", "scene"],
+)
+def test_what_is_missing_is_named(
+    model: str, module: str, package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a window at once, by pixels when they are asked for: Stable-Baselines3 makes all ids with pixels."""
+    monkeypatch.setitem(__import__("sys").modules, module, None)
+    with pytest.raises(gym.error.DependencyNotInstalled, match=f"pip install {package}"):
+        dl2c.make(model, render_mode="human")
+    env = dl2c.make(model, render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    with pytest.raises(gym.error.DependencyNotInstalled, match=f"pip install {package}"):
+        env.render()
+    env.close()
 
 
 def test_a_source_without_annotations_has_a_picture() -> None:

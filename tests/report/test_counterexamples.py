@@ -1,6 +1,7 @@
 """Violations are found, made small, written down, and replayed to the last bit."""
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -64,6 +65,15 @@ def test_a_broken_model_is_falsified(name: str, tmp_path: Path) -> None:
         again == replace(episode, options=again.options, start=again.start) and again.start == episode.start
     )
     assert difference(again, replay(again)) == ""
+
+
+@pytest.mark.parametrize("name", VIOLATED)
+def test_the_worst_violation_is_none_of_rounding(name: str) -> None:
+    """A step ends where its violation begins, so the counterexample itself fails by a hair."""
+    _, found = found_in(name)
+    assert any(VIOLATED[name] in d.span.text for d in found.worst)
+    left, right = (float(side) for side in re.findall(r"-?[\d.]+(?:e[+-]\d+)?", found.worst[0].label)[:2])
+    assert abs(left - right) > 1e-3
 
 
 @pytest.mark.parametrize("name", VIOLATED)
