@@ -20,7 +20,7 @@ ARGUMENTS = {
     "train_maskable_ppo": "8192",
     "train_torch": "16384",
     "train_lagrangian": "3840",
-    "tune": f"{FOLDER}/static_safety_line.kyx -o tuned.yaml --trials 2 --steps 4096",
+    "tune": f"{FOLDER}/watertank.kyx -o tuned.yaml --trials 2 --steps 2048",
 }
 
 
