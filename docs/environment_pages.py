@@ -98,10 +98,10 @@ def environment(name: str) -> str:
 def film(name: str) -> str:
     """What stands below a film: who acts in it, and the name of the environment."""
     said = Page(name).numbers["film"]
-    actor = {"trained": "A trained policy", "first": "What happens"}[said["policy"]]
+    acting = {"trained": "A trained policy", "random": "Random actions", "first": "What happens"}
     rate = "in real time" if said["speed"] == 1 else f"{said['speed']:g} times as fast as it is"
     id = next(key for key, value in IDS.items() if value == name)
-    return f'*{actor}, shown {rate}.*\n\n```text\ngymnasium.make("dl2c:dl2c/{id}-v0")\n```'
+    return f'*{acting[said["policy"]]}, shown {rate}.*\n\n```text\ngymnasium.make("dl2c:dl2c/{id}-v0")\n```'
 
 
 def cards() -> str:

@@ -132,13 +132,8 @@ def measured(name: str, folder: Path, training: Training | None) -> dict[str, An
         found = {key: [actor.episodes(model, FIRST_SEED) for actor in some] for key, some in actors.items()}
         every = [*chain(*(zip(actors[key], found[key], strict=True) for key in actors))]
         best = max(every, key=lambda pair: float(pair[1].total.mean()))[0]
-        shown = (
-            max(
-                zip(actors["trained"], found["trained"], strict=True), key=lambda p: float(p[1].total.mean())
-            )[0]
-            if training
-            else best
-        )
+        learned = [pair for pair in every if pair[0].policy != "first"] or every
+        shown = max(learned, key=lambda pair: float(pair[1].total.mean()))[0]
         rows = {key: row(some) for key, some in found.items()}
         kind = next(key for key, some in actors.items() if best in some)
         rows["best"] = row([best.episodes(model, AGAIN)]) | {"from": kind}
@@ -211,7 +206,8 @@ def written(cell: str) -> Estimate:
 def filmed(actor: Actor, model: Path, path: Path) -> dict[str, Any]:
     """Write the film of a typical episode and a still picture of it. Who acts, and how fast it is shown."""
     episodes = episodes_of(actor.policy, model, TRIED, 0, actor.masked, **actor.options)
-    good = [e for e in episodes if e.status == "success"] or episodes
+    good = [e for e in episodes if e.status == "success"]
+    good = good if 2 * len(good) >= TRIED else episodes
     episode = sorted(good, key=lambda e: (e.moments[-1].time, e.start.seed))[len(good) // 2]
     pictures = [Image.fromarray(np.asarray(frame)) for frame in frames_of(episode)]
     stride = max(round(BETWEEN * FRAMES / 1000), math.ceil(len(pictures) / PICTURES))
@@ -234,7 +230,7 @@ def filmed(actor: Actor, model: Path, path: Path) -> dict[str, Any]:
     still = scene(kept[len(kept) * 2 // 5]).quantize(64, dither=Image.Dither.NONE)
     still.save(path.with_suffix(".png"), optimize=True)
     return {
-        "policy": "first" if actor.policy == "first" else "trained",
+        "policy": actor.policy if actor.policy in ("first", "random") else "trained",
         "seed": episode.start.seed,
         "speed": round(speed(episode, stride), 1),
     }
