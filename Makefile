@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo paper studies test test-slow test-events test-hostile prove prove-slow test-target test-ray test-clients lint docs bench bench-start corpus corpus-table sampling-report fuzz clean
+.PHONY: help demo paper studies environments test test-slow test-events test-hostile prove prove-slow test-target test-ray test-clients lint docs bench bench-start corpus corpus-table sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | paper | studies | test | test-slow | test-events | test-hostile | prove | prove-slow | test-target | test-ray | test-clients | lint | docs | bench | bench-start | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | paper | studies | environments | test | test-slow | test-events | test-hostile | prove | prove-slow | test-target | test-ray | test-clients | lint | docs | bench | bench-start | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -28,6 +28,10 @@ studies: $(READY)
 	for page in build/studies/*/page.md; do \
 	  folder=$$(dirname $$page); kept=docs/studies/$$(basename $$folder); \
 	  mkdir -p $$kept && cp $$page $$folder/*.png $$kept/ || exit 1; done
+
+# What policies achieve in each example, with films: about half an hour on one core. All goes into docs/environments.
+environments: $(READY)
+	$(BIN)/python docs/measure.py
 
 test: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q -m "not slow"

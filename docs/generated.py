@@ -1,14 +1,16 @@
 """The parts of the reference that are made from the code: a directive ```` ```{dl2c} lints ````.
 
-What can be asked for: `lints`, `options`, `commands`. Each is Markdown made of the tables that the
-program itself uses, so it cannot differ from them.
+What can be asked for: `lints`, `options`, `commands`, `cards`, `film NAME` and `environment NAME`. Each is
+Markdown made of the tables that the program itself uses, or of a model, so it cannot differ from them.
 """
 
 import inspect
+import logging
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import Any
 
+import environment_pages
 import typer.main
 from docutils import nodes
 from sphinx.application import Sphinx
@@ -97,20 +99,31 @@ def _written(parameter: Any) -> str:
     return names if names.startswith("`-") else f"`{parameter.name}`"
 
 
-PARTS: dict[str, Callable[[], str]] = {"lints": table_of_codes, "options": options, "commands": commands}
+PARTS: dict[str, Callable[..., str]] = {
+    "lints": table_of_codes,
+    "options": options,
+    "commands": commands,
+    "cards": environment_pages.cards,
+    "film": environment_pages.film,
+    "environment": environment_pages.environment,
+}
 
 
 class Generated(SphinxDirective):
-    """```{dl2c} NAME``` becomes one of `PARTS`."""
+    """```{dl2c} NAME``` becomes one of `PARTS`, which may take more words."""
 
     required_arguments = 1
+    optional_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        text = PARTS[self.arguments[0]]()
-        return self.parse_text_to_nodes(text, allow_section_headings=True)
+        part, *words = self.arguments
+        for path in (file for word in words for file in environment_pages.files(word)):
+            self.env.note_dependency(str(path))
+        return self.parse_text_to_nodes(PARTS[part](*words), allow_section_headings=True)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """What Sphinx calls."""
+    logging.getLogger("dl2c").setLevel(logging.WARNING)  # a library of furo logs all that others are told
     app.add_directive("dl2c", Generated)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -54,12 +54,13 @@ PAGES = [page for page in sorted(DOCS.rglob("*.md")) if any(b.kind in ("sh", "py
 
 
 def run(folder: Path, *command: str) -> None:
-    """Run a command where `dl2c` is this dl2c."""
-    shim = folder / "bin" / "dl2c"
-    shim.parent.mkdir(exist_ok=True)
-    shim.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m dl2c "$@"\n', encoding="utf-8")
-    shim.chmod(0o755)
-    path = {"PATH": f"{shim.parent}:{os.environ['PATH']}", "PYTHONPATH": f"{ROOT}:{folder}"}
+    """Run a command where `dl2c` is this dl2c, and `python` this Python."""
+    programs = folder / "bin"
+    programs.mkdir(exist_ok=True)
+    for name, words in (("dl2c", " -m dl2c"), ("python", "")):
+        (programs / name).write_text(f'#!/bin/sh\nexec "{sys.executable}"{words} "$@"\n', encoding="utf-8")
+        (programs / name).chmod(0o755)
+    path = {"PATH": f"{programs}:{os.environ['PATH']}", "PYTHONPATH": f"{ROOT}:{folder}"}
     done = subprocess.run(
         command, cwd=folder, env=os.environ | path, capture_output=True, text=True, timeout=600, check=False
     )
