@@ -26,6 +26,10 @@ from dl2c.native.errors import CompilerFailed, CompilerMissing, PlatformUnsuppor
 from dl2c.progress import LOG
 
 CODE_FLAGS = ("-std=c11", "-O3", "-fno-trapping-math", "-fno-math-errno", "-fvisibility=hidden", "-fPIC")
+GCC_FLAGS = ("-fno-tree-pre", "-fno-code-hoisting")
+"""Without a pass of GCC that takes most of the time in large models and makes this code no faster; it runs
+where one of the two is wanted."""
+
 LONG_CODE, LONG_FLAGS = 200_000, ("-O1",)
 """Characters beyond which generated code is optimised less; the largest example has a third of that."""
 
@@ -87,6 +91,11 @@ class Compiler:
     version: str
     zig: bool = False
 
+    @property
+    def gcc(self) -> bool:
+        """Whether it is GCC, by whatever name."""
+        return "Free Software Foundation" in self.version
+
     def flags(self, native: bool | None, size: int = 0) -> tuple[str, ...]:
         """The flags for generated code of so many characters, without the warnings. `native` tunes for this
         CPU, None where that replaces clones for several. Long code is optimised less, which takes a tenth of
@@ -98,8 +107,9 @@ class Compiler:
             native = not self.zig and (sys.platform, platform.machine()) == ("linux", "x86_64")
         tuning = NATIVE if native else ("-mcpu=baseline",) if self.zig else ()
         lacking = ZIG_LACKS if self.zig else ()
+        own = GCC_FLAGS if self.gcc else ()
         less = LONG_FLAGS if size > LONG_CODE else ()
-        return (*CODE_FLAGS, *less, *tuning, *lacking, *user_flags(), *EXACT_FLAGS)
+        return (*CODE_FLAGS, *own, *less, *tuning, *lacking, *user_flags(), *EXACT_FLAGS)
 
 
 def find_compiler(environment: Mapping[str, str] | None = None) -> Compiler:
