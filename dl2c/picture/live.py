@@ -38,7 +38,7 @@ class LivePlots:
         blocked = [k + 1 for k, b in enumerate(track.blocked) if b]
         times = np.array(track.times)
         for name, (curve, marks) in zip(self._lines, self._curves, strict=True):
-            values = track.values(name)
+            values = track.curve(name, name in self._moving)
             curve.set_data(times, values)
             marks.set_data(times[blocked], values[blocked])
         self._track = track

@@ -69,11 +69,13 @@ def line(axes: Any, model: Model, tracks: Sequence[Track], name: str, explained:
     """A variable over time: the first track with what happened in it, the others faint. `explained`: the
     legend says what its marks are.
     """
-    style = "default" if name in moving(model) else "steps-pre"
+    moves = name in moving(model)
+    style = "default" if moves else "steps-pre"
     for other in tracks[1:]:
-        axes.plot(other.times, other.values(name), color=SKY, alpha=0.45, lw=0.8, drawstyle=style, zorder=1)
+        faint: dict[str, Any] = {"color": SKY, "alpha": 0.45, "lw": 0.8, "zorder": 1}
+        axes.plot(other.times, other.curve(name, moves), drawstyle=style, **faint)
     track = tracks[0]
-    times, values = np.array(track.times), track.values(name)
+    times, values = np.array(track.times), track.curve(name, moves)
     axes.plot(times, values, color=BLUE, lw=1.4, marker=".", ms=2.5, drawstyle=style, zorder=3)
     _happenings(axes, model, track, values, explained)
     low, high = _window(np.concatenate([t.values(name) for t in tracks]))

@@ -28,6 +28,15 @@ class Track:
         """A variable or constant at `times`."""
         return np.array([state[name] for state in self.states])
 
+    def curve(self, name: str, moves: bool) -> NDArray[np.float64]:
+        """The same to be drawn: of a variable that no flow moves the first step's value from the beginning,
+        since the one before holds for no time.
+        """
+        values = self.values(name)
+        if not moves and len(values) > 1:
+            values[0] = values[1]
+        return values
+
     @property
     def end(self) -> str:
         """How it ended, in words; "" while it runs."""

@@ -130,6 +130,16 @@ def test_every_picture_can_be_drawn(model: str, n: int) -> None:
     assert picture.dtype == np.uint8 and picture.shape[2] == 3 and picture.std() > 5
 
 
+def test_what_is_overwritten_at_once_is_not_drawn() -> None:
+    """The inflow before the first decision holds for no time; a level does."""
+    ir = lowered("example:watertank")
+    known = {"l": [1.0, 2.0, 3.0], "u": [0.6, 0.1, 0.2]}
+    one = track(ir, [0.0, 1.0, 2.0], known)
+    level, inflow = (axes.lines[1].get_ydata().tolist() for axes in episode_figure(ir, [one, one]).axes[:2])
+    assert level == known["l"] and inflow == [0.1, 0.1, 0.2]
+    assert one.values("u").tolist() == known["u"]
+
+
 UNSHOWN = re.sub(r'unit="m", |/\* @scene.*?\*/', "", source_of("example:watertank").text, flags=re.DOTALL)
 """A model without a scene: its variables are shown over time."""
 
