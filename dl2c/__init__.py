@@ -55,8 +55,10 @@ def make_sb3(model: "Model", num_envs: int = 1, **options: Any) -> "Dl2cVecEnv":
     try:
         from dl2c.env.sb3 import Dl2cVecEnv
     except ModuleNotFoundError as missing:
+        from dl2c.version import install
+
         raise ModuleNotFoundError(
-            f"{missing}; install it with `pip install dl2c[train]`", name=missing.name
+            f"{missing}; install it with `{install('train')}`", name=missing.name
         ) from None
     return Dl2cVecEnv(model, num_envs, **options)
 

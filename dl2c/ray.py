@@ -23,6 +23,7 @@ from dl2c.source import Source
 from dl2c.training.policies import Policy
 from dl2c.training.rollout import rollout as here
 from dl2c.training.tables import MANIFEST, Table, arrow, schema, tables
+from dl2c.version import install
 
 LARGEST = 1000
 """Episodes of one task at most: what is run again if its worker is lost, and in memory at once."""
@@ -155,7 +156,7 @@ def _connected(address: str | None) -> Generator[Any]:
     try:
         ray: Any = importlib.import_module("ray")
     except ModuleNotFoundError as missing:
-        advice = "install it with `pip install dl2c[ray]`"
+        advice = f"install it with `{install('ray')}`"
         raise ModuleNotFoundError(f"{missing}; {advice}", name=missing.name) from None
     arrow()
     if ray.is_initialized():

@@ -20,7 +20,7 @@ from dl2c.diagnostics import MOST_SHOWN, CompileError, Diagnostic, Mistake, not_
 from dl2c.native.errors import NativeError
 from dl2c.options import UnknownOption
 from dl2c.source import NOWHERE
-from dl2c.version import __version__
+from dl2c.version import __version__, install
 
 USER, USAGE, BUG = 1, 2, 70
 """Exit codes; 70 is EX_SOFTWARE of sysexits.h."""
@@ -69,7 +69,7 @@ def report(failure: BaseException) -> int:
             _line(f"out of memory: {failure}")
             return USER
         case ModuleNotFoundError(name=name) if name in EXTRA:
-            _line(f"this needs {name}; install it with `pip install dl2c[{EXTRA[name]}]`")
+            _line(f"this needs {name}; install it with `{install(EXTRA[name])}`")
             return USER
         case _:
             if detailed():

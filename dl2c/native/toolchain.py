@@ -24,6 +24,7 @@ from typing import IO
 
 from dl2c.native.errors import CompilerFailed, CompilerMissing, PlatformUnsupported
 from dl2c.progress import LOG
+from dl2c.version import install
 
 CODE_FLAGS = ("-std=c11", "-O3", "-fno-trapping-math", "-fno-math-errno", "-fvisibility=hidden", "-fPIC")
 GCC_FLAGS = ("-fno-tree-pre", "-fno-code-hoisting")
@@ -59,8 +60,6 @@ UNSAFE_FLAGS = frozenset(
         "-fno-signed-zeros",
     }
 )
-
-INSTALL_HINT = "install one with `apt install gcc`, or use the compiler of `pip install dl2c[zig]`"
 
 NO_WINDOWS = (
     "dl2c does not build models on Windows itself: install WSL (`wsl --install`), and dl2c inside it "
@@ -123,14 +122,18 @@ def find_compiler(environment: Mapping[str, str] | None = None) -> Compiler:
     path = env.get("PATH", os.defpath)
     if chosen := _words("CC", env.get("CC", "")):
         if shutil.which(chosen[0], path=path) is None:
-            raise CompilerMissing(f"CC={chosen[0]} is not a program on the path; unset CC, or {INSTALL_HINT}")
+            raise CompilerMissing(f"CC={chosen[0]} is not a program on the path; unset CC, or {_advice()}")
         return _compiler(chosen)
     for name in ("cc", "gcc", "clang"):
         if found := shutil.which(name, path=path):
             return _compiler([found])
     if importlib.util.find_spec("ziglang") is not None:
         return _compiler([sys.executable, "-m", "ziglang", "cc"])
-    raise CompilerMissing(f"no C compiler was found: {INSTALL_HINT}")
+    raise CompilerMissing(f"no C compiler was found: {_advice()}")
+
+
+def _advice() -> str:
+    return f"install one with `apt install gcc`, or use the compiler of `{install('zig')}`"
 
 
 def warning_flags() -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from dl2c.native.errors import CompilerMissing, NativeError
 from dl2c.native.toolchain import EXACT_FLAGS, run, warning_flags
 from dl2c.progress import Progress
 from dl2c.storage import StorageError, private_folder
+from dl2c.version import install
 
 FLAGS = (
     *("-target", "wasm32-wasi", "-mexec-model=reactor", "-rdynamic", "-std=c11", "-O2", "-s"),
@@ -36,7 +37,7 @@ LATER = "compiling C to WebAssembly"
 def require_zig() -> None:
     """Raises `CompilerMissing` where there is none."""
     if importlib.util.find_spec("ziglang") is None:
-        raise CompilerMissing("WebAssembly is compiled by zig: `pip install dl2c[zig]`")
+        raise CompilerMissing(f"WebAssembly is compiled by zig: `{install('zig')}`")
 
 
 def compile_wasm(sources: Mapping[str, str], main: str, progress: Progress) -> bytes:

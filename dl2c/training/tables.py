@@ -12,6 +12,7 @@ from dl2c.env.state import chosen_keys
 from dl2c.native.host import host
 from dl2c.native.manifest import Manifest
 from dl2c.training.rollout import COLUMNS, state_names
+from dl2c.version import install
 
 Table: TypeAlias = Any
 """A `pyarrow.Table`; pyarrow publishes no types."""
@@ -30,7 +31,7 @@ def arrow(module: str = "pyarrow") -> Any:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as missing:
-        advice = "install it with `pip install dl2c[ray]`"
+        advice = f"install it with `{install('ray')}`"
         raise ModuleNotFoundError(f"{missing}; {advice}", name=missing.name) from None
 
 

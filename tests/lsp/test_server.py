@@ -26,6 +26,7 @@ from dl2c.lsp.analysis import analyse
 from dl2c.lsp.checker import Checker
 from dl2c.options import Options
 from dl2c.source import Source
+from dl2c.version import install
 
 ANSWER = 0.2
 """Seconds in which a question is answered."""
@@ -209,7 +210,8 @@ def test_without_the_extra_a_line_says_what_to_install() -> None:
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, check=False)
     assert done.returncode == 1 and done.stdout == ""
-    assert re.fullmatch(r"error: this needs \w+; install it with `pip install dl2c\[lsp\]`\n", done.stderr)
+    advice = re.escape(install("lsp"))
+    assert re.fullmatch(rf"error: this needs \w+; install it with `{advice}`\n", done.stderr)
 
 
 # ---------------------------------------------------------------- how long answers take

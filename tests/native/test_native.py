@@ -20,6 +20,7 @@ from dl2c.native.compile import CDEF, INSPECT_CDEF, compile_library
 from dl2c.native.errors import CompilerFailed, CompilerMissing, NativeError, ResetFailed
 from dl2c.native.manifest import Manifest
 from dl2c.native.toolchain import find_compiler, first_errors, run_all
+from dl2c.version import install
 
 TOY = {"toy.h": MODEL_H, "toy.c": MODEL_C}
 
@@ -186,7 +187,7 @@ def test_no_compiler_names_the_ways_out(monkeypatch: pytest.MonkeyPatch, tmp_pat
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr(toolchain.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(CompilerMissing, match=r"apt install gcc.*pip install dl2c\[zig\]"):
+    with pytest.raises(CompilerMissing, match=f"apt install gcc.*{re.escape(install('zig'))}"):
         compile_library(TOY, "toy", tmp_path)
     monkeypatch.setenv("CC", "no-such-compiler -m64")
     with pytest.raises(CompilerMissing, match="CC=no-such-compiler"):

@@ -11,6 +11,7 @@ from dl2c.cli import app
 from dl2c.diagnostics import CompileError
 from dl2c.env.opening import source_of
 from dl2c.play.build import DOPRI5, playable
+from dl2c.version import install
 
 STIFF = """ArchiveEntry "Stiff"
 Definitions
@@ -45,7 +46,7 @@ def test_without_zig_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tm
     found = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda n: None if n == "ziglang" else found(n))
     done = CliRunner().invoke(app, ["play", "example:watertank", "-o", str(tmp_path / "page.html")])
-    assert done.exit_code == 1 and "pip install dl2c[zig]" in str(done.exception)
+    assert done.exit_code == 1 and install("zig") in str(done.exception)
     assert not (tmp_path / "page.html").exists()
 
 

@@ -18,6 +18,7 @@ from dl2c.env.opening import compilation_of
 from dl2c.policy.network import Interface, Layer, Network
 from dl2c.policy_proof import verdict
 from dl2c.policy_proof.search import Found, Limits, search
+from dl2c.version import install
 
 pytest.importorskip("onnx")
 pytest.importorskip("matplotlib")
@@ -117,7 +118,7 @@ def test_the_extra_is_needed_for_pictures_alone(tmp_path: Path, capsys: Any, mon
     monkeypatch.setattr(sys, "meta_path", [Missing(), *sys.meta_path])
     assert verified(capsys, tmp_path, tank_network())[0] == 0
     code, _, err = verified(capsys, tmp_path, tank_network(), "--picture", str(tmp_path / "p.png"))
-    assert code == 1 and "this needs matplotlib; install it with `pip install dl2c[train]`" in err
+    assert code == 1 and f"this needs matplotlib; install it with `{install('train')}`" in err
 
 
 def test_the_report_has_the_progress(tmp_path: Path, capsys: Any) -> None:

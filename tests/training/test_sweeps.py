@@ -21,6 +21,7 @@ from dl2c.policy.files import JSON, NPZ
 from dl2c.ray import LARGEST, SweepFailed, _compare, _portable, _unpacked, shares
 from dl2c.training.policies import PolicyError
 from dl2c.training.rollout import rollout
+from dl2c.version import install
 
 MODEL = "a model\nof two lines"
 
@@ -102,4 +103,4 @@ def test_without_the_extra_there_is_advice(
     with pytest.raises(SystemExit) as end:
         dl2c.cli.main()
     assert end.value.code == 1
-    assert "pip install dl2c[ray]" in capsys.readouterr().err
+    assert install("ray") in capsys.readouterr().err

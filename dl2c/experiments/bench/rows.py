@@ -25,6 +25,7 @@ from dl2c.experiments.bench.baseline import Baseline, Start
 from dl2c.experiments.bench.hand_written import HandWritten, is_there
 from dl2c.pipeline import step_model
 from dl2c.source import Source
+from dl2c.version import install
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Library
@@ -86,7 +87,7 @@ def rows(what: Subject) -> tuple[list[Row], list[str]]:
     found.append(scalar_row(what, LOOP))
     found += [vector_row(what, n) for n in PYTHON_BATCHES]
     if find_spec("stable_baselines3") is None:
-        notes.append("no row for Stable-Baselines3, which is not installed (pip install dl2c[train])")
+        notes.append(f"no row for Stable-Baselines3, which is not installed ({install('train')})")
     else:
         found += [*(sb3_row(what, n) for n in (*PYTHON_BATCHES, MANY)), infos_row(what, MANY)]
     if is_there(what.source) and not what.options.keys() - POLICY.keys() - {"native"}:
