@@ -100,7 +100,7 @@ static bool dl2c_wheel_open(const char *path, char *problem, size_t size)
   for (int k = 0; k < DL2C_SUNDIALS_COUNT; k++) {
     found[k] = dlsym(library, DL2C_SUNDIALS_NAMES[k]);
     if (found[k] == NULL) {
-      snprintf(problem, size, "%s has no function %s", path, DL2C_SUNDIALS_NAMES[k]);
+      snprintf(problem, size, "%.180s has no function %s", path, DL2C_SUNDIALS_NAMES[k]);
       dlclose(library);
       return false;
     }

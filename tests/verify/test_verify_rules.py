@@ -8,7 +8,7 @@ VERIFY = Path(__file__).resolve().parents[2] / "dl2c" / "verify"
 MODULES = sorted(VERIFY.rglob("*.py"))
 
 ALLOWED = {
-    *("diagnostics", "inputs", "outputs", "source", "code", "options"),
+    *("diagnostics", "inputs", "outputs", "source", "code", "options", "work"),
     *("ir.functions", "ir.logic", "ir.model", "ir.polynomial", "ir.printer", "parse", "parse.tree"),
     *("parse.parser", "parse.printer"),
     *("parse.annotations", "resolve.bind", "resolve.expand", "resolve.infer", "resolve.problem"),

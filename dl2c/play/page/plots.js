@@ -12,11 +12,14 @@ const FONT = "11px system-ui, sans-serif";
 export class Plots {
   constructor(place, series, seek) {
     this.strips = series.map((one) => {
-      const graph = element("div", { role: "img", "aria-label": `${one.label} over time` });
+      const graph = element("div");
       const value = element("span");
       const label = element("span", { text: one.unit ? `${one.label} / ${one.unit}` : one.label });
       place.append(element("figure", { class: "plot" }, element("figcaption", {}, label, value), graph));
       const chart = new uPlot(optionsOf(() => this.time), [[], []], graph);
+      const canvas = chart.ctx.canvas;
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", `${one.label} over time`);
       chart.over.addEventListener("click", (event) => seek(this.#nearest(chart, event.offsetX)));
       return { ...one, graph, chart, valueText: value };
     });
