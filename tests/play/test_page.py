@@ -118,6 +118,7 @@ def test_pressing_a_plot_goes_to_that_time(browser: Page, tmp_path: Path) -> Non
         page.press("ArrowRight")
     times = page("[page.episode.first, ...page.episode.steps].map((m) => m.time)")
     nearest = min(range(10), key=lambda k: abs(times[k] - times[-1] / 2))
+    page("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
     page.click("document.querySelector('.plot .u-over')")
     assert page(AT) == nearest and page("page.episode.steps.length") == 9
     drawn = page("page.plots.strips.map((s) => [s.chart.data[0].at(-1), s.chart.data[1].length])")
