@@ -8,8 +8,10 @@ def install(extra: str) -> str:
     import json
     import shlex
     from importlib.metadata import PackageNotFoundError, distribution
+    from typing import Any
     from urllib.parse import unquote, urlsplit
 
+    told: dict[str, Any]
     try:
         told = json.loads(distribution("dl2c").read_text("direct_url.json") or "{}")
     except (PackageNotFoundError, ValueError):
