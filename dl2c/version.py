@@ -19,5 +19,5 @@ def install(extra: str) -> str:
     if "dir_info" not in told:
         return f"pip install 'dl2c[{extra}]'"
     editable = "-e " if told["dir_info"].get("editable") else ""
-    place = shlex.quote(f"{unquote(urlsplit(told['url']).path)}[{extra}]")
+    place = shlex.quote(f"{unquote(urlsplit(str(told['url'])).path)}[{extra}]")
     return f"pip install {editable}{place}"
