@@ -23,7 +23,7 @@ from pathlib import Path
 from statistics import fmean, stdev
 from tempfile import TemporaryDirectory
 
-from bench.processes import seconds_of_commands
+from bench.processes import in_turn, kept, seconds_of_commands
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKER = Path(__file__).with_name("worker.py")
@@ -99,7 +99,7 @@ def worker(tree: Path, example: str) -> Generator["Worker"]:
 
 def environment(tree: Path) -> dict[str, str]:
     """Variables under which a tree's code runs, with a cache of its own."""
-    return {**os.environ, "PYTHONPATH": str(tree), "DL2C_CACHE_DIR": str(tree / ".cache-of-benchmark")}
+    return {**os.environ, "PYTHONPATH": str(tree), "DL2C_CACHE_DIR": str(kept(tree) / "cache")}
 
 
 class Worker:
@@ -130,7 +130,7 @@ def rates_of(example: str, trees: Sequence[Path]) -> list[Rates]:
         rates: list[Rates] = [{row: [] for row in shared} for _ in trees]
         for turn in range(ROUNDS):
             for row in shared:
-                for k in sorted(range(len(trees)), reverse=turn % 2 == 1):
+                for k in in_turn(len(trees), turn):
                     rates[k][row].append(workers[k].rate(row))
     return [found | _overheads(found) for found in rates]
 

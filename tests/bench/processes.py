@@ -48,14 +48,24 @@ def seconds_of_commands(
             _seconds(tree, ("train", f"examples/{example}.kyx", "-o", str(run), *TRAINED), environment(tree))
             list(_round(tree, example, environment(tree)))  # so that all is kept
         for turn in range(rounds):
-            for k in sorted(range(len(trees)), reverse=turn % 2 == 1):
+            for k in in_turn(len(trees), turn):
                 for row, rate in _round(trees[k], example, environment(trees[k])):
                     rates[k].setdefault(row, []).append(rate)
         yield example, rates[0], rates[1]
 
 
+def kept(tree: Path) -> Path:
+    """The folder for what a benchmark leaves in a tree, which git ignores."""
+    return tree / "build" / "benchmark"
+
+
+def in_turn(count: int, turn: int) -> list[int]:
+    """The order of trees in a round: each is first as often as last."""
+    return sorted(range(count), reverse=turn % 2 == 1)
+
+
 def _run_of(tree: Path, example: str) -> Path:
-    return tree / "build" / f"run-of-benchmark-{example}"
+    return kept(tree) / example
 
 
 def _round(tree: Path, example: str, given: Mapping[str, str]) -> Iterator[tuple[str, float]]:
