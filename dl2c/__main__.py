@@ -15,6 +15,7 @@ def main() -> None:
         command()
     except KeyboardInterrupt:
         end_at_once()
+        exec("")  # `python -m` ends by the signal after one in code of a string, but for later such code
         print("interrupted", file=sys.stderr)
         raise SystemExit(INTERRUPTED) from None
     finally:

@@ -95,6 +95,8 @@ def interrupted(words: tuple[str, ...], folder: Path, delay: float) -> int:
     if begun:
         assert process.returncode in (0, 130, -signal.SIGINT), where
         assert not re.search(r"Traceback|Exception ignored|internal error|Aborted", said), where
+    if process.returncode == -signal.SIGINT and begun:
+        assert not said, where
     if process.returncode == 130:
         assert said.splitlines()[-1].strip() == "interrupted", where
     left = [p for p in folder.rglob("*") if p.name.startswith(".dl2c-") or p.name.endswith(".tmp")]
@@ -166,6 +168,23 @@ def test_the_package_is_imported_under_guard(tmp_path: Path) -> None:
     """From its first statement on the process ends in one line, whatever it imports."""
     codes = [interrupted(("--version",), tmp_path, 0.01 * k) for k in range(4, 24, 2)]
     assert codes.count(130) >= 5
+
+
+WITHIN = """
+import sys, types
+module = types.ModuleType("dl2c.experiments.commands")
+module.main = lambda: exec("raise KeyboardInterrupt")
+sys.modules[module.__name__] = module
+"""
+
+
+def test_code_of_strings_is_interrupted_like_any(tmp_path: Path) -> None:
+    """Dataclasses are made by `exec`: after Ctrl-C in there, Python would end itself by the signal."""
+    (tmp_path / "sitecustomize.py").write_text(WITHIN, encoding="utf-8")
+    own = environment(tmp_path) | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    command = [sys.executable, "-m", "dl2c", "--version"]
+    done = subprocess.run(command, env=own, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
 
 
 IMPORTING = """
