@@ -11,6 +11,6 @@ def lsp(
     ] = False,
 ) -> None:
     """Serve an editor over stdin and stdout by the language server protocol."""
-    from dl2c.lsp.server import serve
+    from dl2c.lsp.serve import serve
 
     serve()

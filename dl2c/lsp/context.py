@@ -1,17 +1,21 @@
-"""What is written at a place of a text that is being typed: which annotation, or which section.
+"""What is written at a place of a text that is being typed: which annotation, section or entry.
 
 In: the text as it is at this moment, and a place. Only the text is looked at, so the answer is right while
 nothing around the place can be parsed.
 """
 
 import re
+from bisect import bisect_right
 from dataclasses import dataclass
 
+from dl2c.lsp.positions import Shift
 from dl2c.parse.sections import Section
 
 _ANNOTATION = re.compile(r"(?:^|\n)[ \t]*(?://+|/\*+|\*+(?!/))?[ \t]*@(?P<name>\w*)[ \t]*(?P<colon>:?)")
 _KEY = re.compile(r"\s*(?P<key>[A-Za-z_]\w*)?\s*(?P<equals>=)?", re.ASCII)
 _WORD = re.compile(r"[A-Za-z_][\w-]*\Z", re.ASCII)
+_ENTRY = re.compile(r"^[ \t]*(?:ArchiveEntry|Theorem|Lemma|Exercise)(?![A-Za-z0-9_])", re.MULTILINE)
+_TACTIC = re.compile(r"^[ \t]*Tactic(?![A-Za-z0-9_])", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,3 +87,21 @@ def section_at(sections: tuple[Section, ...], at: int) -> Section | None:
     """The section around a place, if there is one."""
     around = [s for s in sections if s.begin <= at <= s.end and s.kind not in ("entry", "End")]
     return around[-1] if around else None
+
+
+def nearby(text: str, at: int) -> tuple[str, Shift]:
+    """What a question about a place needs first, at the same lines, and where that is in the text: the entry
+    around the place without its tactics, and what stands before all entries. Words in comments may be taken
+    for the beginning of an entry.
+    """
+    starts = [m.start() for m in _ENTRY.finditer(text)]
+    if not starts:
+        return text, Shift(0, 0, 0)
+    first = starts[0]
+    number = max(0, bisect_right(starts, at) - 1)
+    begin, end = starts[number], (*starts, len(text))[number + 1]
+    entry = text[begin:end]
+    if tactic := _TACTIC.search(entry):
+        entry = f"{entry[: tactic.start()]}End.\n"
+    lines = text.count("\n", first, begin)
+    return text[:first] + "\n" * lines + entry, Shift(first, first + lines, begin - first - lines)

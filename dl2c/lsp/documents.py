@@ -1,12 +1,13 @@
 """An open file: its text, what is known of it, and what is known of an earlier text while that is found out.
 
 The text is analysed in a thread, so that questions are answered meanwhile, from the last analysis with its
-places moved to where they are now. An analysis of a text that has changed since is stopped and dropped. What
-needs more time than an analysis is then asked of the `Checker`; until it answers again, what it found before
-stays where the text did not change.
+places moved to where they are now, or where there is none from that of the entry around the place. An
+analysis of a text that has changed since is stopped and dropped. What needs more time than an analysis is
+then asked of the `Checker`; until it answers again, what it found before stays where the text did not change.
 """
 
 import asyncio
+import threading
 import traceback
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
@@ -19,6 +20,7 @@ from dl2c.configuration import configured
 from dl2c.diagnostics import CompileError, Diagnostic, in_source_order, warning
 from dl2c.lsp.analysis import Analysis, analyse
 from dl2c.lsp.checker import Checker, Report, found_in
+from dl2c.lsp.context import nearby
 from dl2c.lsp.hover import Limits
 from dl2c.lsp.positions import Encoding, Lines, Shift, normal
 from dl2c.options import Options
@@ -30,6 +32,9 @@ PATIENCE = 0.05
 
 LONG_PATIENCE = 5.0
 """Seconds that it waits where there is no earlier one, or where that will not do."""
+
+HEAD_START = 0.03
+"""Seconds by which a question that comes with a new file is before the analysis of all of it."""
 
 PAUSE = 0.7
 """Seconds without a change before solvers are asked."""
@@ -99,6 +104,7 @@ class Document:
         self._latest = self._known = self._nothing
         self._checked: tuple[Checked, ...] = ()
         self._fresh = asyncio.Event()
+        self._alone = threading.Lock()
         self._running: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -120,6 +126,15 @@ class Document:
         self._source = Source(self.name, "")
         self._checker.forget(self)
 
+    async def view_at(self, place: tuple[int, int]) -> View:
+        """What is known, enough for a question about the entry around a line and column."""
+        if self._known is self._nothing:
+            lines = self.lines
+            part, shift = nearby(lines.text, lines.offset(place))
+            if part != lines.text:
+                return View(await self._analysed_first(Source(self.name, part)), lines, shift, ())
+        return await self.view()
+
     async def view(self, patience: float = PATIENCE) -> View:
         """What is known, of the present text if that is found out soon enough."""
         if not self._fresh.is_set():
@@ -136,6 +151,15 @@ class Document:
 
     # -------------------------------------------------------------- analysis
 
+    async def _analysed_first(self, part: Source) -> Analysis:
+        """The analysis of a part, for which that of the whole text waits."""
+
+        def work() -> Analysis:
+            with self._alone:
+                return _analysed(part, self._folder)
+
+        return await asyncio.get_running_loop().run_in_executor(self._executor, work)
+
     async def _follow(self) -> None:
         """Analyse until the text no longer changes."""
         while self._latest.source is not self._source:
@@ -146,11 +170,17 @@ class Document:
 
     async def _analysed(self, source: Source) -> Analysis:
         def stopped() -> bool:
-            return source is not self._source
+            with self._alone:
+                return source is not self._source
 
-        loop = asyncio.get_running_loop()
+        def work() -> Analysis:
+            stopped()
+            return _analysed(source, self._folder, stopped)
+
         try:
-            return await loop.run_in_executor(self._executor, _analysed, source, self._folder, stopped)
+            if self._known is self._nothing:
+                await asyncio.sleep(HEAD_START)
+            return await asyncio.get_running_loop().run_in_executor(self._executor, work)
         except Exception as failure:
             LOG.error("%s", traceback.format_exc())
             self._failed(f"a bug of dl2c: {type(failure).__name__}: {failure}")
@@ -221,7 +251,7 @@ def _bug(source: Source, what: str) -> Diagnostic:
     return warning("internal-error", f"a bug of dl2c: {what}", source.start, label)
 
 
-def _analysed(source: Source, folder: Path, stopped: Callable[[], bool]) -> Analysis:
+def _analysed(source: Source, folder: Path, stopped: Callable[[], bool] | None = None) -> Analysis:
     """The analysis under the options of the project around a folder, or else why these are no options."""
     try:
         options = configured(Options(), folder)

@@ -267,18 +267,27 @@ def test_answers_about_an_example_are_prompt(editor: Editor) -> None:
 
 @pytest.mark.slow
 def test_answers_about_public_models_are_prompt() -> None:
+    """Of each model too: all answers but one, which is about the whole file before it is read."""
     shared("corpus")
     editor = Editor()
     times: list[float] = []
+    late: dict[str, list[float]] = {}
     for path in files():
         try:
             file = editor.read(path)
         except UnicodeEncodeError:
             continue
-        times += times_of_answers(file, 48)
+        begun = time.perf_counter()
+        file.hover(types.Position(len(file.lines.text.split("\n")) // 2, 8))
+        first = time.perf_counter() - begun
+        found = sorted(times_of_answers(file, 48))
+        times += [first, *found]
+        if max(first, found[-2]) > ANSWER:
+            late[path.name] = [first, *found[-3:]]
         file.close()
     times.sort()
     p99 = times[int(len(times) * 0.99)]
     middle = times[len(times) // 2]
     print(f"{len(times)} answers: median {middle:.4f} s, p99 {p99:.3f} s, longest {times[-1]:.3f} s")
     assert p99 <= ANSWER and editor.messages == []
+    assert not late
