@@ -1,4 +1,4 @@
-"""Answers to questions about names and files: what a name is, where it is declared and used, what it may be;
+"""Answers to questions about names and files: what a name is, where it is declared and used, what to type;
 the outline and colours of a file, what may be folded, how its mistakes are mended.
 """
 
