@@ -59,7 +59,7 @@ typedef double real;
 #define DL2C_INSPECT 0
 #endif
 
-/* DL2C_ONE_BY_ONE=1 moves environments by the scalar step alone, to see what lanes gain. */
+/* DL2C_ONE_BY_ONE=1 moves environments by the scalar step alone, to measure what lanes gain. */
 #ifndef DL2C_ONE_BY_ONE
 #define DL2C_ONE_BY_ONE DL2C_INSPECT
 #endif

@@ -21,7 +21,7 @@ LOOKS: dict[int, tuple[str, dict[str, Any]]] = {
     NO_STATE: ("no state is assumed", {"facecolor": BLACK, "alpha": 0.13}),
     LEFT_OPEN: ("open (not decided)", {"facecolor": YELLOW, "alpha": 0.55}),
 }
-"""Of leaves: what the legend says, and matplotlib's arguments."""
+"""For each kind of leaf, its name in the legend and matplotlib's arguments."""
 
 EDGE = (0.0, 0.0, 0.0, 0.35)
 
