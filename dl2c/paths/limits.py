@@ -1,9 +1,9 @@
 """The limits of each input's Box: its declared bound and what the tests imply (semantics 2).
 
 The tests on a path are contracted by intervals, with the constants inside their bounds and the state unknown.
-A finite bound of the variable is intersected with the result. If a side is still open, the tests are contracted
-once more, with the state inside its bounds and the precondition: `?abs(u - w) <= 2` then limits u by the limits
-of w at first, although w may leave these later.
+A finite bound of the variable is intersected with the result. If a side is still open, the tests are
+contracted once more, with the state inside its bounds and the precondition: `?abs(u - w) <= 2` then limits u
+by the limits of w at first, although w may leave these later.
 """
 
 import math
