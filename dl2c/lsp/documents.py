@@ -8,6 +8,7 @@ then asked of the `Checker`; until it answers again, what it found before stays 
 
 import asyncio
 import threading
+import time
 import traceback
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
@@ -152,11 +153,12 @@ class Document:
     # -------------------------------------------------------------- analysis
 
     async def _analysed_first(self, part: Source) -> Analysis:
-        """The analysis of a part, for which that of the whole text waits."""
+        """The analysis of a part, for which that of the whole text waits, but not for too long."""
+        until = time.monotonic() + LONG_PATIENCE
 
         def work() -> Analysis:
             with self._alone:
-                return _analysed(part, self._folder)
+                return _analysed(part, self._folder, lambda: time.monotonic() > until)
 
         return await asyncio.get_running_loop().run_in_executor(self._executor, work)
 
@@ -251,7 +253,7 @@ def _bug(source: Source, what: str) -> Diagnostic:
     return warning("internal-error", f"a bug of dl2c: {what}", source.start, label)
 
 
-def _analysed(source: Source, folder: Path, stopped: Callable[[], bool] | None = None) -> Analysis:
+def _analysed(source: Source, folder: Path, stopped: Callable[[], bool]) -> Analysis:
     """The analysis under the options of the project around a folder, or else why these are no options."""
     try:
         options = configured(Options(), folder)
