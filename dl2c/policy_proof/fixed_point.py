@@ -59,8 +59,8 @@ class Rounding:
 
 ROUNDINGS: dict[Arithmetic, Rounding] = {
     "real": Rounding(0, 0, UNLIMITED),
-    "double": Rounding(53, ONE >> 50, 10**300 << SCALE),
-    "float32": Rounding(24, ONE >> 21, 10**37 << SCALE),
+    "double": Rounding(53, ONE >> 50, int(1e300) << SCALE),
+    "float32": Rounding(24, ONE >> 21, int(1e37) << SCALE),
 }
 """Those that `tables.ARITHMETIC` states."""
 
