@@ -188,7 +188,7 @@ def _operated(
 
 def _rounded(ends: Ends, error: int, rounding: Rounding) -> tuple[Ends, int] | None:
     most = _size(ends) + error
-    return None if most >= rounding.largest else (ends, error + rounding.error(most))
+    return None if most >= rounding.largest else (ends, error + rounding.error(most) if rounding.bits else 0)
 
 
 def _size(ends: Ends) -> int:

@@ -11,20 +11,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from policy_proof.questions import question
 from policy_proof.test_certificates import CHANGES, rewritten
 from policy_proof.test_leading_statements import BEFORE, BOX, a_term
 
 from dl2c.commands.policy import Asked, checked_certificate, questions_of
 from dl2c.ir.evaluate import evaluate
 from dl2c.ir.logic import conjunction, conjuncts, symbols
-from dl2c.ir.model import Add, Compare, Div, Mul, Number, Pow, Sub, Symbol, Term
+from dl2c.ir.model import Add, Compare, Div, Mul, Number, Or, Pow, Sub, Symbol, Term
 from dl2c.policy.files import write_policy
 from dl2c.policy.network import Interface, Layer, Network, NetworkPolicy
 from dl2c.policy_proof import fixed_point
 from dl2c.policy_proof.certificate import CertificateError, certificate, check
+from dl2c.policy_proof.computed import dimension
 from dl2c.policy_proof.fixed_point import ONE, ROUNDINGS, Rounding, down, programmed, up
 from dl2c.policy_proof.question import Arithmetic, Question
 from dl2c.policy_proof.search import Limits, search
+from dl2c.source import NOWHERE
 
 Trees = Sequence[Sequence[bytes]]
 
@@ -163,6 +166,46 @@ def test_what_the_question_says_of_computed_values_is_not_believed(tmp_path: Pat
     assert refused(tmp_path, lying, trees)
 
 
+# Leaves by Z3 -------------------------------------------------------------------------------------
+
+X0, X1 = Symbol("x0", "variable"), Symbol("x1", "variable")
+SQUARE = ((Fraction(-1), Fraction(1)),) * 2
+
+
+def touching(computed: bool, stricter: float = 0.0) -> Question:
+    """Near (1, 1) only the hypothesis x0^2 <= x1 implies the conclusion, which is as strict at 0. The policy
+    asks for tanh(x0 / 2), or tanh(x0^3 / 2) where that is `computed`.
+    """
+    most = Number(Fraction(float(np.tanh(0.5))) - Fraction(1, 10**6))
+    wanted = Compare("<=", Add(Pow(X0, 2), Number(Fraction(stricter))), X1)
+    conclusion = Or((Compare("<", Symbol("y", "input"), most), wanted))
+    network = (Layer(np.array([[0.5, 0.0]]), np.zeros(1), "tanh"),)
+    inside = Compare("<=", Pow(X0, 2), X1)
+    made = question(network, SQUARE, conclusion, inside)
+    if not computed:
+        return made
+    box = dict(zip((X0, X1), SQUARE, strict=True))
+    cube = dimension("seen", Mul(X0, Pow(X0, 2)), box, "double", NOWHERE)
+    return replace(
+        made,
+        dimensions=(*made.dimensions, cube.symbol),
+        box=(*made.box, cube.range),
+        hypothesis=conjunction([inside, cube.close]),
+        observed=(replace(made.observed[0], value=cube.symbol), made.observed[1]),
+        computed=((cube.symbol, cube.term),),
+    )
+
+
+@pytest.mark.parametrize("computed", [False, True])
+def test_leaves_by_solver(tmp_path: Path, computed: bool) -> None:
+    made = touching(computed)
+    found = search(made, Limits(20, 2))
+    assert found.answer == "proved" and found.by_solver > 0
+    assert check(written(tmp_path, [made], [found.tree]), [made]).by_solver == found.by_solver
+    for stricter in (1e-3, 1e-7, 2.0**-40):
+        assert refused(tmp_path, [touching(computed, stricter)], [found.tree])
+
+
 # Values as a program computes them ------------------------------------------------------------------
 
 NUMBERS: list[tuple[Arithmetic, Any]] = [("double", float), ("float32", np.float32)]
@@ -215,5 +258,4 @@ def test_a_value_that_may_be_missing_or_too_large_is_not_known() -> None:
     assert programmed(Div(x, x), box, double) is None
     assert programmed(Pow(Mul(x, Number(Fraction(10**80))), 4), box, double) is None
     assert programmed(Pow(x, 0), box, double) is None
-    found = programmed(Pow(x, 4), box, Rounding(0, 0, 2 * ONE))
-    assert found is not None and found[0] == (0, ONE) and found[1] < 9
+    assert programmed(Pow(x, 4), box, Rounding(0, 0, 2 * ONE)) == ((0, ONE), 0)
