@@ -27,6 +27,7 @@ from dl2c.policy_proof.computed import dimension
 from dl2c.policy_proof.fixed_point import ONE, ROUNDINGS, Rounding, down, programmed, up
 from dl2c.policy_proof.question import Arithmetic, Question
 from dl2c.policy_proof.search import Limits, search
+from dl2c.policy_proof.tree import BY_BOUNDS, NO_STATE
 from dl2c.source import NOWHERE
 
 Trees = Sequence[Sequence[bytes]]
@@ -164,6 +165,16 @@ def test_what_the_question_says_of_computed_values_is_not_believed(tmp_path: Pat
         lying.append(replace(q, hypothesis=conjunction([*kept, wrong]), box=box))
     trees = proofs(lying)
     assert refused(tmp_path, lying, trees)
+
+
+def test_what_the_tree_says_of_computed_values_is_not_believed(tmp_path: Path) -> None:
+    """A tree that is split along such a dimension; of neither half it may say that it has no states."""
+    questions = asked(tmp_path, 1.5, "seen < 2")[1:2]
+    ((symbol, _),) = questions[0].computed
+    along = bytes([questions[0].dimensions.index(symbol)])
+    assert not refused(tmp_path, questions, [[along, bytes([BY_BOUNDS] * 2)]])
+    assert refused(tmp_path, questions, [[along, bytes([BY_BOUNDS, NO_STATE])]])
+    assert refused(tmp_path, questions, [[along, bytes([NO_STATE, BY_BOUNDS])]])
 
 
 # Leaves by Z3 -------------------------------------------------------------------------------------

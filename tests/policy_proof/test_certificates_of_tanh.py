@@ -15,12 +15,13 @@ import pytest
 from commands.test_cli import run
 from policy_proof.questions import layers, onnx_file, question
 from policy_proof.test_certificates import BOX, CHANGES, rewritten
+from policy_proof.test_network_bounds import disturbed
 from policy_proof.test_verify_policy import TANK
 
 from dl2c.commands.policy import Asked, checked_certificate, report_on
 from dl2c.ir.model import Compare, Number, Symbol
 from dl2c.policy.files import write_policy
-from dl2c.policy.network import Interface, Layer, Network, NetworkPolicy, Scaling
+from dl2c.policy.network import Activation, Interface, Layer, Network, NetworkPolicy, Scaling
 from dl2c.policy_proof import fixed_point, hyperbolic
 from dl2c.policy_proof.certificate import CertificateError, certificate, check
 from dl2c.policy_proof.fixed_point import ONE, Rounding, down, up
@@ -251,6 +252,36 @@ def test_what_the_program_computes_is_within(arithmetic: Arithmetic) -> None:
             high = above_it.middle + sum(map(abs, above_it.slopes))
             assert low <= Fraction(float(values[0])) * ONE <= high
             assert high - low < ONE * (1e-10 if arithmetic == "double" else 1e-2)
+
+
+def missed(asked: Question, unit: float, seed: int) -> int:
+    """How often an output is outside when every operation has the largest error, up or down."""
+    rng, bounds, count = np.random.default_rng(seed), NetworkBounds(asked), 0
+    for point in rng.uniform(-1, 1, (10, 2)):
+        found = bounds.outputs([(down(Fraction(float(v))), up(Fraction(float(v)))) for v in point], [(0, -1)])
+        assert found is not None
+        ends = [f.middle + s * sum(map(abs, f.slopes)) for f, s in zip(found[0], (-1, 1), strict=True)]
+        for _ in range(8):
+            value = Fraction(disturbed(asked.layers, point, unit, rng)) * ONE
+            count += not ends[0] <= value <= ends[1]
+    return count
+
+
+@pytest.mark.parametrize(("arithmetic", "unit"), [("double", 2.0**-53), ("float32", 2.0**-24)])
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+def test_every_rounding_is_within(
+    monkeypatch: pytest.MonkeyPatch, arithmetic: Arithmetic, unit: float, activation: Activation
+) -> None:
+    asked = [
+        question(layers(np.random.default_rng(s), [2, 6, 6, 1], activation, 2.0), BOX, below(0.0))
+        for s in range(2)
+    ]
+    asked = [replace(a, arithmetic=arithmetic) for a in asked]
+    assert sum(missed(a, unit, 0) for a in asked) == 0
+    monkeypatch.setattr(Rounding, "error", lambda *_: 0)
+    none = Rounding(1, 0, fixed_point.ROUNDINGS[arithmetic].largest)
+    monkeypatch.setitem(fixed_point.ROUNDINGS, arithmetic, none)
+    assert sum(missed(a, unit, 0) for a in asked) > 20
 
 
 def test_numbers_that_may_overflow_have_no_bounds() -> None:
