@@ -4,8 +4,8 @@ A certificate is the tree of boxes of each question: for every box, level after 
 which it is split, or what decided it; with digests of the question and of the tree. The checker takes the
 question from model and policy again. It sees that the tree covers the box, and decides every leaf anew, in
 arithmetic of its own (`fixed_point`, `hyperbolic`, `linear_bounds`): it shares no enclosure with the search,
-nor what the question says of computed values. Where its bounds are not as tight it splits a leaf further. Leaves that Z3 decided are given to Z3 again, with these
-bounds.
+nor what the question says of computed values. Where its bounds are not as tight it splits a leaf further.
+Leaves that Z3 decided are given to Z3 again, with these bounds.
 """
 
 import base64
