@@ -14,6 +14,7 @@ import numpy as np
 
 from dl2c.interval.bounded import interval_of
 from dl2c.interval.contract import contract
+from dl2c.ir.evaluate import value_of
 from dl2c.ir.liveness import written
 from dl2c.ir.logic import (
     always_defined,
@@ -29,6 +30,7 @@ from dl2c.ir.model import (
     UNBOUNDED,
     Formula,
     Model,
+    Neg,
     Number,
     Symbol,
     Term,
@@ -204,16 +206,27 @@ def _seen(
     }
     if name not in known:
         raise NotCovered(f"the policy observes `{name}`, which the model does not have")
-    term = term_with(term_with(known[name], shown), values)
+    written_down = substituted_term(substituted_term(known[name], shown), values)
     narrowed = policy.narrowed and claim.arithmetic != "real"
     low, high = in_arithmetic(low, claim.arithmetic), in_arithmetic(high, claim.arithmetic)
-    match term:
+    match _as_program(written_down, claim.arithmetic):
         case Number(value):
             return Observed(name, value, low, high, narrowed)
-        case Symbol():
-            return Observed(name, term, low, high, narrowed)
+        case Symbol() as symbol:
+            return Observed(name, symbol, low, high, narrowed)
         case _:
             return Observed(name, symbol_of(name), low, high, narrowed)
+
+
+def _as_program(term: Term, arithmetic: Arithmetic) -> Term:
+    """A term of numbers as its value where the program computes just that; else the term itself."""
+    match term_with(term, {}):
+        case Number(value) as number:
+            literal = isinstance(term.child if isinstance(term, Neg) else term, Number)
+            same = arithmetic == "double" and value_of(term, {}) == value
+            return number if literal or same or arithmetic == "real" else term
+        case _:
+            return term
 
 
 def _box(model: Model, hypothesis: Formula, dimensions: Sequence[Symbol], lead: Draft) -> tuple[Range, ...]:

@@ -3,9 +3,9 @@
 A certificate is the tree of boxes of each question: for every box, level after level, the dimension along
 which it is split, or what decided it; with digests of the question and of the tree. The checker takes the
 question from model and policy again. It sees that the tree covers the box, and decides every leaf anew, in
-arithmetic of its own (`fixed_point`, `linear_bounds`): it shares no enclosure with the search. Where its
-bounds are not as tight it splits a leaf further. Leaves that Z3 decided are given to Z3 again, with these
-bounds.
+arithmetic of its own (`fixed_point`, `hyperbolic`, `linear_bounds`): it shares no enclosure with the search,
+nor what the question says of computed values. Where its bounds are not as tight it splits a leaf further.
+Leaves that Z3 decided are given to Z3 again, with these bounds.
 """
 
 import base64
@@ -13,7 +13,7 @@ import hashlib
 import json
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
 from math import inf
@@ -21,12 +21,13 @@ from pathlib import Path
 from typing import Any
 
 from dl2c.inputs import checked_input, read_json
-from dl2c.ir.model import Symbol
+from dl2c.ir.logic import conjunction, conjuncts, symbols
+from dl2c.ir.model import Add, Compare, Formula, Number, Sub, Symbol
 from dl2c.policy.network import PolicyError
-from dl2c.policy_proof.fixed_point import ONE, Ends, down, judged, up
+from dl2c.policy_proof.fixed_point import ONE, Ends, down, judged, programmed, up
 from dl2c.policy_proof.leaves import decided
 from dl2c.policy_proof.linear_bounds import Form, NetworkBounds
-from dl2c.policy_proof.question import Case, NotCovered, Question
+from dl2c.policy_proof.question import Case, Question
 from dl2c.policy_proof.search import Before
 from dl2c.policy_proof.tree import BY_BOUNDS, BY_SOLVER, LEFT_OPEN, check_levels, leaves
 from dl2c.smt.query import Oracle
@@ -173,47 +174,69 @@ def _halves(box: Box, at: int) -> tuple[Box, Box]:
 
 class _Checker:
     def __init__(self, question: Question) -> None:
-        if any(layer.activation not in ("identity", "relu") for layer in question.layers):
-            raise NotCovered("certificates are checked for networks of relu")
-        if question.computed:
-            raise NotCovered(
-                "certificates are checked where the policy observes nothing that is computed first"
-            )
         self.question = question
         self.network = NetworkBounds(question)
+        self.computed = dict(question.computed)
+        self.free = [k for k, s in enumerate(question.dimensions) if s not in self.computed]
         self.widths = [max(float(high - low), 1e-300) for low, high in question.box]
+        self.hypothesis = conjunction(
+            c for c in conjuncts(question.hypothesis) if not symbols(c) & {*self.computed}
+        )
         pairs = dict.fromkeys(pair for case in question.cases for pair in case.largest)
         self.wanted = [*((k, -1) for k in range(len(question.requests))), *pairs]
 
     def decides(self, box: Box, code: int, splits: int = MOST_SPLITS) -> bool:
-        """Whether a leaf is what it is said to be, perhaps after splitting it."""
+        """Whether a leaf is what it is said to be, perhaps after splitting it. Its limits in dimensions that
+        are computed are not used.
+        """
         if code == LEFT_OPEN:
             return False
-        ends = [(down(Fraction(low)), up(Fraction(high))) for low, high in box]
-        values = dict(zip(self.question.dimensions, ends, strict=True))
-        if judged(self.question.hypothesis, values) == "false":
+        dimensions = self.question.dimensions
+        values = {dimensions[k]: (down(Fraction(box[k][0])), up(Fraction(box[k][1]))) for k in self.free}
+        if judged(self.hypothesis, values) == "false":
             return True
+        close = self._complete(values)
         if code == BY_SOLVER:
-            return self._solver_proves(box, ends)
-        if code == BY_BOUNDS and self._proves(ends, values):
+            return close is not None and self._solver_proves(values, close)
+        if code == BY_BOUNDS and close is not None and self._proves(values):
             return True
-        if splits == 0 or not box:
+        if splits == 0 or not self.free:
             return False
-        shares = [(high - low) / w for (low, high), w in zip(box, self.widths, strict=True)]
-        return all(self.decides(half, code, splits - 1) for half in _halves(box, shares.index(max(shares))))
+        widest = max(self.free, key=lambda k: (box[k][1] - box[k][0]) / self.widths[k])
+        return all(self.decides(half, code, splits - 1) for half in _halves(box, widest))
 
-    def _solver_proves(self, box: Box, ends: Sequence[Ends]) -> bool:
-        linear = [
-            [[Fraction(v, ONE) for v in (form.middle, *form.slopes)] for form in pair]
-            for pair in self.network.outputs(ends, self.wanted)
-        ]
+    def _complete(self, values: dict[Symbol, Ends]) -> Formula | None:
+        """Add what the program computes for the states of a box; how close that is to its terms. None where
+        that is not known.
+        """
+        close: list[Formula] = []
+        for symbol, term in self.question.computed:
+            found = programmed(term, values, self.network.rounding)
+            if found is None:
+                return None
+            (low, high), error = found
+            values[symbol] = low - error, high + error
+            slack = Number(Fraction(error, ONE))
+            close += [Compare("<=", Sub(term, slack), symbol), Compare("<=", symbol, Add(term, slack))]
+        return conjunction(close)
+
+    def _solver_proves(self, values: Mapping[Symbol, Ends], close: Formula) -> bool:
+        ends = [values[s] for s in self.question.dimensions]
+        bounds = self.network.outputs(ends, self.wanted)
+        if bounds is None:
+            return False
+        linear = [[[Fraction(v, ONE) for v in (f.middle, *f.slopes)] for f in pair] for pair in bounds]
         middles = [(low + high) >> 1 for low, high in ends]
         around = zip(middles, ends, strict=True)
         centers = [(Fraction(m, ONE), Fraction(max(high - m, m - low), ONE)) for m, (low, high) in around]
-        return decided(self.question, linear, box, centers, Oracle(SOLVER_SECONDS, 60.0)).proved
+        asked = replace(self.question, hypothesis=conjunction([self.hypothesis, close]))
+        box = [[Fraction(low, ONE), Fraction(high, ONE)] for low, high in ends]
+        return decided(asked, linear, box, centers, Oracle(SOLVER_SECONDS, 60.0)).proved
 
-    def _proves(self, ends: Sequence[Ends], values: Mapping[Symbol, Ends]) -> bool:
-        bounds = self.network.outputs(ends, self.wanted)
+    def _proves(self, values: Mapping[Symbol, Ends]) -> bool:
+        bounds = self.network.outputs([values[s] for s in self.question.dimensions], self.wanted)
+        if bounds is None:
+            return False
         ranges = [self._range(k, *pair) for k, pair in enumerate(bounds)]
         return all(self._ends_well(case, ranges, dict(values)) for case in self.question.cases)
 
@@ -227,9 +250,9 @@ class _Checker:
         least, most = requests[k].low, requests[k].high
         slope, size = (most - least) / 2, 2 * (abs(least) + abs(most))
         largest = Fraction(max(abs(low), abs(high)), ONE)
-        error = 16 * (self.network.unit * (slope * largest + size) + self.network.smallest)
+        error = self.network.rounding.error(up(slope * largest + size), 8)
         ends = [least + slope * (1 + Fraction(v, ONE)) for v in (low, high)]
-        return down(ends[0] - error), up(ends[1] + error)
+        return down(ends[0]) - error, up(ends[1]) + error
 
     def _ends_well(self, case: Case, ranges: Sequence[Ends], values: dict[Symbol, Ends]) -> bool:
         """Whether a case is impossible, or its conclusion holds."""

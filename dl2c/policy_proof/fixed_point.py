@@ -4,6 +4,7 @@ A number x stands for x / 2^SCALE. Shares no code with the enclosures of the sea
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from math import isqrt
 from typing import Literal, TypeAlias
@@ -24,6 +25,7 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
+from dl2c.policy_proof.question import Arithmetic
 
 SCALE = 96
 ONE = 1 << SCALE
@@ -35,6 +37,32 @@ Ends: TypeAlias = tuple[int, int]
 """Low and high."""
 
 Verdict: TypeAlias = Literal["true", "false", "open"]
+
+
+@dataclass(frozen=True, slots=True)
+class Rounding:
+    """An arithmetic of the program: the relative error of an operation is 2^-`bits`, none where `bits` is 0,
+    the error of tanh is `library`. Below `largest` nothing overflows. Results that underflow are off by
+    2^-126 at most.
+    """
+
+    bits: int
+    library: int
+    largest: int
+
+    def error(self, size: int, count: int = 1) -> int:
+        """At least twice the error of `count` < 2^28 operations on numbers up to a size. One unit is for the
+        rest of the quotient, one for what underflows.
+        """
+        return (2 * count * size >> self.bits) + 2 if self.bits else 0
+
+
+ROUNDINGS: dict[Arithmetic, Rounding] = {
+    "real": Rounding(0, 0, UNLIMITED),
+    "double": Rounding(53, ONE >> 50, int(1e300) << SCALE),
+    "float32": Rounding(24, ONE >> 21, int(1e37) << SCALE),
+}
+"""Those that `tables.ARITHMETIC` states."""
 
 
 def down(value: Fraction) -> int:
@@ -106,6 +134,65 @@ def _joined(term: Term, a: Ends, b: Ends) -> Ends:
             return min(a[0], b[0]), min(a[1], b[1])
         case _:
             return max(a[0], b[0]), max(a[1], b[1])
+
+
+def programmed(term: Term, box: Mapping[Symbol, Ends], rounding: Rounding) -> tuple[Ends, int] | None:
+    """The values of a term, and how far from its value a program may be that rounds every symbol, number and
+    result, and multiplies powers as `ir.evaluate` does. None where a value may be missing or overflow, or
+    where that is not known.
+    """
+    match term:
+        case Number() | Symbol():
+            ends = enclosed(term, box, frozenset())
+            return None if ends is None else _rounded(ends, 0, rounding)
+        case Neg(inner) | Call("abs", (inner,)):
+            found = programmed(inner, box, rounding)
+            if found is None:
+                return None
+            (low, high), error = found
+            return (-high, -low) if isinstance(term, Neg) else _magnitude((low, high)), error
+        case Pow(base, 1):
+            return programmed(base, box, rounding)
+        case Pow(base, n) if n > 1:
+            rest = Pow(base, n - 1 if n % 2 else n // 2)
+            return programmed(Mul(base if n % 2 else rest, rest), box, rounding)
+        case Add() | Sub() | Mul() | Div() | Call("min" | "max"):
+            left, right = term.args if isinstance(term, Call) else (term.left, term.right)
+            first, second = programmed(left, box, rounding), programmed(right, box, rounding)
+            return None if first is None or second is None else _operated(term, first, second, rounding)
+        case _:
+            return None
+
+
+def _operated(
+    term: Term, left: tuple[Ends, int], right: tuple[Ends, int], rounding: Rounding
+) -> tuple[Ends, int] | None:
+    """`programmed` for a term of two. Errors of x * y are |x| dy + |y| dx + dx dy, those of x / y are
+    (dx + |x / y| dy) / (|y| - dy).
+    """
+    (a, da), (b, db) = left, right
+    match term:
+        case Div():
+            ends, least = quotient(a, b), max(b[0], -b[1]) - db
+            if ends is None or least <= 0:
+                return None
+            return _rounded(ends, ((da << SCALE) + _size(ends) * db) // least + 1, rounding)
+        case Mul():
+            error = (_size(a) * db + _size(b) * da + da * db >> SCALE) + 1
+            return _rounded(_joined(term, a, b), error, rounding)
+        case Add() | Sub():
+            return _rounded(_joined(term, a, b), da + db, rounding)
+        case _:
+            return _joined(term, a, b), max(da, db)
+
+
+def _rounded(ends: Ends, error: int, rounding: Rounding) -> tuple[Ends, int] | None:
+    most = _size(ends) + error
+    return None if most >= rounding.largest else (ends, error + rounding.error(most) if rounding.bits else 0)
+
+
+def _size(ends: Ends) -> int:
+    return max(abs(ends[0]), abs(ends[1]))
 
 
 def _magnitude(a: Ends) -> Ends:

@@ -36,6 +36,9 @@ class Leaf:
 Rows: TypeAlias = Sequence[Sequence[Sequence[float | Fraction]]]
 """Of each output, below and above, the constant and the slopes of a linear function of t."""
 
+Limits: TypeAlias = Sequence[Sequence[float | Fraction]]
+"""Of a box, low and high in each dimension."""
+
 
 def ask(question: Question, judge: Judge, box: Doubles, oracle: Oracle) -> Leaf:
     """Ask Z3 about a box (dimensions, 2), with the bounds of the search."""
@@ -49,9 +52,7 @@ def ask(question: Question, judge: Judge, box: Doubles, oracle: Oracle) -> Leaf:
     return decided(question, linear.tolist(), box.tolist(), centers, oracle)
 
 
-def decided(
-    question: Question, linear: Rows, box: Sequence[Sequence[float]], centers: Centers, oracle: Oracle
-) -> Leaf:
+def decided(question: Question, linear: Rows, box: Limits, centers: Centers, oracle: Oracle) -> Leaf:
     """Ask Z3 about each case on a box: with outputs between two numbers, then between two linear functions.
     A state is the middle and half times t, in each dimension.
     """
@@ -80,7 +81,7 @@ def _is_root(term: Term) -> bool:
     return isinstance(term, Call) and term.function == "sqrt"
 
 
-def _limits(question: Question, box: Sequence[Sequence[float]]) -> Iterator[Formula]:
+def _limits(question: Question, box: Limits) -> Iterator[Formula]:
     for s, (low, high) in zip(question.dimensions, box, strict=True):
         yield Compare("<=", Number(Fraction(low)), s)
         yield Compare("<=", s, Number(Fraction(high)))

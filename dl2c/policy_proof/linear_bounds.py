@@ -1,4 +1,5 @@
-"""Linear bounds of a network of relu on a box, in whole numbers over a power of two: those of the checker.
+"""Linear bounds of a network of relu or tanh on a box, in whole numbers over a power of two: those of the
+checker.
 
 Numbers are linear functions of t between -1 and 1, with a radius that holds every rounding: one unit for
 each product here, and what the arithmetic of the program may add. They go forward through the layers; then
@@ -6,17 +7,15 @@ bounds of each output go backward, as in cgen/verify, but computed anew and exac
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TypeAlias
 
 from dl2c.ir.model import Symbol
-from dl2c.policy_proof.fixed_point import ONE, SCALE, Ends, down, up
+from dl2c.policy.network import Activation
+from dl2c.policy_proof.fixed_point import ONE, ROUNDINGS, SCALE, UNLIMITED, Ends, down, up
+from dl2c.policy_proof.hyperbolic import lines_around
 from dl2c.policy_proof.question import NotCovered, Observed, Question
-
-UNITS = {"real": Fraction(0), "double": Fraction(1, 2**53), "float32": Fraction(1, 2**24)}
-SMALLEST = {"real": Fraction(0), "double": Fraction(1, 2**1022), "float32": Fraction(1, 2**126)}
-"""Of the arithmetic: the relative error of an operation, and the smallest normal number."""
 
 Row: TypeAlias = list[int]
 Matrix: TypeAlias = list[Row]
@@ -36,16 +35,25 @@ class Form:
 
 
 @dataclass(frozen=True, slots=True)
-class _Line:
-    """slope * z + offset above max(0, z), and slope * z below it. Sums z are up to `size` in magnitude, and
-    their error is `error`.
+class _Sums:
+    """Of sums z: their error, how large they and what the layer makes of them are, and how large the sum of
+    the magnitudes is that are added.
     """
 
-    below: int
-    above: int
-    offset: int
     error: int
     size: int
+    scope: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """Of a function f: below * z + under is not above f(z), above * z + over is not below it."""
+
+    below: int
+    under: int
+    above: int
+    over: int
+    of: _Sums
 
 
 class NetworkBounds:
@@ -53,26 +61,35 @@ class NetworkBounds:
 
     def __init__(self, question: Question) -> None:
         self.question = question
-        self.unit, self.smallest = UNITS[question.arithmetic], SMALLEST[question.arithmetic]
+        self.rounding = ROUNDINGS[question.arithmetic]
         self.weights: list[Matrix] = [[_exact(row) for row in la.weight.tolist()] for la in question.layers]
+        self.magnitudes: list[Matrix] = [[[abs(v) for v in row] for row in w] for w in self.weights]
         self.biases: Matrix = [_exact(la.bias.tolist()) for la in question.layers]
         self.columns: list[Matrix] = [[list(c) for c in zip(*w, strict=True)] for w in self.weights]
 
-    def outputs(self, box: Sequence[Ends], wanted: Sequence[tuple[int, int]]) -> list[tuple[Form, Form]]:
+    def outputs(
+        self, box: Sequence[Ends], wanted: Sequence[tuple[int, int]]
+    ) -> list[tuple[Form, Form]] | None:
         """Of each output, or difference of two (-1: of one), what is below and above; the radius is in the
-        middle.
+        middle. None where numbers may be larger than those with which the program computes for certain.
         """
         observed = [self._observed(o, k, box) for k, o in enumerate(self.question.observed)]
         forms, lines = observed, list[list[_Line]]()
         for k, layer in enumerate(self.question.layers):
-            forms, made = self._layer(k, forms, layer.activation == "relu")
+            forms, made = self._layer(k, forms, layer.activation)
             lines.append(made)
+        if not self._moderate(observed, lines):
+            return None
         found: list[tuple[Form, Form]] = []
         for first, second in wanted:
             above = self._backward(observed, lines, first, second, 1)
             below = self._backward(observed, lines, first, second, -1)
             found.append((Form(-below.middle, tuple(-s for s in below.slopes), 0), above))
         return found
+
+    def _moderate(self, observed: Sequence[Form], lines: Sequence[Sequence[_Line]]) -> bool:
+        sizes = [f.size for f in observed] + [max(n.of.scope, n.of.size) for made in lines for n in made]
+        return max(sizes, default=0) < self.rounding.largest
 
     def _observed(self, seen: Observed, k: int, box: Sequence[Ends]) -> Form:
         dimensions = self.question.dimensions
@@ -84,37 +101,51 @@ class NetworkBounds:
             form = Form(middle, slopes, 0)
         else:
             form = Form(down(seen.value), (0,) * len(dimensions), 1)
+            form = replace(form, radius=1 + self.rounding.error(form.size))
         relative = (
             Fraction(1, 2**23) if seen.rounded or self.question.arithmetic == "float32" else Fraction(0)
         )
+        largest = ROUNDINGS["float32"].largest if relative else self.rounding.largest
         error = up(relative * Fraction(form.size, ONE) + (Fraction(1, 2**125) if relative else 0))
+        error += UNLIMITED if form.size >= largest else 0
         form = _clipped(Form(form.middle, form.slopes, form.radius + error), seen.low, seen.high)
         for scaling in self.question.scalings:
             center, scale = Fraction(float(scaling.center[k])), Fraction(float(scaling.scale[k]))
-            size = (Fraction(form.size, ONE) + abs(center)) / scale
-            radius = up(Fraction(form.radius, ONE) / scale + 16 * (self.unit * size + self.smallest))
+            size = up((Fraction(form.size, ONE) + abs(center)) / scale)
+            radius = up(Fraction(form.radius, ONE) / scale) + self.rounding.error(size, 8)
             middle = down((Fraction(form.middle, ONE) - center) / scale)
             slopes = tuple(down(Fraction(s, ONE) / scale) for s in form.slopes)
             form = Form(middle, slopes, radius + 1 + len(slopes))
             form = _clipped(form, -scaling.clip, scaling.clip)
         return form
 
-    def _layer(self, k: int, given: list[Form], bent: bool) -> tuple[list[Form], list[_Line]]:
+    def _layer(self, k: int, given: list[Form], activation: Activation) -> tuple[list[Form], list[_Line]]:
         middles, radii, sizes = [f.middle for f in given], [f.radius for f in given], [f.size for f in given]
         slopes = list(zip(*(f.slopes for f in given), strict=True))
         terms = len(given) + 8
         forms: list[Form] = []
         lines: list[_Line] = []
-        for row, bias in zip(self.weights[k], self.biases[k], strict=True):
-            scope = abs(bias) + (_dot([abs(w) for w in row], sizes) >> SCALE) + 1
-            error = up(2 * terms * (self.unit * Fraction(scope, ONE) + self.smallest))
-            radius = (_dot([abs(w) for w in row], radii) >> SCALE) + 2 + error + len(slopes)
+        for row, magnitudes, bias in zip(self.weights[k], self.magnitudes[k], self.biases[k], strict=True):
+            scope = abs(bias) + (_dot(magnitudes, sizes) >> SCALE) + 1
+            error = self.rounding.error(scope, terms)
+            radius = (_dot(magnitudes, radii) >> SCALE) + 2 + error + len(slopes)
             middle = bias + (_dot(row, middles) >> SCALE)
             sums = Form(middle, tuple(_dot(row, s) >> SCALE for s in slopes), radius)
-            line, form = _bent(sums, error) if bent else (_Line(ONE, ONE, 0, error, sums.size), sums)
+            line, form = self._activated(activation, sums, _Sums(error, sums.size, scope))
             forms.append(form)
             lines.append(line)
         return forms, lines
+
+    def _activated(self, activation: Activation, z: Form, sums: _Sums) -> tuple[_Line, Form]:
+        match activation:
+            case "identity":
+                return _Line(ONE, 0, ONE, 0, sums), z
+            case "relu":
+                return _bent(z, sums)
+            case "tanh":
+                return _curved(z, sums, self.rounding.library)
+            case _:
+                raise NotCovered("certificates are checked for networks of relu and tanh")
 
     def _backward(
         self, observed: list[Form], lines: list[list[_Line]], first: int, second: int, sign: int
@@ -126,14 +157,17 @@ class NetworkBounds:
         row[first] += sign * ONE
         if second >= 0:
             row[second] -= sign * ONE
-        constant, sizes = 0, [[f.size for f in observed], *([line.size for line in made] for made in lines)]
+        constant, sizes = (
+            0,
+            [[f.size for f in observed], *([line.of.size for line in made] for made in lines)],
+        )
         for k in reversed(range(len(lines))):
             factors: Row = []
             for factor, line in zip(row, lines[k], strict=True):
-                slope = line.above if factor > 0 else line.below
-                constant += (factor * line.offset >> SCALE) + 1 if factor > 0 else 0
+                slope, offset = (line.above, line.over) if factor > 0 else (line.below, line.under)
+                constant += (factor * offset >> SCALE) + 1
                 made = factor * slope >> SCALE
-                constant += (abs(made) + 1) * line.error // ONE + 1
+                constant += (abs(made) + 1) * line.of.error // ONE + 1
                 factors.append(made)
             constant += (_dot(factors, self.biases[k]) >> SCALE) + 1
             constant += sum(sizes[k + 1]) // ONE + len(factors)
@@ -159,24 +193,42 @@ def _dot(a: Sequence[int], b: Sequence[int]) -> int:
 
 def _clipped(form: Form, low: float, high: float) -> Form:
     """A clipped number differs by no more than it is outside."""
-    ends = form.middle - (form.size - abs(form.middle)), form.middle + (form.size - abs(form.middle))
-    below = up(Fraction(low)) - ends[0] if low > float("-inf") else 0
-    above = ends[1] - down(Fraction(high)) if high < float("inf") else 0
+    least, most = _ends(form)
+    below = up(Fraction(low)) - least if low > float("-inf") else 0
+    above = most - down(Fraction(high)) if high < float("inf") else 0
     return Form(form.middle, form.slopes, form.radius + max(0, below, above))
 
 
-def _bent(sums: Form, error: int) -> tuple[_Line, Form]:
+def _bent(z: Form, sums: _Sums) -> tuple[_Line, Form]:
     """max(0, z): itself, 0, or between z scaled by a chord and that with an offset."""
-    reach = sums.size - abs(sums.middle)
-    low, high = sums.middle - reach, sums.middle + reach
+    low, high = _ends(z)
     if low >= 0:
-        return _Line(ONE, ONE, 0, error, sums.size), sums
+        return _Line(ONE, 0, ONE, 0, sums), z
     if high <= 0:
-        return _Line(0, 0, 0, error, sums.size), Form(0, (0,) * len(sums.slopes), 0)
+        return _Line(0, 0, 0, 0, sums), Form(0, (0,) * len(z.slopes), 0)
     chord = (high << SCALE) // (high - low)
     offset = max((chord * -low >> SCALE) + 1, ((ONE - chord) * high >> SCALE) + 1)
-    middle = (chord * sums.middle >> SCALE) + (offset >> 1)
-    slopes = tuple(chord * s >> SCALE for s in sums.slopes)
-    radius = (chord * sums.radius >> SCALE) + (offset >> 1) + 4 + len(slopes)
-    line = _Line(ONE if high > -low else 0, chord, offset, error, sums.size)
-    return line, Form(middle, slopes, radius)
+    return _Line(ONE if high > -low else 0, 0, chord, offset, sums), _sloped(z, chord, 0, offset)
+
+
+def _curved(z: Form, sums: _Sums, error: int) -> tuple[_Line, Form]:
+    """tanh(z), computed with an error: between two lines of the same slope. |tanh(z)| is at most |z|."""
+    slope, under, over = lines_around(*_ends(z))
+    under, over = under - error, over + error
+    made = _Sums(sums.error, sums.size + error, sums.scope)
+    return _Line(slope, under, slope, over, made), _sloped(z, slope, under, over)
+
+
+def _ends(form: Form) -> Ends:
+    reach = form.size - abs(form.middle)
+    return form.middle - reach, form.middle + reach
+
+
+def _sloped(z: Form, slope: int, under: int, over: int) -> Form:
+    """What is between slope * z + under and slope * z + over, for a slope between 0 and 1. The middle, the
+    radius, each slope, and both halves are rounded by a unit at most.
+    """
+    middle = (slope * z.middle >> SCALE) + (under + over >> 1)
+    slopes = tuple(slope * s >> SCALE for s in z.slopes)
+    radius = (slope * z.radius >> SCALE) + (over - under >> 1) + 4 + len(slopes)
+    return Form(middle, slopes, radius)

@@ -88,6 +88,19 @@ def test_violations_are_those_of_the_exported_c(tmp_path: Path, name: str) -> No
     assert found.to_json()["counterexample"]["environment"] == lead
 
 
+@pytest.mark.parametrize(("arithmetic", "answer"), [("double", "unknown"), ("real", "proved")])
+def test_numbers_that_the_program_computes_are_rounded(tmp_path: Path, arithmetic: str, answer: str) -> None:
+    """x + 10^6 - 10^6 is 0.1 for real numbers, and less than what the policy compares it with in doubles."""
+    model, term = str(tmp_path / "before.kyx"), "(x + 1000000) - 1000000"
+    Path(model).write_text(BEFORE.replace("{term}", term).replace("{test}", "seen < 0.09999999999"))
+    layer = Layer(np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0]]), np.array([0.09999999998, 0.0]), "identity")
+    observed = (("x", -5.0, 5.0), ("y", -5.0, 5.0), ("seen", -20.0, 20.0))
+    interface = Interface(observed, "float64", "choice", (2,))
+    policy = NetworkPolicy("before", interface, Network((), (layer,)), False, {"obs_dtype": "float64"})
+    asked = Asked(write_policy(policy, tmp_path), arithmetic, seconds=2, fixed=("x=0.1",))
+    assert (0.1 + 1e6) - 1e6 < 0.09999999998 and report_on(model, asked, {}).answer == answer
+
+
 REFUSED = {
     "1 / y": "by a division, perhaps by 0",
     "(x^2 + y^2)^(1/2)": "with a function that is not computed exactly",
