@@ -3,14 +3,15 @@
     python examples/tune.py examples/dubins.kyx -o dubins.yaml     (`pip install 'dl2c[train,tune]'`)
     dl2c train --config dubins.yaml
 
-The first trial has the defaults of `dl2c train`. The best trial and the defaults are then trained again with
-other seeds and measured in other episodes: who is the best of many was lucky, too. With `--large` trainings
-have many environments and large batches, for models that need millions of steps.
+The first trial has the defaults of `dl2c train`; with `--like FILE` two more have what was found for another
+model. The best trial and the defaults are then trained and measured again with other seeds, since who is the
+best of many was lucky, too.
 """
 
 import argparse
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ from dl2c.training.evaluation import FIRST_SEED, outcomes
 from dl2c.training.hyper import ON_POLICY
 from dl2c.training.learning import train
 from dl2c.training.run import Settings
+
+Values = dict[str, Any]
 
 EPISODES = 200
 SEEDS = (101, 102, 103)
@@ -39,64 +42,52 @@ CHOICES: dict[str, tuple[Any, ...]] = {
 }
 """What a trial picks from, beside the learning rate. The last one is an option of the environment."""
 
-LARGE = {"batch_size": (4096,), "n_epochs": (2, 4)}
-LARGE_ENVS = 256
-"""With `--large`: what is chosen among instead, and how many environments step at a time."""
-
 DEFAULTS = {name: ON_POLICY.get(name, "project") for name in (*CHOICES, "learning_rate")}
 
 
-def suggested(trial: optuna.Trial, large: bool) -> dict[str, Any]:
+def suggested(trial: optuna.Trial) -> dict[str, Any]:
     """The values of a trial."""
-    choices = CHOICES | LARGE if large else CHOICES
-    picked = {name: trial.suggest_categorical(name, values) for name, values in choices.items()}
+    picked = {name: trial.suggest_categorical(name, values) for name, values in CHOICES.items()}
     return picked | {"learning_rate": trial.suggest_float("learning_rate", 3e-4, 1e-2, log=True)}
 
 
-def configuration(model: str, steps: int, values: Mapping[str, Any], large: bool) -> dict[str, Any]:
+def configuration(model: str, steps: int, values: Mapping[str, Any]) -> dict[str, Any]:
     """What `dl2c train --config` reads; values that are defaults are left out."""
     manifest = dl2c.make(model).manifest
     algo = "ppo" if manifest.inputs else "maskable-ppo"
     changed = {name: value for name, value in values.items() if value != DEFAULTS[name]}
     action_map = changed.pop("action_map", None)
-    chosen: dict[str, Any] = {"model": model, "algo": algo, "steps": steps}
-    chosen |= ({"n_envs": LARGE_ENVS} if large else {}) | {"hyper": changed}
+    chosen: dict[str, Any] = {"model": model, "algo": algo, "steps": steps, "hyper": changed}
     return chosen | ({"options": {"action_map": action_map}} if action_map and manifest.inputs else {})
 
 
 def score(chosen: Mapping[str, Any], seed: int, first_episode: int) -> float:
     """The mean return of the policy that this training gives."""
-    settings = Settings(steps=chosen["steps"], n_envs=chosen.get("n_envs"), hyper=chosen["hyper"])
-    options = chosen.get("options", {})
+    settings, options = Settings(steps=chosen["steps"], hyper=chosen["hyper"]), chosen.get("options", {})
     with tempfile.TemporaryDirectory() as folder:
-        run = train(
-            chosen["model"],
-            chosen["algo"],
-            seed=seed,
-            directory=Path(folder),
-            settings=settings,
-            whole=True,
-            **options,
-        )
+        given: Values = {"directory": Path(folder), "settings": settings, "whole": True} | options
+        run = train(chosen["model"], chosen["algo"], seed=seed, **given)
         masked = chosen["algo"] == "maskable-ppo"
         found = outcomes(run.policy, chosen["model"], EPISODES, first_episode, masked, **options)
     return float(found.total.mean())
 
 
-def tuned(model: str, trials: int, steps: int, large: bool) -> tuple[dict[str, Any], float, float]:
-    """The best configuration, its mean return over `SEEDS`, and that of the defaults: if these are as good,
-    they are the best.
+def values_of(path: Path) -> list[dict[str, Any]]:
+    """The values that a file says, for both ways to map actions."""
+    said = yaml.safe_load(path.read_text(encoding="utf-8")).get("hyper", {})
+    values = {name: said.get(name, value) for name, value in DEFAULTS.items()}
+    return [values | {"action_map": action_map} for action_map in CHOICES["action_map"]]
+
+
+def tuned(model: str, trials: int, steps: int, first: Sequence[Values]) -> tuple[Values, float, float]:
+    """The best configuration, its mean return over `SEEDS`, and that of the defaults, which are the best if
+    nothing is better. The `first` trials are given.
     """
-    defaults = DEFAULTS | ({"batch_size": 4096, "n_epochs": 4} if large else {})
-
-    def returned(trial: optuna.Trial) -> float:
-        return score(configuration(model, steps, suggested(trial, large), large), 0, 2 * FIRST_SEED)
-
     study = optuna.create_study(direction="maximize", sampler=optuna.samplers.TPESampler(seed=0))
-    study.enqueue_trial(defaults)
-    study.optimize(returned, trials)
-    best = configuration(model, steps, study.best_params, large)
-    plain = configuration(model, steps, defaults, large)
+    for values in first:
+        study.enqueue_trial(values)
+    study.optimize(lambda t: score(configuration(model, steps, suggested(t)), 0, 2 * FIRST_SEED), trials)
+    best, plain = (configuration(model, steps, values) for values in (study.best_params, DEFAULTS))
     found, before = (
         float(np.mean([score(chosen, seed, 3 * FIRST_SEED) for seed in SEEDS])) for chosen in (best, plain)
     )
@@ -110,9 +101,10 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--trials", type=int, default=10)
     parser.add_argument("--steps", type=int, default=120_000)
-    parser.add_argument("--large", action="store_true", help=f"{LARGE_ENVS} environments, batches of 4096")
+    parser.add_argument("--like", type=Path, action="append", default=[], metavar="FILE")
     given = parser.parse_args()
-    best, found, before = tuned(given.model, given.trials, given.steps, given.large)
+    first = [DEFAULTS, *chain(*map(values_of, given.like))]
+    best, found, before = tuned(given.model, given.trials, given.steps, first)
     said = f"mean return {found:.4g}, with the defaults {before:.4g}"
     if found == before:
         said = f"mean return {found:.4g} with the defaults, which no trial surpassed"
