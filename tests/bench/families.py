@@ -20,7 +20,8 @@ def variables(size: int) -> str:
     motion = ", ".join(f"x{k}' = v{k}, v{k}' = a" for k in cars)
     moving = " & ".join(f"v{k} >= 0" for k in cars)
     declared = "".join(_declared(f"x{k}", f"0:{end}", "m") + _declared(f"v{k}", "0:9", "m/s") for k in cars)
-    control = f"{{ ?x{cars[-1]} + 50 <= {end} & v1 <= 8; a := 1; ++ ?x{cars[-1]} + 50 <= {end}; a := 0; ++ a := -1; }}"
+    room = f"x{cars[-1]} + 50 <= {end}"
+    control = f"{{ ?{room} & v1 <= 8; a := 1; ++ ?{room}; a := 0; ++ a := -1; }}"
     return _model("", declared, initial, control, f"{motion}, t' = 1 & t <= 0.5 & {moving}", apart)
 
 
@@ -58,7 +59,13 @@ def degree(size: int) -> str:
 
 
 def _model(
-    given: str, declared: str, initial: list[str], control: str, motion: str, safe: list[str], set_by_control: str = "  Real a;\n"
+    given: str,
+    declared: str,
+    initial: list[str],
+    control: str,
+    motion: str,
+    safe: list[str],
+    set_by_control: str = "  Real a;\n",
 ) -> str:
     return (
         f'Theorem "Growth"\n\nDefinitions\n{given}End.\n\n'

@@ -1,10 +1,10 @@
 """How the cost of a step and of a build grow with the size of a model: `python tests/bench/growth.py`.
 
-Rows of the families in `families.py`: processor time of a step, of one environment and of each of 1024, and of
-a build, of Python and of the C compiler apart. For each curve the exponent: the slope of the logarithm of the
-cost over that of the size, by least squares, over the larger half of the sizes, where what does not depend on
-the size counts less. Each round measures all sizes in turn and gives one slope; the interval holds 95 % of
-Student's t. Exit 1 where the lower end of an interval is above what is required.
+Rows of the families in `families.py`: processor time of a step, of one environment and of each of 1024, and
+of a build, of Python and of the C compiler apart. For each curve the exponent: the slope of the logarithm of
+the cost over that of the size, by least squares, over the larger half of the sizes, where what does not
+depend on the size counts less. Each round measures all sizes in turn and gives one slope; the interval holds
+95 % of Student's t. Exit 1 where the lower end of an interval is above what is required.
 """
 
 import argparse
@@ -21,8 +21,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-
 from bench import families
+
 from dl2c.configuration import resolve_options
 from dl2c.emit.names import file_stem
 from dl2c.env.opening import batch_options, open_library
@@ -55,7 +55,7 @@ class Growing:
 
 BUILD = {"python": 2.1, "compiler": 2.1}
 GROWING = (
-    Growing(families.variables, (2, 4, 8, 16, 32, 64), BUILD | {"step": 1.5, "batch": 1.5}),
+    Growing(families.variables, (2, 4, 8, 16, 32, 64), BUILD | {"step": 1.3, "batch": 1.3}),
     Growing(families.paths, (2, 4, 8, 16, 32, 64, 128, 256), BUILD | {"step": 1.1, "batch": 1.1}),
     Growing(families.degree, (1, 2, 3, 4, 6, 8), BUILD | {"step": 1.1, "batch": 1.1}),
 )
@@ -117,7 +117,9 @@ def stepped(text: str, n: int) -> Callable[[], float]:
     return measured
 
 
-def curves(family: Family, sizes: Sequence[int], steps: int = ROUNDS, builds: int = BUILDS) -> dict[str, Curve]:
+def curves(
+    family: Family, sizes: Sequence[int], steps: int = ROUNDS, builds: int = BUILDS
+) -> dict[str, Curve]:
     """What members of a family cost, by cost, in rounds in which sizes take turns; no builds where 0."""
     texts = {size: family(size) for size in sizes}
     found: dict[str, Curve] = {cost: {size: [] for size in sizes} for cost in COSTS}
@@ -162,7 +164,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     names = [growing.family.__name__ for growing in GROWING]
     parser.add_argument("families", nargs="*", default=names, choices=[*names, []])
-    asked = parser.parse_args().families
+    asked: list[str] = parser.parse_args().families
     chosen = [growing for growing in GROWING if growing.family.__name__ in asked]
     with TemporaryDirectory(prefix="dl2c-growth-") as cache:
         os.environ["DL2C_CACHE_DIR"] = cache
