@@ -163,8 +163,12 @@ def told(name: str, found: Mapping[str, Curve], most: Mapping[str, float]) -> bo
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     names = [growing.family.__name__ for growing in GROWING]
-    parser.add_argument("families", nargs="*", default=names, choices=[*names, []])
-    asked: list[str] = parser.parse_args().families
+    parser.add_argument(
+        "families", nargs="*", metavar="FAMILY", help="Of variables, paths, degree; without one, all."
+    )
+    asked: list[str] = parser.parse_args().families or names
+    if unknown := set(asked) - set(names):
+        parser.error(f"no family {', '.join(sorted(unknown))}")
     chosen = [growing for growing in GROWING if growing.family.__name__ in asked]
     with TemporaryDirectory(prefix="dl2c-growth-") as cache:
         os.environ["DL2C_CACHE_DIR"] = cache
