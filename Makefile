@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo paper studies environments test test-slow test-events test-hostile prove prove-slow test-target test-ray test-clients lint docs bench bench-start corpus corpus-table sampling-report fuzz clean
+.PHONY: help demo paper studies environments test test-slow test-events test-hostile prove prove-slow test-target test-ray test-clients lint docs bench bench-start growth corpus corpus-table sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | paper | studies | environments | test | test-slow | test-events | test-hostile | prove | prove-slow | test-target | test-ray | test-clients | lint | docs | bench | bench-start | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | paper | studies | environments | test | test-slow | test-events | test-hostile | prove | prove-slow | test-target | test-ray | test-clients | lint | docs | bench | bench-start | growth | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -155,6 +155,10 @@ endif
 bench-start: $(READY)
 	@test -n "$(AGAINST)" || { echo "make bench-start: set AGAINST to a revision" >&2; exit 1; }
 	$(COMPARED) --start
+
+# How the cost of steps and builds grows with variables, paths and degrees: a quarter of an hour or so on one core.
+growth: $(READY)
+	PYTHONPATH=tests $(BIN)/python tests/bench/growth.py
 
 # What becomes of every public model, where these are at hand (../shared/corpus), and how many of them run.
 corpus: corpus-table

@@ -83,9 +83,9 @@ DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t s
   if (NU == 0) return;
   const int first = POINT_START[point];
   uint8_t sure[DL2C_BLOCK] = {0};
-  DL2C_UNROLL
+  DL2C_UNROLL_PATHS
   for (int k = first; k < POINT_START[point + 1]; k++) {
-    if (DL2C_DECIDES_IN_LANES) dl2c_sure_lanes(k, x, p, stride, count, sure);
+    if (DL2C_DECIDES_IN_LANES && DL2C_FEW_PATHS) dl2c_sure_lanes(k, x, p, stride, count, sure);
     dl2c_search_lanes(k, x, p, stride, count, sure, enabled + (k - first) * stride);
   }
 }

@@ -26,13 +26,17 @@ static inline bool dl2c_doubtful(real c0, real c1, real c2)
   return (c2 != 0.0) & (ahead < 0.0) & (fabs(c1 * c1 - 4.0 * c2 * c0) <= 0x1p-20 * (c1 * c1));
 }
 
+/* When the motion leaves c0 + c1*tau >= 0, or > 0; INFINITY for never. Without branches. */
+DL2C_INLINE real dl2c_exit_linear(real c0, real c1)
+{
+  const real distance = dl2c_select(c0 > 0.0, c0, 0.0);
+  return dl2c_select(c1 < 0.0, distance / -c1, (real)INFINITY);
+}
+
 /* Where the margin of a starting point on or inside the boundary crosses zero; INFINITY for never. */
 static inline real dl2c_leaves_at(real c0, real c1, real c2, bool touching_counts)
 {
-  if (c2 == 0.0) {
-    const real distance = dl2c_select(c0 > 0.0, c0, 0.0);
-    return dl2c_select(c1 < 0.0, distance / -c1, (real)INFINITY);
-  }
+  if (c2 == 0.0) return dl2c_exit_linear(c0, c1);
   if (c0 <= 0.0) {
     if (c1 <= 0.0) return c1 < 0.0 || c2 < 0.0 ? 0.0 : (real)INFINITY;
     return c2 < 0.0 ? -c1 / c2 : (real)INFINITY;

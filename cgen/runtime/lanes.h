@@ -33,7 +33,7 @@ DL2C_INLINE void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stri
   for (int64_t i = 0; i < count; i++) {
     int16_t best = -1;
     int16_t best_rank = -1;
-    DL2C_UNROLL
+    DL2C_UNROLL_PATHS
     for (int k = 0; k < NPATH; k++) {
       int16_t agreed = 0;
       int16_t rank = 0;
@@ -57,6 +57,48 @@ DL2C_INLINE void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stri
   for (int64_t i = 0; i < count; i++) path[i] = taken[i];
 }
 
+/* The same, path by path: for more of them than can be compared in one loop. */
+DL2C_INLINE void dl2c_choose_among_many(const uint8_t *restrict enabled, int64_t stride, int64_t count,
+                                        const int32_t *restrict choices, bool falls_back,
+                                        const uint8_t *restrict waited, int64_t *restrict path,
+                                        uint8_t *restrict requested)
+{
+  int16_t wanted[NCHOICE + 1][DL2C_BLOCK];
+  int16_t best[DL2C_BLOCK];
+  int16_t best_rank[DL2C_BLOCK];
+  int16_t rank[DL2C_BLOCK];
+  int16_t agreed[DL2C_BLOCK];
+  const int16_t whole = 2 * NCHOICE + 2;
+  for (int c = 0; c < NCHOICE; c++)
+    for (int64_t i = 0; i < count; i++) wanted[c][i] = (int16_t)choices[i * NCHOICE + c];
+  for (int64_t i = 0; i < count; i++) best[i] = best_rank[i] = -1;
+  for (int k = 0; k < NPATH; k++) {
+    for (int64_t i = 0; i < count; i++) rank[i] = whole;
+    for (int64_t i = 0; i < count; i++) agreed[i] = 0;
+    for (int j = 0; j < PATHS[k].nmet; j++) {
+      const int16_t *own = wanted[PATHS[k].met[j]];
+      const int16_t alternative = DECISIONS[k][PATHS[k].met[j]];
+      const int16_t marked = PATHS[k].marked[j];
+      for (int64_t i = 0; i < count; i++) {
+        const int16_t so_far = rank[i] == whole;
+        const int16_t same = so_far & (own[i] == alternative);
+        rank[i] = same == so_far ? rank[i] : (int16_t)(2 * agreed[i] + marked);
+        agreed[i] = (int16_t)(agreed[i] + same);
+      }
+    }
+    const uint8_t *restrict open = enabled + k * stride;
+    for (int64_t i = 0; i < count; i++) {
+      const int16_t better = (int16_t)((open[i] != 0) & (rank[i] > best_rank[i]));
+      best[i] = better ? (int16_t)k : best[i];
+      best_rank[i] = better ? rank[i] : best_rank[i];
+    }
+  }
+  const int16_t lowest = falls_back ? 0 : whole;
+  for (int64_t i = 0; i < count; i++) requested[i] = best_rank[i] == whole;
+  for (int64_t i = 0; i < count; i++)
+    path[i] = ((best_rank[i] >= lowest) & !waited[i]) ? best[i] : -1;
+}
+
 /* Whether the inputs on a path are admissible as they are.   u: (NU) */
 DL2C_INLINE bool dl2c_all_admissible(int path, const real *x, const real *p, const real *u)
 {
@@ -78,15 +120,39 @@ DL2C_INLINE bool dl2c_all_admissible(int path, const real *x, const real *p, con
 DL2C_INLINE bool dl2c_decide_lane(int64_t path, const real *x, const real *p, const real *inputs,
                                   real *y)
 {
-  bool well = path >= 0;
+  bool well = DL2C_FEW_PATHS & (path >= 0);
   real u[NU + 1];
   dl2c_copy(inputs, NU, u);
   dl2c_copy(x, NX, y);
-  DL2C_UNROLL
+  DL2C_UNROLL_PATHS
   for (int k = 0; k < NPATH; k++)
     if (NU > 0) well &= (path != k) | dl2c_all_admissible(k, x, p, u);
   well &= model_assign(path, x, p, u, y);
   return well & dl2c_all_finite(y, NX);
+}
+
+/*
+ * The same, environment by environment: where paths are many, a selection among all their assignments would
+ * take longer.   x: (NX, stride)   y: (NX, DL2C_BLOCK)   well: (count)
+ */
+static __attribute__((noinline)) void dl2c_decide_each(const real *x, const real *p, int64_t stride,
+                                                       int64_t count, const int64_t *path,
+                                                       const real *inputs, real (*y)[DL2C_BLOCK],
+                                                       int64_t *well)
+{
+  for (int64_t i = 0; i < count; i++) {
+    const int taken = (int)path[i];
+    real own[NX];
+    real start[NX];
+    real constants[NP + 1];
+    real u[NU + 1] = {0.0};
+    dl2c_read_lane(x, p, stride, i, own, constants);
+    dl2c_copy(own, NX, start);
+    dl2c_copy(inputs + i * NINPUT, NU, u);
+    well[i] = taken >= 0 && dl2c_all_admissible(taken, own, constants, u) &&
+              model_update(taken, own, constants, u, start) && dl2c_all_finite(start, NX);
+    for (int k = 0; k < NX; k++) y[k][i] = start[k];
+  }
 }
 
 /* Clocks and counters of the environments of a batch. */
@@ -109,7 +175,7 @@ DL2C_INLINE void dl2c_count(const dl2c_clocks *clocks, int64_t i, bool moved, re
   const real after = before + duration;
   const int64_t all = -(int64_t)moved;
   const int64_t stalled = clocks->stalled[i];
-  const int64_t still = after > before ? 0 : stalled + 1;
+  const int64_t still = (stalled + 1) & -(int64_t)!(after > before);
   clocks->duration[i] = dl2c_select(moved, duration, clocks->duration[i]);
   clocks->time[i] = dl2c_select(moved, after, clocks->time[i]);
   clocks->elapsed[i] = dl2c_select(moved, after, before);
@@ -128,6 +194,8 @@ DL2C_INLINE void dl2c_move_lanes(real *x, const real *p, int64_t stride, int64_t
                                  const dl2c_clocks *clocks, uint8_t *moved)
 {
   int64_t flags[DL2C_BLOCK];
+  real starts[DL2C_FEW_PATHS ? 1 : NX][DL2C_BLOCK];
+  if (!DL2C_FEW_PATHS) dl2c_decide_each(x, p, stride, count, path, inputs, starts, flags);
   DL2C_ALIAS_FREE
   for (int64_t i = 0; i < count; i++) {
     real own[NX];
@@ -135,7 +203,13 @@ DL2C_INLINE void dl2c_move_lanes(real *x, const real *p, int64_t stride, int64_t
     real end[NX];
     real constants[NP + 1];
     dl2c_read_lane(x, p, stride, i, own, constants);
+#if DL2C_FEW_PATHS
     bool well = dl2c_decide_lane(path[i], own, constants, inputs + i * NINPUT, start);
+#else
+    bool well = flags[i] != 0;
+    DL2C_UNROLL
+    for (int k = 0; k < NX; k++) start[k] = starts[k][i];
+#endif
     real time = 0.0;
 #if DL2C_LANE_FLOW == DL2C_NO_FLOW
     DL2C_UNROLL
@@ -161,8 +235,9 @@ DL2C_INLINE void dl2c_decided_lanes(const int64_t *restrict path, int64_t count,
     DL2C_UNROLL
     for (int c = 0; c < NCHOICE; c++) {
       int32_t chosen = choices[i * NCHOICE + c];
-      DL2C_UNROLL
-      for (int k = 0; k < NPATH; k++)
+      if (!DL2C_FEW_PATHS && taken >= 0 && DECISIONS[taken][c] >= 0) chosen = DECISIONS[taken][c];
+      DL2C_UNROLL_PATHS
+      for (int k = 0; DL2C_FEW_PATHS && k < NPATH; k++)
         if (DECISIONS[k][c] >= 0) chosen = dl2c_pick(taken == k, DECISIONS[k][c], chosen);
       decided[i * NCHOICE + c] = chosen;
     }

@@ -13,6 +13,7 @@
  *          DL2C_JOINT_INPUTS, DL2C_DECIDES_IN_LANES, DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD,
  *          DL2C_LOOKS_DEEP, DL2C_WATCHES_ALL, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
  *   #define DL2C_LANE_FLOW                       the flow of a step in lanes, or -1
+ *   #define DL2C_FEW_PATHS 1                     lanes select among the assignments of all paths
  *   #define DL2C_FLOWS_IN_LANES 1                steps integrate that flow in an active set of lanes
  *   #define DL2C_MONITORED 1                     steps are judged by the model's monitor
  *   #define DL2C_SCENE 5                         values of its scene, where it has one

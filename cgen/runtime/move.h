@@ -247,6 +247,12 @@ DL2C_INLINE void dl2c_move_some(dl2c_batch *b, int64_t first, int64_t lane, int6
                   b->out.inputs + begin * NINPUT, &clocks, s->moves.moved + lane);
 }
 
+/* Moves a full block. All that moves a lane is inlined, in large models too: else the loop is not vectorised. */
+DL2C_LANES DL2C_FLAT static void dl2c_move_all(dl2c_batch *b, int64_t first, dl2c_scratch *s)
+{
+  dl2c_move_some(b, first, 0, DL2C_BLOCK, s);
+}
+
 /* Moves a lane of a block alone. */
 static void dl2c_move_one(dl2c_batch *b, int64_t first, int64_t lane, dl2c_scratch *s)
 {
@@ -272,7 +278,11 @@ DL2C_INLINE void dl2c_move_together(dl2c_batch *b, int64_t first, int64_t count,
   if (*scalar_steps > 0) *scalar_steps -= 1;
 #endif
   int64_t lane = 0;
-  if (DL2C_STEPS_IN_LANES && !DL2C_ONE_BY_ONE) {
+  if (DL2C_STEPS_IN_LANES && (DL2C_FEW_PATHS || group > 1) && !DL2C_ONE_BY_ONE) {
+    if (group == DL2C_BLOCK) {
+      dl2c_move_all(b, first, s);
+      lane = group;
+    }
     for (; lane + group <= count; lane += group) dl2c_move_some(b, first, lane, group, s);
     for (; lane < count; lane++) dl2c_move_one(b, first, lane, s);
   }
@@ -287,7 +297,7 @@ DL2C_INLINE void dl2c_move_together(dl2c_batch *b, int64_t first, int64_t count,
 
 /*
  * Moves a block: in lanes, `group` of them at a time, where the model and every state in it allow, else one
- * by one.
+ * by one, as a single environment with many paths.
  */
 DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, int64_t group,
                                  dl2c_scratch *s)
@@ -301,9 +311,11 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, in
   uint8_t *restrict attempt = s->attempt;
   for (int64_t i = 0; i < count; i++) attempt[i] = DL2C_RAN;
   uint8_t *restrict moved = s->moves.moved;
-  if (DL2C_DECIDES_IN_LANES && (NU == 0 || b->options.action_map == DL2C_MAP_PROJECT)) {
-    dl2c_choose_lanes(b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE,
-                      falls_back, waited, s->moves.path, s->moves.requested);
+  if (DL2C_DECIDES_IN_LANES && (DL2C_FEW_PATHS || group > 1) &&
+      (NU == 0 || b->options.action_map == DL2C_MAP_PROJECT)) {
+    (DL2C_FEW_PATHS ? dl2c_choose_lanes : dl2c_choose_among_many)(
+        b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE, falls_back, waited,
+        s->moves.path, s->moves.requested);
     dl2c_show_moves(b, first, count, &s->moves);
   } else {
     for (int64_t i = 0; i < count; i++) s->moves.path[i] = -1;

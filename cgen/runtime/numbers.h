@@ -18,13 +18,16 @@ typedef double real;
 #endif
 #endif
 
-/* For short loops with constant bounds inside loops over lanes. */
+/* For loops over variables inside loops over lanes, and for those over paths, of which there may be many. */
 #if defined(__clang__)
 #define DL2C_UNROLL _Pragma("unroll")
+#define DL2C_UNROLL_PATHS _Pragma("unroll 16")
 #elif defined(__GNUC__)
-#define DL2C_UNROLL _Pragma("GCC unroll 64")
+#define DL2C_UNROLL _Pragma("GCC unroll 128")
+#define DL2C_UNROLL_PATHS _Pragma("GCC unroll 16")
 #else
 #define DL2C_UNROLL
+#define DL2C_UNROLL_PATHS
 #endif
 
 /* For loops over lanes whose iterations do not access each other's memory. */
@@ -66,6 +69,9 @@ typedef double real;
 
 /* Inlined into each clone of its caller, so that it is compiled for the same instructions. */
 #define DL2C_INLINE static inline __attribute__((always_inline))
+
+/* Of functions into which all that they call is inlined. */
+#define DL2C_FLAT __attribute__((flatten))
 
 /* Of functions that few steps call: they are compiled small, in half the time. */
 #ifndef DL2C_COLD

@@ -114,7 +114,7 @@ DL2C_INLINE void dl2c_any_enabled(const dl2c_batch *b, int64_t first, int64_t co
   const uint8_t *restrict enabled = b->enabled + first;
   uint8_t *restrict some = open;
   for (int64_t i = 0; i < count; i++) some[i] = 0;
-  DL2C_UNROLL
+  DL2C_UNROLL_PATHS
   for (int k = 0; k < DL2C_NSTART; k++)
     for (int64_t i = 0; i < count; i++) some[i] |= enabled[k * stride + i];
 }
@@ -147,17 +147,17 @@ DL2C_INLINE void dl2c_masks(int64_t count, const uint8_t *restrict enabled, int6
   DL2C_UNROLL
   for (int c = 0; c < NCHOICE; c++) {
     for (int64_t i = 0; i < count; i++) met[i] = 0;
-    DL2C_UNROLL
+    DL2C_UNROLL_PATHS
     for (int32_t a = MASK_START[c]; a < MASK_START[c + 1]; a++)
       for (int64_t i = 0; i < count; i++) rows[a][i] = 0;
-    DL2C_UNROLL
+    DL2C_UNROLL_PATHS
     for (int k = 0; k < DL2C_NSTART; k++) {
       if (DECISIONS[k][c] < 0) continue;
       int8_t *row = rows[MASK_START[c] + DECISIONS[k][c]];
       for (int64_t i = 0; i < count; i++) row[i] |= (int8_t)(enabled[k * stride + i] & !final[i]);
       for (int64_t i = 0; i < count; i++) met[i] |= row[i];
     }
-    DL2C_UNROLL
+    DL2C_UNROLL_PATHS
     for (int32_t a = MASK_START[c]; a < MASK_START[c + 1]; a++)
       for (int64_t i = 0; i < count; i++) rows[a][i] |= !met[i];
   }

@@ -235,7 +235,10 @@ def _exit(j: int, edge: Edge, local: Locals) -> list[str]:
     if edge.kind == "equal":
         return [*about, f"const real exit{j} = dl2c_exit_zero();"]
     padded = ", ".join([*map(local.term, edge.margin), "0.0", "0.0"][:3])
-    lines = [*about, *wrapped(f"const real exit{j} = {EXITS[edge.kind]}({padded});")]
+    leaves = f"{EXITS[edge.kind]}({padded})"
+    if len(edge.margin) <= 2 and edge.kind != "unequal":
+        leaves = f"dl2c_exit_linear({padded.rpartition(', ')[0]})"
+    lines = [*about, *wrapped(f"const real exit{j} = {leaves};")]
     if len(edge.margin) > 2:
         lines += wrapped(f"const bool doubt{j} = dl2c_doubtful({padded});")
     return lines

@@ -8,7 +8,7 @@ from dl2c.emit.names import file_stem, index
 from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.inputs_c import critical_count
 from dl2c.emit.simulator.judge_c import fact_names
-from dl2c.emit.simulator.paths_c import decides_in_lanes, flows_in_lanes, steps_in_lanes
+from dl2c.emit.simulator.paths_c import decides_in_lanes, few_paths, flows_in_lanes, steps_in_lanes
 from dl2c.emit.simulator.rates_c import root_count
 from dl2c.emit.simulator.sampler_c import free_names
 from dl2c.emit.simulator.start_c import projection_count, start_symbols
@@ -91,6 +91,7 @@ def _sizes(build: BuildPlan) -> str:
         filled(f"enum {{ {', '.join(f'{k} = {v}' for k, v in sizes.items())} }};", 96)
         + "\n"
         + f"#define DL2C_LANE_FLOW ({next((p.flow for p in paths.paths if p.flow is not None), -1)})\n"
+        + f"#define DL2C_FEW_PATHS {int(few_paths(build))}\n"
         + f"#define DL2C_FLOWS_IN_LANES {int(flows_in_lanes(build))}\n"
         + _kernels(build)
         + ("" if build.monitor is None else "#define DL2C_MONITORED 1\n")

@@ -82,6 +82,11 @@ LANE_PATHS = 16
 """With more paths, computing the assignments of all of them costs more than branching."""
 
 
+def few_paths(build: BuildPlan) -> bool:
+    """Whether lanes select among the assignments of all paths."""
+    return len(build.paths.paths) <= LANE_PATHS
+
+
 def decides_in_lanes(build: BuildPlan) -> bool:
     """Whether paths, inputs and assignments of many environments can be computed at once: one point, nothing
     drawn, and every input that is requested where it may be passes its own tests.
@@ -89,7 +94,7 @@ def decides_in_lanes(build: BuildPlan) -> bool:
     paths = build.paths
     simple = paths.points == 1 and not paths.draws and not paths.looks_ahead and build.monitor is None
     alone = all(a.following is None and not a.solved for path in paths.paths for a in path.admissions)
-    return simple and alone and len(paths.paths) <= LANE_PATHS and build.options.duration == "max"
+    return simple and alone and build.options.duration == "max"
 
 
 def steps_in_lanes(build: BuildPlan) -> bool:
@@ -119,7 +124,7 @@ def flows_in_lanes(build: BuildPlan) -> bool:
 def _assign(build: BuildPlan, leaves: Leaves) -> str:
     """All assignments of all paths as selections."""
     body: list[str] = []
-    if decides_in_lanes(build):
+    if decides_in_lanes(build) and few_paths(build):
         defined: list[str] = []
         values: dict[str, dict[str, list[int]]] = {}
         for k, path in enumerate(build.paths.paths):

@@ -19,6 +19,7 @@ NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN
 DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
 DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
+#define DL2C_FEW_PATHS 1
 #define DL2C_FLOWS_IN_LANES 0
 enum { DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, DL2C_NUMERIC, DL2C_DOPRI }; /* kernels: how flows are followed */
 #define DL2C_LINEAR_FLOWS 0
@@ -240,9 +241,9 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
   const real left0 = until0 - x[X_t];
   const real h = x[X_h], v = x[X_v];
   /* lift.kyx:47  0 <= h */
-  const real exit0 = dl2c_exit_nonnegative(h, v, 0.0);
+  const real exit0 = dl2c_exit_linear(h, v);
   /* lift.kyx:47  h <= top */
-  const real exit1 = dl2c_exit_nonnegative(3.0 - h, -v, 0.0);
+  const real exit1 = dl2c_exit_linear(3.0 - h, -v);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
   end = dl2c_select(exit1 < end, exit1, end);

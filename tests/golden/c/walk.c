@@ -17,6 +17,7 @@ NFREE = 5, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN
 DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 1, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
 DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3, DL2C_POINT_PREFIX = 4 };
 #define DL2C_LANE_FLOW (0)
+#define DL2C_FEW_PATHS 1
 #define DL2C_FLOWS_IN_LANES 0
 enum { DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, DL2C_NUMERIC, DL2C_DOPRI }; /* kernels: how flows are followed */
 #define DL2C_LINEAR_FLOWS 0
@@ -202,7 +203,7 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
   const real left0 = until0 - x[X_t];
   const real x_v = x[X_x], v = x[X_v];
   /* walk.kyx:41  x >= 0 */
-  const real exit0 = dl2c_exit_nonnegative(x_v, v, 0.0);
+  const real exit0 = dl2c_exit_linear(x_v, v);
   real end = left0;
   end = dl2c_select(exit0 < end, exit0, end);
   const bool hit0 = exit0 <= end;
@@ -240,7 +241,7 @@ static inline int64_t flow1_motion(const real *x, const real *p, real *y, real *
 {
   const real x_v = x[X_x], v = x[X_v];
   /* walk.kyx:32  x <= 8 */
-  const real exit0 = dl2c_exit_nonnegative(8.0 - x_v, -v, 0.0);
+  const real exit0 = dl2c_exit_linear(8.0 - x_v, -v);
   real end = 0.1;
   end = dl2c_select(exit0 < end, exit0, end);
   const bool hit0 = exit0 <= end;
