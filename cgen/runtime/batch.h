@@ -75,7 +75,7 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
   b->stalled = calloc(rows, sizeof *b->stalled);
   b->rng = calloc(NSTEPDRAW > 0 ? rows : 1, sizeof *b->rng);
   b->start = calloc(NSTEPDRAW > 0 ? rows : 1, sizeof *b->start);
-  b->scalar_steps = calloc(DL2C_FLOWS_IN_LANES ? rows / DL2C_BLOCK + 1 : 1, sizeof *b->scalar_steps);
+  b->scalar_steps = calloc(DL2C_FLOWS_IN_LANES ? rows / DL2C_GROUP + 1 : 1, sizeof *b->scalar_steps);
   b->seen = calloc(DL2C_LOOKS_AHEAD ? rows * NMASK + 1 : 1, sizeof *b->seen);
 #if DL2C_INSPECT
   b->followed = calloc(rows * DL2C_INSPECT_FLOWS, sizeof *b->followed);

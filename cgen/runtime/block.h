@@ -23,38 +23,32 @@ static dl2c_status dl2c_next_episode(dl2c_batch *b, int64_t i)
 /* A full block: the number of lanes is known when this is compiled. */
 DL2C_LANES static void dl2c_full(dl2c_batch *b, int64_t first, dl2c_scratch *s)
 {
-  dl2c_move_block(b, first, DL2C_BLOCK, DL2C_BLOCK, s);
+  dl2c_move_block(b, first, 0, DL2C_BLOCK, s);
   dl2c_judge_lanes(b, first, 0, DL2C_BLOCK, s);
 }
 
-/* Judges lane `lane` of a block alone. */
-static void dl2c_judge_one(dl2c_batch *b, int64_t first, int64_t lane, dl2c_scratch *s)
+/*
+ * Some lanes of the last block, and a single one. These are functions of a fixed number of lanes, because
+ * loops of any other length take a quarter of the time to compile.
+ */
+static DL2C_NOINLINE void dl2c_group(dl2c_batch *b, int64_t first, int64_t lane, dl2c_scratch *s)
 {
+  dl2c_move_block(b, first, lane, DL2C_GROUP, s);
+  dl2c_judge_lanes(b, first, lane, DL2C_GROUP, s);
+}
+
+static DL2C_NOINLINE void dl2c_one(dl2c_batch *b, int64_t first, int64_t lane, dl2c_scratch *s)
+{
+  dl2c_move_block(b, first, lane, 1, s);
   dl2c_judge_lanes(b, first, lane, 1, s);
 }
 
-/* A single environment. */
-static void dl2c_one(dl2c_batch *b, int64_t first, dl2c_scratch *s)
-{
-  dl2c_move_block(b, first, 1, 1, s);
-  dl2c_judge_one(b, first, 0, s);
-}
-
-/* Lanes of the last block that are moved and judged together. */
-enum { DL2C_GROUP = 4 };
-
-/*
- * The last block of a batch. Its lanes are moved and judged in groups of a fixed size, and those left
- * over one by one: loops of a fixed length take a quarter of the time to compile, and results are the
- * same.
- */
+/* The last block of a batch. */
 static void dl2c_part(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch *s)
 {
   int64_t lane = 0;
-  dl2c_move_block(b, first, count, DL2C_GROUP, s);
-  for (; lane + DL2C_GROUP <= count; lane += DL2C_GROUP)
-    dl2c_judge_lanes(b, first, lane, DL2C_GROUP, s);
-  for (; lane < count; lane++) dl2c_judge_one(b, first, lane, s);
+  for (; lane + DL2C_GROUP <= count; lane += DL2C_GROUP) dl2c_group(b, first, lane, s);
+  for (; lane < count; lane++) dl2c_one(b, first, lane, s);
 }
 
 /* Begins the next episodes after a step of a block: of those that ended, or had ended before. */
@@ -85,8 +79,6 @@ static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count)
   dl2c_scratch s;
   if (count == DL2C_BLOCK)
     dl2c_full(b, first, &s);
-  else if (count == 1)
-    dl2c_one(b, first, &s);
   else
     dl2c_part(b, first, count, &s);
   return dl2c_follow_up(b, first, count, &s);

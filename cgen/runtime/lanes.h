@@ -12,6 +12,9 @@
 
 #include "step.h"
 
+/* Lanes of a block that is not full are moved and judged in groups of this size. */
+enum { DL2C_GROUP = DL2C_FLOWS_IN_LANES ? 8 : 4 };
+
 /* Decisions and moves of the lanes of a block. */
 typedef struct dl2c_moves {
   int64_t path[DL2C_BLOCK];      /* the path taken, -1 for none */

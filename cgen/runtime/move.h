@@ -59,12 +59,11 @@ static inline dl2c_clocks dl2c_clocks_of(const dl2c_batch *b, int64_t first)
 
 /* Writes the decisions of the lanes of a block to the results. */
 DL2C_INLINE void dl2c_show_moves(dl2c_batch *b, int64_t first, int64_t count,
-                                 const dl2c_moves *moves)
+                                 const int64_t *path, const uint8_t *restrict requested)
 {
-  dl2c_decided_lanes(moves->path, count, b->out.choices + first * NCHOICE,
+  dl2c_decided_lanes(path, count, b->out.choices + first * NCHOICE,
                      b->out.executed_choices + first * NCHOICE);
   uint8_t *restrict blocked = b->out.blocked + first;
-  const uint8_t *restrict requested = moves->requested;
   for (int64_t i = 0; i < count; i++) blocked[i] = !requested[i];
   uint8_t *restrict reset = b->out.reset + first;
   for (int64_t i = 0; i < count; i++) reset[i] = 0;
@@ -233,50 +232,38 @@ DL2C_INLINE void dl2c_lead_block(dl2c_batch *b, int64_t first, int64_t count,
 }
 
 /*
- * Steps after which a block tries the active set again, and the fraction that has to succeed: 1/4.
+ * Steps after which lanes try the active set again, and the fraction that has to succeed: 1/4.
  */
 enum { DL2C_SCALAR_STEPS = 15, DL2C_WORTHWHILE = 4 };
 
-/* Moves some lanes of a block, `first` to `first + count`, which are in the scratch from `lane` on. */
-DL2C_INLINE void dl2c_move_some(dl2c_batch *b, int64_t first, int64_t lane, int64_t count,
-                                dl2c_scratch *s)
-{
-  const int64_t begin = first + lane;
-  const dl2c_clocks clocks = dl2c_clocks_of(b, begin);
-  dl2c_move_lanes(b->x + begin, b->p + begin, b->stride, count, s->moves.path + lane,
-                  b->out.inputs + begin * NINPUT, &clocks, s->moves.moved + lane);
-}
-
-/* Moves a lane of a block alone. */
-static void dl2c_move_one(dl2c_batch *b, int64_t first, int64_t lane, dl2c_scratch *s)
-{
-  dl2c_move_some(b, first, lane, 1, s);
-}
-
 /*
- * Moves the lanes of a block that can move together, `group` at a time, and notes which have. Where few
- * succeed they are moved one by one for a while: the bits are the same.
+ * Moves those of `count` lanes from environment `first` on that can move together, and notes which have.
+ * Where few succeed they are moved one by one for a while: the bits are the same.
+ *   moves, waited, watch: of these lanes
  */
-DL2C_INLINE void dl2c_move_together(dl2c_batch *b, int64_t first, int64_t count, int64_t group,
-                                    dl2c_scratch *s)
+DL2C_INLINE void dl2c_move_together(dl2c_batch *b, int64_t first, int64_t count, const int64_t *path,
+                                    const uint8_t *waited, uint8_t *moved, uint8_t *watch)
 {
 #if DL2C_FLOWS_IN_LANES
-  uint8_t *scalar_steps = &b->scalar_steps[first / DL2C_BLOCK];
+  uint8_t *scalar_steps = &b->scalar_steps[first / DL2C_GROUP];
   if (count > 1 && *scalar_steps == 0 && !DL2C_ONE_BY_ONE) {
-    dl2c_move_active(b, first, count, s->moves.path, s->waited, s->moves.moved, s->watch);
+    dl2c_move_active(b, first, count, path, waited, moved, watch);
     int64_t arrived = 0;
-    for (int64_t i = 0; i < count; i++) arrived += s->moves.moved[i];
+    for (int64_t i = 0; i < count; i++) arrived += moved[i];
     *scalar_steps = DL2C_WORTHWHILE * arrived < count ? DL2C_SCALAR_STEPS : 0;
     return;
   }
   if (*scalar_steps > 0) *scalar_steps -= 1;
 #endif
-  int64_t lane = 0;
+  (void)waited;
+  (void)watch;
   if (DL2C_STEPS_IN_LANES && !DL2C_ONE_BY_ONE) {
-    for (; lane + group <= count; lane += group) dl2c_move_some(b, first, lane, group, s);
-    for (; lane < count; lane++) dl2c_move_one(b, first, lane, s);
+    const dl2c_clocks clocks = dl2c_clocks_of(b, first);
+    dl2c_move_lanes(b->x + first, b->p + first, b->stride, count, path,
+                    b->out.inputs + first * NINPUT, &clocks, moved);
+    return;
   }
-  for (; lane < count; lane++) s->moves.moved[lane] = 0;
+  for (int64_t i = 0; i < count; i++) moved[i] = 0;
 }
 
 #if DL2C_MONITORED
@@ -286,33 +273,37 @@ DL2C_INLINE void dl2c_move_together(dl2c_batch *b, int64_t first, int64_t count,
 #endif
 
 /*
- * Moves a block: in lanes, `group` of them at a time, where the model and every state in it allow, else one
- * by one.
+ * Moves the lanes `lane` to `lane + count` of the block that begins with environment `block`: together where
+ * the model and every state in it allow, else one by one. The scratch is used from `lane` on.
  */
-DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, int64_t group,
+DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t block, int64_t lane, int64_t count,
                                  dl2c_scratch *s)
 {
+  const int64_t first = block + lane;
   const bool waits = b->options.autoreset == DL2C_AUTORESET_NEXT_STEP;
   const bool falls_back = b->options.on_blocked == DL2C_BLOCKED_FALLBACK;
   const uint8_t *restrict ended = b->ended + first;
-  uint8_t *restrict waited = s->waited;
+  uint8_t *restrict waited = s->waited + lane;
   for (int64_t i = 0; i < count; i++) waited[i] = waits & ended[i];
-  memset(s->watch, DL2C_WATCHING, sizeof s->watch);
-  uint8_t *restrict attempt = s->attempt;
+  uint8_t *watch = s->watch + lane;
+  for (int w = 0; w < NWATCH; w++) memset(watch + w * DL2C_BLOCK, DL2C_WATCHING, (size_t)count);
+  uint8_t *restrict attempt = s->attempt + lane;
   for (int64_t i = 0; i < count; i++) attempt[i] = DL2C_RAN;
-  uint8_t *restrict moved = s->moves.moved;
+  int64_t *path = s->moves.path + lane;
+  uint8_t *requested = s->moves.requested + lane;
+  uint8_t *moved = s->moves.moved + lane;
   if (DL2C_DECIDES_IN_LANES && (NU == 0 || b->options.action_map == DL2C_MAP_PROJECT)) {
     dl2c_choose_lanes(b->enabled + first, b->stride, count, b->out.choices + first * NCHOICE,
-                      falls_back, waited, s->moves.path, s->moves.requested);
-    dl2c_show_moves(b, first, count, &s->moves);
+                      falls_back, waited, path, requested);
+    dl2c_show_moves(b, first, count, path, requested);
   } else {
-    for (int64_t i = 0; i < count; i++) s->moves.path[i] = -1;
+    for (int64_t i = 0; i < count; i++) path[i] = -1;
   }
-  dl2c_move_together(b, first, count, group, s);
+  dl2c_move_together(b, first, count, path, waited, moved, watch);
   uint8_t left[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) left[i] = !moved[i] & !waited[i];
   for (int64_t i = dl2c_next(left, 0, count); i < count; i = dl2c_next(left, i + 1, count))
-    attempt[i] = (uint8_t)dl2c_advance(b, first + i, s->watch + i, DL2C_VIOLATED(s, i));
+    attempt[i] = (uint8_t)dl2c_advance(b, first + i, watch + i, DL2C_VIOLATED(s, lane + i));
 }
 
 #endif

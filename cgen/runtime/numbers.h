@@ -67,6 +67,8 @@ typedef double real;
 /* Inlined into each clone of its caller, so that it is compiled for the same instructions. */
 #define DL2C_INLINE static inline __attribute__((always_inline))
 
+#define DL2C_NOINLINE __attribute__((noinline))
+
 /* Of functions that few steps call: they are compiled small, in half the time. */
 #ifndef DL2C_COLD
 #define DL2C_COLD __attribute__((cold))

@@ -26,7 +26,7 @@ struct dl2c_batch {
   dl2c_rng *rng;     /* (n) what the environment decides, only where it does */
   dl2c_start *start; /* (n) likewise */
   uint8_t *scalar_steps;     /*
-   * (blocks) steps before the active set is tried again, see dl2c_move_together
+   * (groups of lanes) steps before the active set is tried again, see dl2c_move_together
    */
   uint8_t *seen;     /* (n, NMASK) alternatives of open runs, only where masks look ahead */
 #if DL2C_INSPECT
