@@ -295,8 +295,8 @@ class Compilation:
         model = self.lowered.model
         with stage("compiling C", self.progress):
             name, sundials = file_stem(model.name), self._sundials
-            how = {"native": options.native, "debug": options.debug, "inspect": inspect}
-            compile_library(sources, name, folder, sundials=sundials, **how)
+            library = partial(compile_library, native=options.native, debug=options.debug)
+            library(sources, name, folder, sundials=sundials, inspect=inspect)
         manifest = self._manifest(key, claim)
         (folder / "manifest.json").write_text(manifest.to_json(), encoding="utf-8")
         (folder / "model.ir").write_text(print_model(model), encoding="utf-8")
