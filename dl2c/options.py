@@ -250,6 +250,9 @@ class Options:
         "Compile for this processor alone, or for all of its kind (default: for all where `-o` is given).",
         episode="",
     )
+    debug: bool = _option(
+        False, "Compile quickly and with debugging symbols, to much slower code.", episode=""
+    )
     sundials: Provider = _option(
         "casadi", "Which SUNDIALS solves flows: that of casadi, or an installed one.", episode=""
     )

@@ -271,7 +271,7 @@ class Compilation:
 
     def _manifest(self, key: str, claim: "Claim") -> "Manifest":
         from dl2c.native.describe import manifest_of
-        from dl2c.native.host import host
+        from dl2c.native.toolchain import host
 
         solver = {} if self._sundials is None else {"solver": self._sundials.version}
         return manifest_of(self.planned.build.claiming(claim), key, host() | solver)
@@ -291,11 +291,12 @@ class Compilation:
         from dl2c.emit.names import file_stem
         from dl2c.native.compile import compile_library
 
-        sources, native = self.emitted(claim), self.resolved.options.native
+        sources, options = self.emitted(claim), self.resolved.options
         model = self.lowered.model
         with stage("compiling C", self.progress):
             name, sundials = file_stem(model.name), self._sundials
-            compile_library(sources, name, folder, native=native, sundials=sundials, inspect=inspect)
+            library = partial(compile_library, native=options.native, debug=options.debug)
+            library(sources, name, folder, sundials=sundials, inspect=inspect)
         manifest = self._manifest(key, claim)
         (folder / "manifest.json").write_text(manifest.to_json(), encoding="utf-8")
         (folder / "model.ir").write_text(print_model(model), encoding="utf-8")

@@ -8,7 +8,6 @@ who wants an environment elsewhere sends the model's text and options.
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
-from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, final
 
@@ -202,7 +201,19 @@ class Batch(Results):
 
     def native_step(self) -> Callable[[], int]:
         """The C call behind `step` alone; what it returns, unless 0, is for `check`."""
-        return partial(self.called, self._native_step)
+        return self._step
+
+    def _step(self) -> int:
+        """`called` for a step, which is quick: what `Turns` does is done here."""
+        turns = self._turns
+        try:
+            turns.token.pop(1)
+        except IndexError:
+            turns.refuse()
+        try:
+            return self._native_step(self._handle)
+        finally:
+            turns.end()
 
     def step_in_c(self, *parts: Any) -> Callable[[Any], Any] | None:
         """The step of a batch of one as a function of the action; None where that cannot be built.
@@ -220,7 +231,7 @@ class Batch(Results):
 
     def step(self) -> None:
         """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""
-        if status := self.called(self._native_step):
+        if status := self._step():
             self.check(status)
 
     def reset(self, mask: NDArray[np.bool_] | None = None, seeds: NDArray[np.uint64] | None = None) -> None:

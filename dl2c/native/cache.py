@@ -11,7 +11,6 @@ import importlib.metadata
 import json
 import os
 import shutil
-import sysconfig
 import tempfile
 import time
 from collections.abc import Callable, Generator, Mapping
@@ -24,7 +23,7 @@ from dl2c.code import code_digest
 from dl2c.inputs import MALFORMED, read_json
 from dl2c.native.errors import NativeError
 from dl2c.native.sundials import find_sundials
-from dl2c.native.toolchain import cpu_features, find_compiler, python_include
+from dl2c.native.toolchain import cpu_features, find_compiler
 from dl2c.storage import ADVICE, DEFAULT_CAP, StorageError, cache_home, private_folder
 
 GRACE = 60.0
@@ -60,11 +59,12 @@ def build_key(sources: Mapping[str, str], options: Mapping[str, str], known: str
     """The key of a build: `sources` are the texts of the model and its imports by name, `options` the
     effective ones as words, `known` what its files say of its theorem.
 
-    Covers also this version of dl2c, the compiler, its flags, the interpreter's ABI and casadi,
-    and the CPU where the build is for that one alone. Raises `CompilerMissing`, `CompilerFailed`.
+    Covers also this version of dl2c, the compiler, its flags and casadi, and the CPU where the build is for
+    that one alone. Raises `CompilerMissing`, `CompilerFailed`.
     """
     compiler = find_compiler()
-    flags = compiler.flags({"True": True, "False": False}.get(options["native"]))
+    native = {"True": True, "False": False}.get(options["native"])
+    flags = compiler.flags(native, debug=options["debug"] == "True")
     facts = {
         "sources": dict(sources),
         "known": known,
@@ -72,7 +72,6 @@ def build_key(sources: Mapping[str, str], options: Mapping[str, str], known: str
         "code": code_digest(),
         "compiler": (compiler.command, compiler.version),
         "flags": flags,
-        "python": (sysconfig.get_config_var("SOABI"), bool(python_include())),
         "casadi": _version("casadi"),
         "sundials": find_sundials("system", compiler).version if options["sundials"] == "system" else "",
         "cpu": cpu_features() if any("native" in flag for flag in flags) else "",

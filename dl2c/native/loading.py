@@ -1,30 +1,26 @@
-"""Loading what was built: the module or the plain library in a file. Nothing is built here."""
+"""Loading what was built: the library in a file. Nothing is built here."""
 
 import hashlib
 import importlib.util
 import sys
-import sysconfig
 import tempfile
 from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from dl2c.native.compile import declarations
 from dl2c.native.errors import NativeError
 
 
 def find(directory: Path) -> Path:
-    """The library in a folder: an extension for this interpreter, or else a plain library."""
-    suffix = sysconfig.get_config_var("EXT_SUFFIX")
-    for pattern in (f"_*{suffix}", "lib*.so"):
-        if found := sorted(directory.glob(pattern)):
-            return found[0]
-    raise NativeError(f"{directory.name} holds no library for this Python; build the model again")
+    """The library in a folder."""
+    if found := sorted(directory.glob("lib*.so")):
+        return found[0]
+    raise NativeError(f"{directory.name} holds no library; build the model again")
 
 
 def load(path: Path) -> Any:
-    """The extension module in a file; of a plain library, `lib*`, one that has cffi's `ffi` and `lib` too.
+    """The extension module in a file; of a library of a model, `lib*`, what has cffi's `ffi` and `lib`.
 
     By content: the same bytes are loaded once. Raises `NativeError`.
 
@@ -46,8 +42,10 @@ def load(path: Path) -> Any:
 def _load(path: Path, name: str) -> ModuleType:
     try:
         if path.name.startswith("lib"):
+            from dl2c.native.declared import ffi
+
             module: Any = ModuleType(name)
-            module.ffi = declarations(inspect=b"dl2c_inspect_motion" in path.read_bytes())
+            module.ffi = ffi
             module.lib = module.ffi.dlopen(str(path))
             return module
         spec = importlib.util.spec_from_file_location(name, path, loader=ExtensionFileLoader(name, str(path)))

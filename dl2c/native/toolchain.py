@@ -1,10 +1,11 @@
-"""Which C compiler to run, and with which flags.
+"""Which C compiler to run, and with which flags, on which machine.
 
 Assumes a command line like that of gcc; clang and zig have it. Floating-point results
 are part of a model's meaning, so no flag that lets a compiler reorder arithmetic is
 ever passed on.
 """
 
+import importlib.metadata
 import importlib.util
 import os
 import platform
@@ -49,6 +50,9 @@ ZIG_LACKS = ("-DDL2C_NO_TARGET_CLONES",)
 NATIVE = ("-march=native", "-DDL2C_NO_TARGET_CLONES")
 """For this CPU alone. What is compiled for it cannot be inlined into code for another one, as clones are."""
 
+DEBUG = ("-O0", "-g", "-DDL2C_NO_TARGET_CLONES")
+"""For a debugger, in a fifth of the time: no optimisation, one clone. Results are the same."""
+
 UNSAFE_FLAGS = frozenset(
     {
         "-Ofast",
@@ -65,6 +69,9 @@ NO_WINDOWS = (
     "dl2c does not build models on Windows itself: install WSL (`wsl --install`), and dl2c inside it "
     "as on Linux; see https://learn.microsoft.com/windows/wsl"
 )
+
+WIDER = ("avx", "fma", "fma4", "avx2", "avx512f", "asimd", "sve")
+"""Features of a CPU by which mathematical libraries choose among variants that round differently."""
 
 MAX_ERROR_LINES = 12
 
@@ -95,19 +102,19 @@ class Compiler:
         """Whether it is GCC, by whatever name."""
         return "Free Software Foundation" in self.version
 
-    def flags(self, native: bool | None, size: int = 0) -> tuple[str, ...]:
+    def flags(self, native: bool | None, size: int = 0, debug: bool = False) -> tuple[str, ...]:
         """The flags for generated code of so many characters, without the warnings. `native` tunes for this
         CPU, None where that replaces clones for several. Long code is optimised less, which takes a tenth of
-        the time and changes no result.
+        the time and changes no result; with `debug` not at all, for no CPU in particular.
 
         Raises `CompilerFailed` if CFLAGS asks for arithmetic that is not exact.
         """
         if native is None:
             native = not self.zig and (sys.platform, platform.machine()) == ("linux", "x86_64")
-        tuning = NATIVE if native else ("-mcpu=baseline",) if self.zig else ()
+        tuning = NATIVE if native and not debug else ("-mcpu=baseline",) if self.zig else ()
         lacking = ZIG_LACKS if self.zig else ()
         own = GCC_FLAGS if self.gcc else ()
-        less = LONG_FLAGS if size > LONG_CODE else ()
+        less = DEBUG if debug else LONG_FLAGS if size > LONG_CODE else ()
         return (*CODE_FLAGS, *own, *less, *tuning, *lacking, *user_flags(), *EXACT_FLAGS)
 
 
@@ -182,6 +189,20 @@ def cpu_features() -> str:
         return platform.processor()
     wanted = ("model name", "flags", "Features", "CPU implementer", "CPU part")
     return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))
+
+
+def host() -> dict[str, str]:
+    """Names of the machine, the system, the C library, features of the CPU, and casadi, whose CVODES solves
+    flows. Where these are equal, so are all results, to the last bit.
+    """
+    features = set(cpu_features().lower().split())
+    return {
+        "machine": platform.machine(),
+        "system": platform.system(),
+        "libc": " ".join(platform.libc_ver()).strip() or platform.release(),
+        "cpu": " ".join(name for name in WIDER if name in features),
+        "casadi": importlib.metadata.version("casadi"),
+    }
 
 
 def run(command: tuple[str, ...], directory: Path, variables: Mapping[str, str] | None = None) -> None:

@@ -4,13 +4,15 @@ In: a range of `Code`. Out: a lark tree whose positions are offsets into the sou
 than `MAX_DEPTH`. Syntax errors are raised as a `CompileError` in words of dL.
 """
 
+import json
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from fcntl import LOCK_EX, flock
-from functools import cache, partial
+from functools import cache
 from hashlib import sha256
 from importlib.resources import files
-from typing import TypeAlias, cast
+from typing import Any, TypeAlias, cast
 
 import lark
 from lark import Lark, Token, Tree
@@ -38,32 +40,60 @@ _RIGHT = frozenset({"and", "or", "imply", "sequence", "open_sequence", "choice"}
 _LEFT = frozenset({"sum", "product"})
 
 
+TABLES = "tables.json"
+"""The parser's tables for one version of lark, written by tests/parse/tables.py."""
+
+
 @cache
 def _parser() -> Lark:
-    """The parser. Its tables take longer to make than to read, so lark keeps them."""
-    grammar = files("dl2c.parse").joinpath("grammar.lark").read_text(encoding="utf-8")
-    made = partial(
-        Lark,
-        grammar,
+    """The parser, from the tables that come with dl2c. For another version of lark they are made, which takes
+    longer than to read them, so lark keeps those.
+    """
+    kept = _read(files("dl2c.parse").joinpath(TABLES).read_text(encoding="utf-8"))
+    if kept["facts"] == facts():
+        return Lark._load_from_dict(kept["data"], kept["memo"], lexer_callbacks=_callbacks())  # pyright: ignore
+    try:
+        folder = private_folder("parser")
+        with (folder / "lock").open("w") as lock:  # lark writes in place
+            flock(lock, LOCK_EX)
+            name = sha256(repr((facts(), sys.version)).encode()).hexdigest()[:32]
+            return made_parser(cache=str(folder / name))
+    except (StorageError, OSError):
+        return made_parser()
+
+
+def made_parser(cache: str | bool = False, callbacks: bool = True) -> Lark:
+    """The parser, from the grammar. `cache` is lark's, where it keeps tables; without `callbacks` no word
+    counts as work.
+    """
+    return Lark(
+        _grammar(),
         parser="lalr",
         lexer="contextual",
         start=list(STARTS),
         propagate_positions=True,
         maybe_placeholders=True,
-        lexer_callbacks=dict.fromkeys(COUNTED, _counted),
+        lexer_callbacks=_callbacks() if callbacks else {},
+        cache=cache,
     )
-    try:
-        folder = private_folder("parser")
-        with (folder / "lock").open("w") as lock:  # lark writes in place
-            flock(lock, LOCK_EX)
-            return made(cache=str(folder / _name_of_tables(grammar)))
-    except (StorageError, OSError):
-        return made()
 
 
-def _name_of_tables(grammar: str) -> str:
-    """A name that says what the tables depend on."""
-    return sha256(repr((grammar, STARTS, lark.__version__, sys.version)).encode()).hexdigest()[:32]
+def facts() -> list[str]:
+    """What the tables depend on."""
+    return [lark.__version__, sha256(_grammar().encode()).hexdigest(), *STARTS]
+
+
+def _grammar() -> str:
+    return files("dl2c.parse").joinpath("grammar.lark").read_text(encoding="utf-8")
+
+
+def _read(text: str) -> dict[str, Any]:
+    """Tables as lark has them: what JSON has as pairs are dicts with keys that are no words."""
+    return json.loads(text, object_hook=lambda found: dict(found[""]) if found.keys() == {""} else found)
+
+
+def _callbacks() -> dict[str, Callable[[Token], Token]]:
+    return dict.fromkeys(COUNTED, _counted)
 
 
 def _counted(token: Token) -> Token:

@@ -16,10 +16,9 @@ from dl2c.report.episode import Episode
 from dl2c.report.listing import listing
 from dl2c.report.markup import Markup, image, page, section, table, tag
 from dl2c.report.pictures import curves_figure, episodes_of, track_of
-from dl2c.report.proof import proof_section
 from dl2c.report.trained import Trained
 from dl2c.training.evaluation import FIRST_SEED, evaluate
-from dl2c.training.run import Evaluation
+from dl2c.training.run import PROOF, Evaluation
 from dl2c.version import __version__
 
 STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
@@ -44,7 +43,7 @@ def report(trained: Trained, episodes: int = 200, links: Mapping[str, str] | Non
         tag("p", _summary(trained), class_="lead"),
         *(tag("p", tag("a", title, href=address)) for title, address in (links or {}).items()),
         section("Results", _results(trained, episodes)),
-        *proof_section(trained),
+        *_proof(trained),
         section("Learning", image(data_uri(curves), "learning curve")),
         _trajectories(seen),
         *_failure(seen),
@@ -53,6 +52,14 @@ def report(trained: Trained, episodes: int = 200, links: Mapping[str, str] | Non
         section("How it was made", *_provenance(trained)),
     ]
     return page(f"{manifest.name}: {trained.algo}, seed {trained.seed}", STYLE, *parts)
+
+
+def _proof(trained: Trained) -> Iterator[Markup]:
+    """The section on what was proved, if there is a report of that in the folder."""
+    if (trained.folder / PROOF).is_file():
+        from dl2c.report.proof import proof_section
+
+        yield from proof_section(trained)
 
 
 def first_episode(trained: Trained) -> list[Episode]:

@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 from dl2c.env.actions import encoding, flat_format
 from dl2c.env.encodings import Choices, Flat
 from dl2c.env.state import chosen_keys
-from dl2c.native.host import host
 from dl2c.native.manifest import Manifest
+from dl2c.native.toolchain import host
 from dl2c.training.rollout import COLUMNS, state_names
 from dl2c.version import install
 

@@ -98,8 +98,12 @@ def worker(tree: Path, example: str) -> Generator["Worker"]:
 
 
 def environment(tree: Path) -> dict[str, str]:
-    """Variables under which a tree's code runs, with a cache of its own."""
-    return {**os.environ, "PYTHONPATH": str(tree), "DL2C_CACHE_DIR": str(kept(tree) / "cache")}
+    """Variables under which a tree's code runs, with a cache of its own. Its bytecode is kept, as that of
+    installed packages is.
+    """
+    given = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    places = {"DL2C_CACHE_DIR": kept(tree) / "cache", "PYTHONPYCACHEPREFIX": kept(tree) / "bytecode"}
+    return {**given, "PYTHONPATH": str(tree), **{name: str(place) for name, place in places.items()}}
 
 
 class Worker:

@@ -17,7 +17,9 @@ TRAINED = ("--steps", "2048", "--n-envs", "8", "--algo", "ppo")
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What is started; a `cold` one finds nothing that is kept."""
+    """What is started; a `cold` one finds nothing that is kept. In a tree without the flag `--debug` it is
+    left out.
+    """
 
     row: str
     words: tuple[str, ...]
@@ -32,6 +34,7 @@ def commands_of(model: str, run: str) -> tuple[Command, ...]:
         Command("check", ("check", model)),
         Command("info", ("info", model)),
         Command("build-cold", ("build", model), cold=True),
+        Command("build-debug", ("build", model, "--debug"), cold=True),
         Command("report", ("report", run, "--episodes", "50")),
     )
 
@@ -74,7 +77,14 @@ def _round(tree: Path, example: str, given: Mapping[str, str]) -> Iterator[tuple
     for command in commands_of(f"examples/{example}.kyx", str(_run_of(tree, example))):
         rmtree(cold, ignore_errors=True)
         place = {"DL2C_CACHE_DIR": str(cold)} if command.cold else {}
-        yield command.row, 1.0 / _seconds(tree, command.words, {**given, **place})
+        known = _has_debug(tree)
+        words = tuple(word for word in command.words if known or word != "--debug")
+        yield command.row, 1.0 / _seconds(tree, words, {**given, **place})
+
+
+def _has_debug(tree: Path) -> bool:
+    """Whether a tree's builds have the option `debug`."""
+    return "    debug: bool" in (tree / "dl2c" / "options.py").read_text(encoding="utf-8")
 
 
 def _seconds(tree: Path, words: Sequence[str], given: Mapping[str, str]) -> float:

@@ -157,21 +157,6 @@ def test_broken_notes_are_not_used(place: Mapping[str, str], tmp_path: Path) -> 
     assert not list((tmp_path / "cache").rglob("notes/*.json"))
 
 
-def test_tables_of_the_parser_are_kept(place: Mapping[str, str], tmp_path: Path) -> None:
-    words = ("emit", str(MODEL), "--stage", "tree")
-    first = dl2c(place, *words)
-    (tables,) = (path for path in (tmp_path / "cache" / "parser").iterdir() if path.name != "lock")
-    content = tables.read_bytes()
-    assert dl2c(place, *words) == first and tables.read_bytes() == content
-    for broken in (b"", content[:1000], b"broken"):
-        tables.write_bytes(broken)
-        assert dl2c(place, *words) == first
-    folder = tmp_path / "cache" / "parser"
-    folder.rename(tmp_path / "away")
-    folder.write_text("no folder")
-    assert dl2c(place, *words) == first
-
-
 def test_measuring_knows_the_ids_of_gymnasium(place: Mapping[str, str]) -> None:
     out, _ = dl2c(place, "bench", "example:thermostat", "--seconds", "0.05", "--json")
     assert {"gym", "vector64"} <= {row["key"] for row in json.loads(out)["rows"]}

@@ -11,22 +11,44 @@ from typer.testing import CliRunner
 
 from dl2c import build
 from dl2c.cli import app
+from dl2c.native.loading import find
 from dl2c.native.toolchain import find_compiler
 
 CLONES = (sys.platform, platform.machine()) == ("linux", "x86_64")
 
 
+def results(name: str, **options: bool) -> list[bytes]:
+    """All arrays of 70 environments after each of 50 steps."""
+    batch = build(f"example:{name}", **options).library.batch(70, autoreset="same_step")
+    batch.reset(seeds=np.arange(70, dtype=np.uint64))
+    seen: list[bytes] = []
+    for _ in range(50):
+        batch.step()
+        seen.append(b"".join(array.tobytes() for array in batch.arrays()))
+    return seen
+
+
 @pytest.mark.skipif(not CLONES, reason="clones for several processors are those of x86-64 on Linux")
 @pytest.mark.parametrize("name", ["waypoint", "pendulum"])
 def test_a_processor_of_its_own_changes_no_bit(name: str) -> None:
-    seen: list[bytes] = []
-    for native in (None, False):
-        batch = build(f"example:{name}", native=native).library.batch(70, autoreset="same_step")
-        batch.reset(seeds=np.arange(70, dtype=np.uint64))
-        for _ in range(50):
-            batch.step()
-            seen.append(b"".join(array.tobytes() for array in batch.arrays()))
-    assert seen[:50] == seen[50:]
+    assert results(name) == results(name, native=False)
+
+
+@pytest.mark.parametrize("name", ["waypoint", "pendulum"])
+def test_code_for_a_debugger_gives_the_same_bits(name: str) -> None:
+    assert results(name, debug=True) == results(name)
+    library = find(build(f"example:{name}", debug=True).directory).read_bytes()
+    assert (
+        b".debug_info" in library
+        and b".debug_info" not in find(build(f"example:{name}").directory).read_bytes()
+    )
+
+
+def test_debug_is_the_last_word_on_optimisation() -> None:
+    for native in (None, True, False):
+        flags = find_compiler().flags(native, size=10**6, debug=True)
+        assert [f for f in flags if f.startswith("-O")][-1] == "-O0"
+        assert "-march=native" not in flags and "-ffp-contract=off" in flags
 
 
 def test_what_a_folder_asks_for_runs_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import dl2c.cli
 from dl2c.native.errors import MonitorViolated, ResetFailed
-from dl2c.native.host import host
+from dl2c.native.toolchain import host
 from dl2c.policy.files import JSON, NPZ
 from dl2c.ray import LARGEST, SweepFailed, _compare, _portable, _unpacked, shares
 from dl2c.training.policies import PolicyError
