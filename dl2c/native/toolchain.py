@@ -51,7 +51,7 @@ NATIVE = ("-march=native", "-DDL2C_NO_TARGET_CLONES")
 """For this CPU alone. What is compiled for it cannot be inlined into code for another one, as clones are."""
 
 DEBUG = ("-O0", "-g", "-DDL2C_NO_TARGET_CLONES")
-"""For a debugger, in a fifth of the time: no optimisation, one clone. Results are the same."""
+"""For a debugger, in a quarter of the time: no optimisation, one clone. Results are the same."""
 
 UNSAFE_FLAGS = frozenset(
     {

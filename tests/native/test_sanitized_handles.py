@@ -1,7 +1,7 @@
 """The cases of regression/test_handles.py with environments built under sanitizers: nothing is reported.
 
-Python is not built with a sanitizer, so only reports with a frame in generated code, the runtime or the
-glue between them count; of addresses all do.
+Python is not built with a sanitizer, so only reports with a frame in generated code or the runtime count; of
+addresses all do.
 """
 
 import os
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 SANITIZERS = {"address": ("address,undefined", "libasan.so"), "thread": ("thread", "libtsan.so")}
 REPORT = r"ERROR: AddressSanitizer|WARNING: ThreadSanitizer|runtime error:|DEADLYSIGNAL|CHECK failed"
-OWN = r"/(?:builds|single|glue)[^\s]*|batch\.[ch]|single\.c|model\.c|\.cpython-[^\s]*\.so|dl2c_\w+"
+OWN = r"/(?:builds|single)[^\s]*|batch\.[ch]|single\.c|model\.c|\.cpython-[^\s]*\.so|dl2c_\w+"
 """What stands in a frame of code that dl2c made."""
 
 CONTROL = """
