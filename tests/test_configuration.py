@@ -86,7 +86,7 @@ def test_every_option_can_be_configured(project: Any) -> None:
         "dt = 0.1\ntolerance = 1e-6\nprogress_failure = 'literal'\nobserve_constants = false\n"
         "obs_dtype = 'float64'\nobservation_bounds = 'unbounded'\naction_format = 'box'\n"
         "action_map = 'squash'\non_blocked = 'truncate'\nblocked_penalty = -2.5\nmax_episode_steps = 3\n"
-        "stall_limit = 4\nnative = true\nmonitor_every_step = true\nduration = 'sample'\n"
+        "stall_limit = 4\nnative = true\ndebug = true\nmonitor_every_step = true\nduration = 'sample'\n"
         "safety_check = 'step'\nmask_depth = 'step'\nmax_flow = 20\nintegrator = 'cvodes'\n"
         "stiff = 'true'\ninitial_distribution = 'z3'\nrtol = 1e-6\natol = 1e-8\nsundials = 'system'\n"
         "loop = 2\nmax_loop = 5\nmax_repeat = 3\n[tool.dl2c.constants]\nk = 0.3\n"

@@ -43,10 +43,11 @@ def test_for_another_lark_tables_are_made_and_kept(tmp_path: Path, monkeypatch: 
         assert read() == known
         (made,) = (path for path in folder.iterdir() if path.name != "lock")
         content = made.read_bytes()
-        for broken in (content, b"", content[:1000], b"broken"):
+        assert len(content) > 10_000
+        for broken in (b"", content[:1000], b"broken"):
             made.write_bytes(broken)
             assert read() == known
-        assert made.read_bytes()[-1000:] == content[-1000:]
+            assert len(made.read_bytes()) > 10_000  # in what order sets are written differs
         folder.rename(tmp_path / "away")
         folder.write_text("no folder")
         assert read() == known
