@@ -189,7 +189,10 @@ def _narrow_atom(atom: _Atom) -> bool:
 
 def _narrow(node: Node, target: Interval) -> bool:
     """Keep the points of the box at which the term is defined with a value in `target`."""
-    kept = meet(node.value(), target)
+    value = node.value()
+    if value.total and target.low <= value.low and value.high <= target.high:
+        return not value.empty  # as every point of the box has such a value, none is lost further below
+    kept = meet(value, target)
     if kept.empty:
         return False
     match node.term:

@@ -69,12 +69,12 @@ def relaxed(formula: Formula, tolerance: Fraction, scale: Scale = terms_of) -> F
     return with_atoms(formula, lambda atom: widened(atom, slack_of(atom, tolerance, scale)))
 
 
-def equalities_relaxed(formula: Formula, tolerance: Fraction) -> Formula:
+def equalities_relaxed(formula: Formula, tolerance: Fraction, scale: Scale = terms_of) -> Formula:
     """Only the equalities widened, as by `relaxed`."""
     if tolerance == 0:
         return formula
     return with_atoms(
-        formula, lambda atom: widened(atom, slack_of(atom, tolerance)) if atom.op == "=" else atom
+        formula, lambda atom: widened(atom, slack_of(atom, tolerance, scale)) if atom.op == "=" else atom
     )
 
 

@@ -15,7 +15,7 @@ from dl2c.interval.contract import contract
 from dl2c.ir.logic import conjunction, conjuncts, limits_of, mapped, negation, oriented, symbols
 from dl2c.ir.model import ZERO, Bound, Compare, Constant, Formula, Number, Sub, Symbol, Term, Variable
 from dl2c.ir.normal import normal_form
-from dl2c.ir.slack import relaxed, sides_of
+from dl2c.ir.slack import equalities_relaxed, sides_of
 from dl2c.sampling.acceptance import LARGEST
 from dl2c.sampling.cases import Conjuncts, TooMany, alternatives
 from dl2c.sampling.equalities.algebra import term_of
@@ -201,13 +201,15 @@ def _impossible(formula: Formula, items: Items, box: Box) -> Diagnostic:
 
 
 def _disjoint(kept: Sequence[Sequence[Chart]], cases: Sequence[Conjuncts], box: Box) -> Iterator[Chart]:
-    """The charts of each case without the states of earlier cases."""
+    """The charts of each case without the states of earlier cases. Where those ask for `!=`, states at which
+    the sides are close are left to the later case: no computed values are exactly equal for certain.
+    """
     earlier: list[Formula] = []
     for charts, case in zip(kept, cases, strict=True):
         for chart in charts:
             others = [e for e in earlier if contract(conjunction([e, chart.formula]), box) is not None]
             outside = mapped(
-                conjunction(negation(e) for e in others),
+                equalities_relaxed(conjunction(negation(e) for e in others), CLOSE, sides_of),
                 lambda t, c=chart: replaced(t, {s: v for s, v in c.definitions if isinstance(v, Number)}),
             )
             yield replace(
@@ -216,11 +218,7 @@ def _disjoint(kept: Sequence[Sequence[Chart]], cases: Sequence[Conjuncts], box: 
                 formula=conjunction([chart.formula, outside]),
             )
         if charts:
-            earlier.append(conjunction(relaxed(c, CLOSE, sides_of) if _is_equality(c) else c for c in case))
-
-
-def _is_equality(formula: Formula) -> bool:
-    return isinstance(formula, Compare) and formula.op == "="
+            earlier.append(equalities_relaxed(conjunction(case), CLOSE, sides_of))
 
 
 def inward(bound: Bound) -> Interval:

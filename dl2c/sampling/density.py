@@ -6,7 +6,7 @@ slopes, and for the columns of all changes with each drawn name.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from dl2c.interval.arithmetic import INF, Box, Interval, enclosure, magnitude
@@ -32,9 +32,16 @@ class DensityBound:
     rows: tuple[Mapping[Symbol, tuple[Slope, ...]], ...]
     widths: tuple[tuple[Node, ...], ...]
     shares: tuple[tuple[Share, ...], ...]
+    known: dict[tuple[Interval, ...], float] = field(default_factory=dict[tuple[Interval, ...], float])
 
     def squared(self, box: Box) -> float:
         """An upper bound of `Measure.squared` on a box of all names; may be infinite."""
+        part = tuple(box[s] for s in self.graph.symbols)
+        if part not in self.known:
+            self.known[part] = self._squared(box)
+        return self.known[part]
+
+    def _squared(self, box: Box) -> float:
         self.graph.assign(box)
         sizes = [{z: _size(slopes) for z, slopes in row.items()} for row in self.rows]
         result = min(_by_rows(sizes, self.shares), _by_columns(self.measure, sizes)) if sizes else 1.0

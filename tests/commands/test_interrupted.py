@@ -57,6 +57,10 @@ LONG = {
 """Those that save what they have."""
 
 
+FIRST_LINE = "from dl2c import interruption as _interruption"
+"""Of the package: what says how interruptions are told is not there before."""
+
+
 def environment(folder: Path) -> dict[str, str]:
     own = {"PYTHONPATH": str(ROOT), "DL2C_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     return {**os.environ, **own, "CFLAGS": "-O0 -DDL2C_NO_TARGET_CLONES"}
@@ -91,7 +95,8 @@ def interrupted(words: tuple[str, ...], folder: Path, delay: float) -> int:
         out, err = process.communicate(timeout=120)
     said = (out + err).decode("utf-8", "replace")
     where = f"{words[0]} after {delay:.3f} s: exit code {process.returncode}\n{said[-3000:]}"
-    begun = not re.search(r"Traceback|Fatal Python error|Error processing", said) or "/dl2c/" in said
+    ours = "/dl2c/" in said and FIRST_LINE not in said
+    begun = not re.search(r"Traceback|Fatal Python error|Error processing", said) or ours
     if begun:
         assert process.returncode in (0, 130, -signal.SIGINT), where
         assert not re.search(r"Traceback|Exception ignored|internal error|Aborted", said), where

@@ -96,6 +96,14 @@ MODELS = [
 ]
 
 
+def test_unequal_sides_in_one_case_split_the_states_of_two():
+    """x = 0 with y > 0, and x = -y: a sampler per case, of which the first one says x != x + y."""
+    m = model("-x == min(x, y) and x != x + y", {"x": "-2:2", "y": "-2:2"})
+    drawn = draw_many(planned(m), np.random.default_rng(5), 4000)
+    audit(m, planned(m), drawn)
+    assert np.mean(drawn["x"] == 0) == pytest.approx(1 / (1 + math.sqrt(2)), abs=0.03)
+
+
 @pytest.mark.parametrize("m", MODELS, ids=lambda m: m.source[:30])
 def test_every_sample_satisfies_the_precondition_exactly(m):
     plan = planned(m)
