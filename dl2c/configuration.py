@@ -98,7 +98,7 @@ def _table(source: Source) -> Mapping[str, Any]:
         if not isinstance(value, dict):
             span = Span(source, 0, 0)
             raise CompileError(
-                error("configuration", f"`{name}` is no table", span, help="write [tool.dl2c]")
+                error("configuration", f"`{name}` is not a table", span, help="write [tool.dl2c]")
             )
     return cast("dict[str, Any]", value)
 

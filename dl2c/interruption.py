@@ -63,7 +63,7 @@ def was_asked() -> bool:
 
 
 def is_command() -> bool:
-    """Whether this process was started as `dl2c` or as `python -m dl2c`, and is no child of one."""
+    """Whether this process was started as `dl2c` or as `python -m dl2c`, and is not a child of one."""
     words = sys.orig_argv[1:]
     if sys.argv[:1] == ["-m"]:
         return ("-m", "dl2c") in pairwise(words) or "-mdl2c" in words

@@ -32,7 +32,7 @@ def write_output(path: Path, content: str | bytes) -> None:
 def output_file(path: Path) -> Generator[Path]:
     """Yields a path to write to, of the same suffix, that becomes `path`, with the permissions it has.
 
-    What is there and is no regular file, such as a pipe, is written to itself. Raises `OSError` with the
+    What is there and is not a regular file, such as a pipe, is written to itself. Raises `OSError` with the
     path.
     """
     with _named(path):

@@ -72,7 +72,7 @@ class Resolved:
 class Lowered:
     """The step model, and the model whose initial states are drawn: there the default bound limits variables.
 
-    They start inside it and may leave it, so it is no limit of observations; constants keep it.
+    They start inside it and may leave it, so it is not a limit of observations; constants keep it.
     """
 
     model: "Model"

@@ -9,8 +9,9 @@ from uuid import uuid4
 import pytest
 from hypothesis import settings
 
-settings.register_profile("dl2c", deadline=None)
+settings.register_profile("dl2c", deadline=None, derandomize=os.environ.get("CI") == "true")
 settings.load_profile("dl2c")
+"""New examples every time, but for CI, which tells whether a commit has broken something."""
 
 os.environ["DL2C_STRICT"] = "1"
 """Warnings about generated code are errors."""

@@ -147,7 +147,7 @@ def test_only_the_nearest_file_counts(project: Any, tmp_path: Path) -> None:
             "[tool.dl2c.constants]\nk = 1\nl = 'x'\n",
             (3, 5, "'x'", "`constants[l]` takes a number", "correct `l`"),
         ),
-        ("tool.dl2c = 3\n", (1, 1, "", "`dl2c` is no table", "write [tool.dl2c]")),
+        ("tool.dl2c = 3\n", (1, 1, "", "`dl2c` is not a table", "write [tool.dl2c]")),
         ("[tool.dl2c]\ndt = = 3\n", (2, 6, "=", "this is not TOML: Invalid value", "correct pyproject.toml")),
         ("[tool.dl2c]\ndt = [", (2, 7, "", "this is not TOML", "correct pyproject.toml")),
     ],

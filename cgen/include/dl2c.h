@@ -164,7 +164,7 @@ DL2C_API dl2c_status dl2c_batch_reset_to(dl2c_batch *batch, int64_t i, const uin
 
 /*
  * Advances every environment by one step: reads choices and inputs, writes every buffer. A
- * choice that is no alternative requests a run that does not exist; an input that is NaN
+ * choice that is not an alternative requests a run that does not exist; an input that is NaN
  * counts as the lowest admissible value, one beyond the admissible values as the nearest.
  */
 DL2C_API dl2c_status dl2c_batch_step(dl2c_batch *batch);

@@ -78,7 +78,7 @@ static int dl2c_request_choice(int32_t *choice, Py_ssize_t count, PyObject *acti
   return 1;
 }
 
-/* Requests values of inputs. 0: they are no array of `width` floats or doubles, or one is a NaN. */
+/* Requests values of inputs. 0: they are not an array of `width` floats or doubles, or one is a NaN. */
 static int dl2c_request_inputs(double *input, Py_ssize_t width, PyObject *action)
 {
   if (width == 0 || !PyArray_CheckExact(action)) return 0;

@@ -4,7 +4,7 @@
  *
  * The ends of + - * / and of square roots are the exact ends rounded once, outwards: the rounding error of
  * an operation is computed exactly (TwoSum, fma). Functions of libm are taken to be within four units in
- * the last place. An infinite end is no limit; a finite value beyond the largest double has the largest
+ * the last place. An infinite end is not a limit; a finite value beyond the largest double has the largest
  * double as its lower end. `total` says that the term is defined on the whole box; a span whose low end is
  * above its high end holds no number. The same sets as dl2c/interval/arithmetic.py.
  */

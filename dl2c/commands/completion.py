@@ -1,4 +1,4 @@
-"""What a shell proposes for arguments that are no flags: words, and models."""
+"""What a shell proposes for arguments that are not flags: words, and models."""
 
 from collections.abc import Callable
 from pathlib import Path

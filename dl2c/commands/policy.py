@@ -293,7 +293,7 @@ def _formula(found: "Compilation", text: str) -> Any:
     expander = Expander(problem.symbols)
     expanded = expander.formula(written, {}, NONE)
     if expander.found or not_executable((expanded,)):
-        raise CommandError(f"--except {text!r} is no condition that can be evaluated")
+        raise CommandError(f"--except {text!r} is not a condition that can be evaluated")
     return lower_formula(expanded, scope_of(problem))
 
 

@@ -259,7 +259,7 @@ def _proved(model: str, source: "Source", options: "Options", limits: "Limits") 
     from dl2c.verify.results import store
 
     if limits.keep is not None and limits.keep.exists() and not limits.keep.is_dir():
-        raise CommandError(f"{limits.keep} is no folder")
+        raise CommandError(f"{limits.keep} is not a folder")
     with working(f"verifying {model}") as note:
         report = prove(source, options, limits, note)
     if not report.interrupted:

@@ -55,7 +55,7 @@ def counting(total: int, what: str) -> Generator[Callable[[int], None]]:
 
 
 def _bar(done: Any, *more: Any) -> Any:
-    """A bar with columns beside it, hidden where stderr is no terminal."""
+    """A bar with columns beside it, hidden where stderr is not a terminal."""
     from rich.progress import BarColumn, Progress, SpinnerColumn, TimeElapsedColumn
 
     console = Console(stderr=True)

@@ -52,7 +52,7 @@ QUICK_DEGREE = 2
 """Straight-line code proves of margins of this degree that they keep their sign."""
 
 NO_DEGREE = 1000
-"""Stands for the degree of a term that is no polynomial."""
+"""Stands for the degree of a term that is not a polynomial."""
 
 MAX_MARGIN_DEGREE = 24
 """The roots of margins of higher degree in time are not isolated in exact arithmetic."""
@@ -226,7 +226,7 @@ def _curves(
     solution: Solution, margins: Sequence[Term], moves: Moves, starts: Sequence[Start] = ()
 ) -> tuple[Coefficients, ...] | None:
     """The coefficients of polynomials with the signs of the margins, over what `starts` stand for; None where
-    one is no polynomial of a reasonable degree.
+    one is not a polynomial of a reasonable degree.
     """
     curves = {**solution.curves, **{s.symbol: (s.value,) for s in starts}}
     found: list[Coefficients] = []
@@ -260,7 +260,7 @@ def is_linear(flow: Flow) -> bool:
 
 
 def _degree(term: Term, rates: Mapping[str, Term]) -> int:
-    """The degree in the variables that evolve, as written; `NO_DEGREE` for what is no polynomial of them."""
+    """The degree in the variables that evolve, as written; `NO_DEGREE` for what is no such polynomial."""
     match term:
         case Symbol(name, kind):
             return int(kind == "variable" and rates.get(name, ZERO) != ZERO)

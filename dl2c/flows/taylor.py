@@ -142,7 +142,7 @@ def square(a: Taylor) -> Taylor:
 
 
 def _known(a: Taylor) -> Taylor:
-    """With infinite bounds where they are no numbers."""
+    """With infinite bounds where they are not numbers."""
     return a if math.isfinite(a.r) else replace(a, r=INF, e=INF)
 
 

@@ -2,7 +2,7 @@
 
 The reference of the compiled kernels for flows with polynomial solutions (semantics 4 and 6), in
 doubles or exactly. In doubles these are the operations of cgen/runtime/travel.h and numeric.h in the
-same order, so results are equal to the last bit; exactly, margins that are no polynomials of time are
+same order, so results are equal to the last bit; exactly, margins that are not polynomials of time are
 sampled.
 """
 

@@ -19,7 +19,7 @@ Coefficients: TypeAlias = tuple[Term, ...]
 
 
 def polynomial(term: Term, curves: Mapping[Symbol, Coefficients]) -> Coefficients | None:
-    """Coefficients of the term along `curves`; None where it is no polynomial or too high a one."""
+    """Coefficients of the term along `curves`; None where it is not a polynomial or too high a one."""
     match term:
         case Symbol() if term in curves:
             return curves[term]

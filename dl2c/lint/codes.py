@@ -31,7 +31,7 @@ LINTS = (
     Lint("positive-penalty", "a penalty rewards"),
     Lint("postcondition-not-safe", "a state may satisfy every @safety predicate, but not the postcondition"),
     Lint("safety-after-steps", "@safety is not watched along a flow after which the step goes on"),
-    Lint("strict-clock", "`t < e` is no clock, so the default of 0.1 s limits the flow; `t <= e` is one"),
+    Lint("strict-clock", "`t < e` is not a clock, so the default of 0.1 s limits the flow; `t <= e` is one"),
     Lint("truncate-on-failure", "learners take a truncated failure for an episode that goes on"),
     Lint("unbounded", "an observed name has no finite bound"),
     Lint("undecided-precondition", "it is not known whether there is an initial state"),

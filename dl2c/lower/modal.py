@@ -106,7 +106,7 @@ class Modality:
         rates = tuple((f"moving {e.name}", self.term(e.term, moving)) for e in equations)
         solution = solve(ir.Flow(rates, ir.TRUE, ir.TRUE, (), None, span=ode.span))
         if isinstance(solution, NotPolynomial):
-            raise CompileError([errors.modality(self.span, "its motion is no polynomial of time")])
+            raise CompileError([errors.modality(self.span, "its motion is not a polynomial of time")])
         return {
             e.name: tuple(substituted(c, begun) for c in solution.variables[f"moving {e.name}"])
             for e in equations

@@ -13,7 +13,7 @@ LENGTHS = ("m", "km", "cm", "mm", "ft", "mi")
 
 
 def lower_scene(shapes: Sequence[SceneShape] | None, scope: Scope) -> ir.Scene | None:
-    """The shapes over symbols of the step model. Raises `CompileError` for numbers that are no doubles."""
+    """The shapes over symbols of the step model. Raises `CompileError` for numbers that are not doubles."""
     if shapes is None:
         return None
     return ir.Scene(

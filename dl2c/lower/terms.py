@@ -36,7 +36,7 @@ LARGEST = Fraction(sys.float_info.max)
 
 
 def lower_term(term: tree.Term, scope: Scope) -> ir.Term:
-    """The IR of a term; operations on numbers fold. Raises `CompileError` for a number that is no double."""
+    """The IR of a term; operations on numbers fold. Raises `CompileError` for numbers beyond doubles."""
     lowered = _lowered(term, scope)
     if isinstance(lowered, ir.Number) and abs(lowered.value) > LARGEST:
         raise CompileError(beyond_doubles(term.span))

@@ -37,6 +37,15 @@ LONG_PATIENCE = 5.0
 HEAD_START = 0.03
 """Seconds by which a question that comes with a new file is before the analysis of all of it."""
 
+ANSWERING = 0.3
+"""Seconds in which an answer is written after it is known what from; analyses wait for it."""
+
+SENDING = 0.03
+"""Seconds that it takes to send an answer, for which they wait too."""
+
+MOST_WAITING = 1.0
+"""Seconds that one analysis waits for answers in all."""
+
 PAUSE = 0.7
 """Seconds without a change before solvers are asked."""
 
@@ -105,6 +114,7 @@ class Document:
         self._latest = self._known = self._nothing
         self._checked: tuple[Checked, ...] = ()
         self._fresh = asyncio.Event()
+        self._answering = 0.0  # until this time, of `time.monotonic`
         self._alone = threading.Lock()
         self._running: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
@@ -142,6 +152,7 @@ class Document:
             patience = LONG_PATIENCE if self._known is self._nothing else patience
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._fresh.wait(), patience)
+        self._answering = time.monotonic() + ANSWERING
         known = self._known
         return View(
             known,
@@ -149,6 +160,10 @@ class Document:
             Shift.between(known.source.text, self.lines.text),
             tuple(c.limits for c in self._checked) if known is self._latest else (),
         )
+
+    def answered(self) -> None:
+        """The answer is known, and will be sent now."""
+        self._answering = min(self._answering, time.monotonic() + SENDING)
 
     # -------------------------------------------------------------- analysis
 
@@ -171,7 +186,13 @@ class Document:
                 self._take(analysis)
 
     async def _analysed(self, source: Source) -> Analysis:
+        waited = 0.0
+
         def stopped() -> bool:
+            nonlocal waited
+            while (left := self._answering - time.monotonic()) > 0 and waited < MOST_WAITING:
+                time.sleep(pause := min(left, SENDING / 3))
+                waited += pause
             with self._alone:
                 return source is not self._source
 
@@ -254,7 +275,7 @@ def _bug(source: Source, what: str) -> Diagnostic:
 
 
 def _analysed(source: Source, folder: Path, stopped: Callable[[], bool]) -> Analysis:
-    """The analysis under the options of the project around a folder, or else why these are no options."""
+    """The analysis under the options of the project around a folder, or else why these are not options."""
     try:
         options = configured(Options(), folder)
     except CompileError as refused:

@@ -71,7 +71,7 @@ def _check_name(new: str) -> None:
     except CompileError:
         is_name = False
     if not is_name:
-        raise Refused(f"`{new}` is no name: letters and digits, then perhaps `_` and a number")
+        raise Refused(f"`{new}` is not a name: letters and digits, then perhaps `_` and a number")
     if new in LIBRARY:
         raise Refused(f"`{new}` means a function or number of the library")
 

@@ -20,7 +20,7 @@ GARBAGE = (100_000, 50, 100)
 def serve() -> None:
     """Talk to an editor over stdin and stdout until it ends."""
     out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print is no message
+    os.dup2(2, 1)  # what libraries print is not a message
     sys.setswitchinterval(SWITCH_INTERVAL)
     logging.getLogger("pygls").setLevel(logging.CRITICAL)  # `ModelServer` tells what goes wrong
     server = make_server()

@@ -106,6 +106,8 @@ def about(server: ModelServer, kind: str, options: Any = None) -> Callable[[_Han
                 LOG.error("%s", traceback.format_exc())
                 message = f"a bug of dl2c: {type(failure).__name__}: {failure}"
                 raise _failed(types.ErrorCodes.InternalError, message) from None
+            finally:
+                document.answered()
 
         server.feature(kind, options)(answer)
 

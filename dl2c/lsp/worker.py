@@ -42,7 +42,7 @@ def main() -> None:
     """Do tasks until stdin is closed, or nobody reads what is found."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     out = os.dup(1)
-    os.dup2(2, 1)  # what libraries print is no report
+    os.dup2(2, 1)  # what libraries print is not a report
     with suppress(BrokenPipeError):
         _serve(out)
     os._exit(0)

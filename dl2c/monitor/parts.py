@@ -25,7 +25,7 @@ class Parts:
     names: dict[Term, Symbol] = field(default_factory=dict[Term, Symbol])
 
     def named(self, formula: Formula) -> Formula:
-        """The formula with a name for each part that is no product of symbols and numbers."""
+        """The formula with a name for each part that is not a product of symbols and numbers."""
         return mapped(formula, self._term)
 
     def put_back(self, formula: Formula) -> Formula:

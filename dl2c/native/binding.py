@@ -76,7 +76,7 @@ class Library:
         """n environments, none of them begun: call `reset` first.
 
         `threads` of them share the work of a call; results are the same for any number. Raises
-        `ValueError` for a value that is no option, `NativeError` if the library refuses.
+        `ValueError` for a value that is not an option, `NativeError` if the library refuses.
         """
         if not 1 <= threads <= MOST_THREADS:
             raise ValueError(f"`num_threads` is from 1 to {MOST_THREADS}, not {threads}")
@@ -218,7 +218,7 @@ class Batch(Results):
     def step_in_c(self, *parts: Any) -> Callable[[Any], Any] | None:
         """The step of a batch of one as a function of the action; None where that cannot be built.
 
-        The arguments are those parts of cgen/python/single.c that are no addresses.
+        The arguments are those parts of cgen/python/single.c that are not addresses.
         """
         if (made := single_step()) is None:
             return None

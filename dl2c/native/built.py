@@ -74,7 +74,7 @@ def loaded(directory: Path, source: Source, earlier: Sequence[Diagnostic]) -> Co
     """The build in a folder. Raises `NativeError`."""
     from dl2c.native.binding import load_library
 
-    with checked_input(NativeError, "this is no build"):
+    with checked_input(NativeError, "this is not a build"):
         later: list[Any] = read_json(directory / WARNINGS, MAX_BYTES)
         warnings = [*earlier, *(restored(w, source) for w in later)]
     return Compiled(load_library(directory), directory, in_source_order(warnings))

@@ -18,7 +18,7 @@ from dl2c.options import OPTIONS, Options, with_options
 MANIFEST_VERSION = 6
 
 MAX_BYTES = 64 * 1024**2
-"""What is longer is no manifest."""
+"""What is longer is not a manifest."""
 
 
 @dataclass(frozen=True, slots=True)

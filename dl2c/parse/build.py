@@ -44,7 +44,7 @@ class Reading:
     recovery: Recovery | None = None
 
     def stands_in(self, span: Span) -> bool:
-        """Whether this is no text of the user, but stands in for a mistake."""
+        """Whether this is not a text of the user, but stands in for a mistake."""
         return self.recovery is not None and any(a <= span.start < b for a, b in self.recovery.gaps)
 
     def span(self, part: Node | Token) -> Span:

@@ -137,7 +137,7 @@ def _definition(failure: Failure) -> Diagnostic | None:
 
 
 def _bad_name(failure: Failure) -> Diagnostic | None:
-    """A word that is no name: `my_var`, `x_01`, `Real`."""
+    """A word that is not a name: `my_var`, `x_01`, `Real`."""
     if failure.place > failure.start and failure.code.text[failure.place - 1].isalnum():
         return None
     word = _NAME.match(failure.rest)

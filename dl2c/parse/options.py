@@ -1,7 +1,7 @@
 """The options of `@episode` as text: see `dl2c.options` for what each may be.
 
 In: an option's name and value text. Out: the option's name in `Options` and a typed value, or a diagnostic.
-`allow` is no option of an environment: its codes say which lints are silent.
+`allow` is not an option of an environment: its codes say which lints are silent.
 """
 
 import re

@@ -88,7 +88,7 @@ def _grammar() -> str:
 
 
 def _read(text: str) -> dict[str, Any]:
-    """Tables as lark has them: what JSON has as pairs are dicts with keys that are no words."""
+    """Tables as lark has them: what JSON has as pairs are dicts with keys that are not words."""
     return json.loads(text, object_hook=lambda found: dict(found[""]) if found.keys() == {""} else found)
 
 

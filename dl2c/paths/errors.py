@@ -69,7 +69,8 @@ def high_degree(variable: str, span: Span) -> Diagnostic:
     advice = (
         f"use polynomials in {variable} of degree 2, e.g. `{variable}^2 <= x`, or 12 in a test of it alone"
     )
-    return _unresolved(variable, f"it is no polynomial in {variable}, or of too high a degree", span, advice)
+    label = f"it is not a polynomial in {variable}, or of too high a degree"
+    return _unresolved(variable, label, span, advice)
 
 
 def _unresolved(variable: str, reason: str, span: Span, advice: str) -> Diagnostic:

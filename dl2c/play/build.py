@@ -83,6 +83,6 @@ def _refuse_stiff(found: Compilation) -> None:
     stiff = [plan for plan in found.flows if plan.stiff or (asked and plan.kernel == "cvodes")]
     if stiff:
         title = "this differential equation is too stiff for a page"
-        label = "needs CVODES, which is no part of a page"
+        label = "needs CVODES, which is not part of a page"
         advice = "shorten the time between decisions or narrow the constants; `dl2c rollout` runs the model"
         raise CompileError([error("play-stiff", title, plan.flow.span, label, advice) for plan in stiff])

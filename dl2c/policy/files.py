@@ -37,7 +37,7 @@ FORMAT = "dl2c-policy"
 VERSION = 1
 MAX_JSON = 4 * 1024**2
 MAX_ARRAYS = 256 * 1024**2
-"""Bytes; what is larger is no policy for a controller."""
+"""Bytes; what is larger is not a policy for a controller."""
 
 LARGEST = sys.float_info.max
 BROKEN = (zipfile.BadZipFile, zlib.error, struct.error, SyntaxError, RuntimeError)
@@ -203,7 +203,7 @@ def _arrays(path: Path) -> dict[str, Floats]:
 
 def _floats(name: str, array: Any) -> Floats:
     if type(array) is not np.ndarray:
-        raise PolicyError(f"{name} is no array")
+        raise PolicyError(f"{name} is not an array")
     if array.dtype.str not in ("<f4", "<f8") or array.ndim > 2:
-        raise PolicyError(f"{name} is no vector or matrix of floats")
+        raise PolicyError(f"{name} is not a vector or matrix of floats")
     return array.astype(np.float64)

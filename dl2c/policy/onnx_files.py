@@ -91,7 +91,7 @@ class _Chain:
     def _constant(self, node: Any) -> None:
         named = {a.name: a for a in node.attribute}
         if "value" not in named:
-            raise PolicyError("it has a constant that is no tensor")
+            raise PolicyError("it has a constant that is not a tensor")
         self.constants[node.output[0]] = _numbers(named["value"].t)
 
     def _apply(self, node: Any, current: str) -> None:
@@ -150,13 +150,13 @@ class _Chain:
     def _matrix(self, name: str) -> Floats:
         found = self.constants.get(name)
         if found is None or found.ndim != 2:
-            raise PolicyError(f"{name!r} is no matrix of numbers")
+            raise PolicyError(f"{name!r} is not a matrix of numbers")
         return found
 
     def _vector(self, name: str) -> Floats:
         found = self.constants.get(name)
         if found is None or found.size != max(found.shape, default=1):
-            raise PolicyError(f"{name!r} is no vector of numbers")
+            raise PolicyError(f"{name!r} is not a vector of numbers")
         return found.reshape(-1)
 
     def _scalar(self, name: str, default: float) -> float:
@@ -181,4 +181,4 @@ def _numbers(tensor: Any) -> Floats:
     try:
         return np.asarray(numpy_helper.to_array(tensor), np.float64)
     except ValueError:
-        raise PolicyError(f"{tensor.name!r} is no tensor") from None
+        raise PolicyError(f"{tensor.name!r} is not a tensor") from None

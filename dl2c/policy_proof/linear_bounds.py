@@ -157,10 +157,8 @@ class NetworkBounds:
         row[first] += sign * ONE
         if second >= 0:
             row[second] -= sign * ONE
-        constant, sizes = (
-            0,
-            [[f.size for f in observed], *([line.of.size for line in made] for made in lines)],
-        )
+        sizes = [[f.size for f in observed], *([line.of.size for line in made] for made in lines)]
+        constant = 0
         for k in reversed(range(len(lines))):
             factors: Row = []
             for factor, line in zip(row, lines[k], strict=True):

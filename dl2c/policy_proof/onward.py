@@ -80,7 +80,7 @@ def _number(value: Fraction) -> tree.Term:
 
 
 def _proved(theorem: Theorem, limits: Limits, portfolio: Portfolio) -> bool:
-    """Whether a claim is proved, without the safety predicates of the model, which are no part of it."""
+    """Whether a claim is proved, without the safety predicates of the model, which are not part of it."""
     prover = Prover(portfolio, limits.each, time.monotonic() + limits.total)
     found = Proof(replace(theorem, safety=()), prover).best(refute=False)
     if prover.interrupted:

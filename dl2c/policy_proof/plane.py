@@ -66,7 +66,7 @@ def axes_named(questions: Sequence[Question], text: str) -> tuple[str, ...]:
     if names[0] == names[1]:
         raise PolicyError(f"--over names `{names[0]}` twice; it takes two names")
     if wrong := next((n for n in names if n not in known), None):
-        raise PolicyError(f"--over: `{wrong}` is no dimension of the states; these are {', '.join(known)}")
+        raise PolicyError(f"--over: `{wrong}` is not a dimension of the states; these are {', '.join(known)}")
     if not any(_has(q, names) for q in questions):
         raise PolicyError(f"--over: no alternative of the environment has both `{names[0]}` and `{names[1]}`")
     return names

@@ -122,7 +122,7 @@ class _Preparation:
     is and false elsewhere, whatever undefined terms are taken to be.
 
     Conditions on x get the `span` of the quantified formula, of which what comes of them is a part.
-    `names` are symbols that stand for terms without x that are no polynomials, `defined` says where these
+    `names` are symbols that stand for terms without x that are not polynomials, `defined` says where these
     have values.
     """
 
@@ -147,7 +147,7 @@ class _Preparation:
         return self.x in symbols(term)
 
     def _plain(self, term: Term) -> Term:
-        """The term with names for what is no polynomial and has no x. Raises `TooLarge`."""
+        """The term with names for what is not a polynomial and has no x. Raises `TooLarge`."""
         match term:
             case Div(left, Number(value)) if value:
                 return Div(self._plain(left), Number(value))

@@ -25,14 +25,14 @@ NATIVE, WEB = "native", "webassembly"
 """What an episode was run by: this machine's code, or that of a page of `dl2c play`."""
 
 MOST_BYTES = 256 * 1024**2
-"""What is longer is no episode."""
+"""What is longer is not an episode."""
 
 MOST_RESETS = 10**7
 """Episodes that may come before one, and so resets that replaying it takes."""
 
 
 class EpisodeError(Exception):
-    """A file is no episode; the message says why."""
+    """A file is not an episode; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,8 +214,8 @@ def _word(number: float) -> float | str:
 
 
 def read_episode(path: Path) -> Episode:
-    """Read a file. Raises `EpisodeError` for one that is no episode, `OSError`. Nothing in it is run."""
-    with checked_input(EpisodeError, f"{path} is no episode of dl2c"):
+    """Read a file. Raises `EpisodeError` for one that is not an episode, `OSError`. Nothing in it is run."""
+    with checked_input(EpisodeError, f"{path} is not an episode of dl2c"):
         return _episode(read_json(path, MOST_BYTES))
 
 

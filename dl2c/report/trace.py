@@ -29,14 +29,14 @@ from dl2c.source import Span
 from dl2c.training.rollout import column
 
 UNMOVED = ("blocked", "diverged", "numerical", "solver")
-"""Reasons to end an episode with a step that is no step of the model."""
+"""Reasons to end an episode with a step that is not a step of the model."""
 
 MOST_BYTES = 1024**3
 """A longer trace is not read."""
 
 
 class TraceError(Mistake):
-    """A file that is no trace of the model; the message says why."""
+    """A file that is not a trace of the model; the message says why."""
 
 
 Row = Mapping[str | Any, str | Any]
@@ -198,16 +198,17 @@ def _violation(monitor: Monitor, row: int, values: Row, kind: str, ids: list[int
 
 
 def rows_of(trace: Path, unit: Unit) -> list[Row]:
-    """Raises `TraceError` for a file that is no trace of the model, `OSError`."""
+    """Raises `TraceError` for a file that is not a trace of the model, `OSError`."""
     try:
         text = read_text(trace, MOST_BYTES)
         rows: list[Row] = list(csv.DictReader(io.StringIO(text, newline="")))
     except (*MALFORMED, csv.Error) as problem:
-        raise TraceError(f"{trace} is no trace: {reason(problem)}") from None
+        raise TraceError(f"{trace} is not a trace: {reason(problem)}") from None
     wanted = [*(v.name for v in unit.monitor.model.variables), *(c.name for c in unit.parameters)]
     columns = ["episode", "step", "reason", *(column(n) for n in wanted)]
     if missing := [c for c in columns if not rows or rows[0].get(c) is None]:
-        raise TraceError(f"{trace} is no trace of {unit.monitor.model.name}: it lacks {', '.join(missing)}")
+        model = unit.monitor.model.name
+        raise TraceError(f"{trace} is not a trace of {model}: it lacks {', '.join(missing)}")
     return rows
 
 

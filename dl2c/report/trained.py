@@ -12,7 +12,7 @@ from dl2c.training.run import MOST_BYTES, RUN, TEXT
 
 
 class RunError(Exception):
-    """A folder that is no training; the message says why."""
+    """A folder that is not a training; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,7 +83,7 @@ class Expander:
         return value
 
     def _written_name(self, program: tree.Assign | tree.AssignAny | tree.AtomicODE, values: Values) -> str:
-        """The variable that a statement changes, which is no parameter."""
+        """The variable that a statement changes, which is not a parameter."""
         name = program.name
         if values.get(name, tree.Variable(name)) != tree.Variable(name):
             self._refuse(errors.parameter_written(name, program.span))

@@ -55,7 +55,7 @@ def _runs(formula: tree.Formula) -> bool:
 
 
 def _endless(node: Node) -> str:
-    """Why a program inside a condition with such a part is no condition on the state."""
+    """Why a program inside a condition with such a part is not a condition on the state."""
     match node:
         case tree.Loop():
             return "it has a loop"

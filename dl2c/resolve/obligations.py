@@ -3,7 +3,7 @@
 Comes in: the postcondition as written, where P is a call. Goes out: for every obligation its
 premises, expanded; it is due where all of them hold. What counts is the formula in negation
 normal form: `D -> P`, `!D | P`, `D1 -> (D2 -> P)` and `!(D & !P)` say the same. Other
-definitions are looked into. P alone, without premises, is no obligation.
+definitions are looked into. P alone, without premises, is not an obligation.
 """
 
 from collections.abc import Iterator

@@ -3,7 +3,7 @@
 A chart comes in; a chart of the same states goes out in which some names are given by where they lie,
 between 0 and 1, on the way from their lower to their upper limit. The length of that way is part of the
 density, so the law stays what it was, and thin bands and long chains of `<=` are hit at once. Limits
-follow from the precondition, which is tested as before: what is no limit of a name by terms is left out.
+follow from the precondition, which is tested as before: what is not a limit of a name by terms is left out.
 """
 
 import math

@@ -38,7 +38,7 @@ def transcendental(call: Call, atom: Compare) -> Diagnostic:
 
 
 def unsolved(atom: Compare) -> Diagnostic:
-    """An equality that is no polynomial of moderate degree in a name that no other one determines."""
+    """An equality that is not a polynomial of moderate degree in a name that no other one determines."""
     label = (
         f"`{text_of(atom)}` determines no name: it must be a polynomial of degree 1 or 2 in one, "
         f"or up to {MAX_DEGREE} in one with limits"

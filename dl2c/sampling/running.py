@@ -39,7 +39,7 @@ class Running:
 def running_error(term: Term, errors: Mapping[Symbol, float]) -> Running:
     """A bound that is computed along with the term; `errors` has every name of it.
 
-    Raises `NoErrorBound` for numbers that are no doubles.
+    Raises `NoErrorBound` for numbers that are not doubles.
     """
     conditions: list[Formula] = []
     error = _error(term, errors, conditions)

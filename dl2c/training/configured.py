@@ -50,7 +50,7 @@ def read_configuration(path: Path) -> dict[str, Any]:
     import yaml
 
     untyped = cast("Any", yaml)
-    with checked_input(TrainingError, f"{path}: these are no settings"):
+    with checked_input(TrainingError, f"{path}: these are not settings"):
         text = read_text(path, MOST_BYTES)
         try:
             aliases = sum(isinstance(token, yaml.AliasToken) for token in untyped.scan(text))

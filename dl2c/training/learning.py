@@ -47,8 +47,8 @@ def train(
 
     `options` are those of the environment. With `resume` the training of that folder goes on: `model`,
     `algo`, `seed`, `options` and hyperparameters have to be its own; only what is written counts as
-    trained. Ctrl-C ends the training early, and is no error: all is written. Where only a `whole` training is
-    of use, as a part of something larger, it is a `KeyboardInterrupt` as ever. The same arguments give the
+    trained. Ctrl-C ends the training early, without an error: all is written. Where only a `whole` training
+    is of use, as a part of something larger, it is a `KeyboardInterrupt` as ever. The same arguments give the
     same policy. Raises what `Dl2cVecEnv` raises, and `TrainingError` for what cannot be trained.
     """
     chosen = complete(algo, settings or Settings())

@@ -182,7 +182,7 @@ def _network(policy: Any) -> tuple[list[Scaling], tuple[Layer, ...], bool]:
         body, last = getattr(getattr(policy, "mlp_extractor", None), "policy_net", None), policy.action_net
     scalings = _extracted(extractor)
     if not isinstance(body, nn.Sequential) or not isinstance(last, nn.Linear):
-        raise PolicyError(f"{type(policy).__name__} is no multilayer perceptron")
+        raise PolicyError(f"{type(policy).__name__} is not a multilayer perceptron")
     layers: list[Layer] = []
     for module in (*body, last):
         name = type(module).__name__

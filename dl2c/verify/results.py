@@ -107,7 +107,7 @@ def folder() -> Path:
 
 
 def digest_of(entry: "Entry", values: Mapping[str, Fraction]) -> str:
-    """The name under which the answer for a theorem is kept; "" for what is no theorem."""
+    """The name under which the answer for a theorem is kept; "" for what is not a theorem."""
     from dl2c.verify.theorem import theorem_of
 
     try:

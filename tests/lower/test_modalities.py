@@ -164,7 +164,7 @@ def test_preconditions_and_tests_may_hold_programs() -> None:
     [
         ("[{x := x + 1;}*] x > 0", "it has a loop"),
         ("[{x := 1; ++ x := 2;}^@] x > 0", "it is a game"),
-        ("[{x' = -x}] x > 0", "its motion is no polynomial of time"),
+        ("[{x' = -x}] x > 0", "its motion is not a polynomial of time"),
         ("<{x' = v, v' = y, y' = 1}> x > 0", "its times or values cannot be eliminated"),
         (f"[{'{x := 1; ++ x := 2;}' * 40}] x > 0", "it has too many runs"),
         (f"[{'x := x*v + x;' * 60}] x > 0", "the value of `x` is too long"),

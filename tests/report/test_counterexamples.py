@@ -242,7 +242,7 @@ def test_what_is_no_episode_is_refused(change: dict[str, Any], tmp_path: Path) -
     write_episode(play(env, Start(5), [[0.4]]), tmp_path / "a.json")
     content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
     (tmp_path / "a.json").write_text(json.dumps(content | change), encoding="utf-8")
-    with pytest.raises(EpisodeError, match=r"a\.json is no episode"):
+    with pytest.raises(EpisodeError, match=r"a\.json is not an episode"):
         read_episode(tmp_path / "a.json")
     shown = CliRunner().invoke(app, ["replay", str(tmp_path / "a.json")])
     assert shown.exit_code == 1

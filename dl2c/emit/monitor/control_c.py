@@ -60,7 +60,7 @@ def _search(unit: Unit, controller: Controller) -> list[str]:
 
 
 def reading(unit: Unit, given: str, state: str = "before->", parameters: str = "parameters->") -> Place:
-    """Where the value of a symbol is read; what is no constant or variable before, in `given`."""
+    """Where the value of a symbol is read; what is not a constant or variable before, in `given`."""
     fixed = {c.name: c.value for c in unit.monitor.model.constants if c.value is not None}
 
     def place_of(symbol: Symbol) -> str:

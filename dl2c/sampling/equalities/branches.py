@@ -39,7 +39,7 @@ TWO, FOUR = Number(Fraction(2)), Number(Fraction(4))
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """How a name that is no affine function follows the others: `symbol` changes by minus the sum
+    """How a name that is not an affine function follows the others: `symbol` changes by minus the sum
     of `slopes` times the changes of their names; `gentle` slopes are at most 1 in size, others at most
     their term of `limits`, where they have one."""
 

@@ -98,7 +98,7 @@ def _affine(term: Term, known: Mapping[Symbol, Affine]) -> Affine:
 
 
 def _entries(row: Row, affine: Mapping[Symbol, Affine]) -> dict[Symbol, tuple[Entry, ...]]:
-    """The row over names that are no affine functions; its own name has the entry 1."""
+    """The row over names that are not affine functions; its own name has the entry 1."""
     found: dict[Symbol, tuple[Entry, ...]] = {row.symbol: (Entry(Fraction(1), ONE, None),)}
     for symbol, slope in row.slopes.items():
         if slope == ZERO:

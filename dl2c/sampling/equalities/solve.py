@@ -36,7 +36,7 @@ LONG = 60
 @dataclass(frozen=True, slots=True)
 class Elimination:
     """`definitions` in the order of evaluation; `rest` holds no equality. `rows` are the slopes of
-    the defined names that are no affine functions of others."""
+    the defined names that are not affine functions of others."""
 
     definitions: tuple[tuple[Symbol, Definition], ...]
     rest: tuple[Formula, ...]

@@ -57,7 +57,7 @@ def _partial_calls(formula: Formula) -> set[Term]:
 
 @dataclass(slots=True)
 class _Clearing:
-    """One comparison; what is no quotient of polynomials counts as a symbol."""
+    """One comparison; what is not a quotient of polynomials counts as a symbol."""
 
     positive: set[Symbol]
     atom: Compare

@@ -194,7 +194,7 @@ def _own_domain(term: Term) -> Iterator[Compare]:
 
 def needed(*parts: Term | Formula) -> Iterator[Compare]:
     """Conditions that hold wherever all terms have values. They are those of `domains` but for powers, which
-    have values for some bases that are not positive: whole powers, and where the exponent is no number.
+    have values for some bases that are not positive: whole powers, and where the exponent is not a number.
     """
     for term in dict.fromkeys(subterms(*parts)):
         match term:
