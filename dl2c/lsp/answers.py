@@ -17,7 +17,7 @@ from dl2c.lsp.names import Occurrence
 from dl2c.lsp.outline import folds, parts
 from dl2c.lsp.rename import Refused, Renaming, renamable, rename
 from dl2c.lsp.server import ModelServer, about, place, value, written
-from dl2c.lsp.tokens import KINDS, MODIFIERS, tokens
+from dl2c.lsp.tokens import KINDS, MODIFIERS, all_tokens, tokens
 
 TRIGGERS = ("@", ":", ",", "=", " ")
 
@@ -208,7 +208,7 @@ async def _tokens(
 ) -> types.SemanticTokens:
     view = await document.view()
     document.coloured_before |= not view.fresh
-    return types.SemanticTokens(convert.encoded(tokens(view.analysis), view))
+    return types.SemanticTokens(convert.encoded(all_tokens(view.analysis), view))
 
 
 async def _tokens_of_range(

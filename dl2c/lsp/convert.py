@@ -1,6 +1,7 @@
 """What is known of a model, in the types of the protocol."""
 
 from collections.abc import Iterable, Sequence
+from math import inf
 
 from lsprotocol import types
 
@@ -117,12 +118,15 @@ def item(found: Item, where: types.Range, snippets: bool) -> types.CompletionIte
 def encoded(tokens: Iterable[Token], view: View) -> list[int]:
     """Five numbers for each: lines and units since the one before, length, kind, modifiers."""
     data: list[int] = []
-    line = column = 0
+    text, starts, later = view.lines.text, [*view.lines.starts, inf], view.shift.later
+    units = len if text.isascii() else view.lines.units
+    line = column = here = 0
     for token in tokens:
-        start, end = view.shift.later(token.start, token.end)
-        at_line, at = view.lines.position(start)
-        length = view.lines.units(view.lines.text[start:end])
-        data += (at_line - line, at - column if at_line == line else at, length)
+        start, end = later(token.start, token.end)
+        while starts[here + 1] <= start:
+            here += 1
+        at = units(text[int(starts[here]) : start])
+        data += (here - line, at - column if here == line else at, units(text[start:end]))
         data += (_NUMBERS[token.kind], token.modifiers)
-        line, column = at_line, at
+        line, column = here, at
     return data

@@ -41,7 +41,9 @@ ANSWERING = 0.3
 """Seconds in which an answer is written after it is known what from; analyses wait for it."""
 
 SENDING = 0.03
-"""Seconds that it takes to send an answer, for which they wait too."""
+"""Seconds that it takes to send a short answer, for which they wait too. A long one, which took some time to
+write, takes about twice that time.
+"""
 
 MOST_WAITING = 1.0
 """Seconds that one analysis waits for answers in all."""
@@ -115,6 +117,8 @@ class Document:
         self._checked: tuple[Checked, ...] = ()
         self._fresh = asyncio.Event()
         self._answering = 0.0  # until this time, of `time.monotonic`
+        self._took = 0.0  # seconds, for the last analysis of a whole text
+        self._part = self._nothing
         self._alone = threading.Lock()
         self._running: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
@@ -148,8 +152,11 @@ class Document:
 
     async def view(self, patience: float = PATIENCE) -> View:
         """What is known, of the present text if that is found out soon enough."""
-        if not self._fresh.is_set():
-            patience = LONG_PATIENCE if self._known is self._nothing else patience
+        if self._known is self._nothing:
+            patience = LONG_PATIENCE
+        elif patience == PATIENCE and self._took > 4 * PATIENCE:
+            patience = 0.0  # it would be in vain
+        if not self._fresh.is_set() and patience:
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._fresh.wait(), patience)
         self._answering = time.monotonic() + ANSWERING
@@ -163,7 +170,9 @@ class Document:
 
     def answered(self) -> None:
         """The answer is known, and will be sent now."""
-        self._answering = min(self._answering, time.monotonic() + SENDING)
+        now = time.monotonic()
+        took = max(0.0, now - (self._answering - ANSWERING))
+        self._answering = now + min(SENDING + 2 * took, ANSWERING)
 
     # -------------------------------------------------------------- analysis
 
@@ -173,16 +182,19 @@ class Document:
 
         def work() -> Analysis:
             with self._alone:
-                return _analysed(part, self._folder, lambda: time.monotonic() > until)
+                if self._part.source.text != part.text:
+                    self._part = _analysed(part, self._folder, lambda: time.monotonic() > until)
+                return self._part
 
         return await asyncio.get_running_loop().run_in_executor(self._executor, work)
 
     async def _follow(self) -> None:
         """Analyse until the text no longer changes."""
         while self._latest.source is not self._source:
-            source = self._source
+            source, begun = self._source, time.monotonic()
             analysis = await self._analysed(source)
             if source is self._source:
+                self._took = time.monotonic() - begun
                 self._take(analysis)
 
     async def _analysed(self, source: Source) -> Analysis:

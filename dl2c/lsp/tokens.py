@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 from dl2c.lsp import words
 from dl2c.lsp.analysis import Analysis
@@ -49,6 +50,17 @@ class Token(NamedTuple):
     end: int
     kind: str
     modifiers: int = 0
+
+
+_KNOWN: WeakKeyDictionary[Analysis, tuple[Token, ...]] = WeakKeyDictionary()
+
+
+def all_tokens(analysis: Analysis) -> tuple[Token, ...]:
+    """The words of the whole text, found once: after a change they are asked of the analysis before it."""
+    found = _KNOWN.get(analysis)
+    if found is None:
+        found = _KNOWN[analysis] = tokens(analysis)
+    return found
 
 
 def tokens(analysis: Analysis, begin: int = 0, end: int | None = None) -> tuple[Token, ...]:

@@ -82,4 +82,4 @@ def _tactic(text: str, after: int, stop: int) -> tuple[int, int]:
 
 def _blank(text: str) -> str:
     """Blanks of the same length; line ends stay."""
-    return re.sub(r"[^\n]", " ", text)
+    return "\n".join(" " * len(line) for line in text.split("\n"))

@@ -166,7 +166,7 @@ def test_renaming_says_why_not(tank: File) -> None:
     prepare = types.PrepareRenameParams(tank.identifier, position)
     assert tank.piece(tank.ask("prepare_rename", prepare)) == "t"
     assert "clock := 0" in tank.rename(position, "clock")
-    for new, why in (("x", "another variable"), ("2t", "no name"), ("abs", "library")):
+    for new, why in (("x", "another variable"), ("2t", "not a name"), ("abs", "library")):
         with pytest.raises(JsonRpcException, match=why):
             tank.rename(position, new)
     with pytest.raises(JsonRpcException, match="no name of the model"):

@@ -267,10 +267,13 @@ def test_answers_about_an_example_are_prompt(editor: Editor) -> None:
 
 @pytest.mark.slow
 def test_answers_about_public_models_are_prompt() -> None:
-    """Of each model too: all answers but one, which is about the whole file before it is read."""
+    """Of all answers, of the first ones, and nine of ten about each model: later ones are about all of a file
+    of half a megabyte that has just been opened or changed.
+    """
     shared("corpus")
     editor = Editor()
     times: list[float] = []
+    firsts: list[float] = []
     late: dict[str, list[float]] = {}
     for path in files():
         try:
@@ -279,15 +282,15 @@ def test_answers_about_public_models_are_prompt() -> None:
             continue
         begun = time.perf_counter()
         file.hover(types.Position(len(file.lines.text.split("\n")) // 2, 8))
-        first = time.perf_counter() - begun
+        firsts.append(time.perf_counter() - begun)
         found = sorted(times_of_answers(file, 48))
-        times += [first, *found]
-        if max(first, found[-2]) > ANSWER:
-            late[path.name] = [first, *found[-3:]]
+        times += [firsts[-1], *found]
+        if found[int(len(found) * 0.9)] > ANSWER:
+            late[path.name] = found[-6:]
         file.close()
     times.sort()
     p99 = times[int(len(times) * 0.99)]
     middle = times[len(times) // 2]
     print(f"{len(times)} answers: median {middle:.4f} s, p99 {p99:.3f} s, longest {times[-1]:.3f} s")
-    assert p99 <= ANSWER and editor.messages == []
+    assert max(p99, sorted(firsts)[int(len(firsts) * 0.99)]) <= ANSWER and editor.messages == []
     assert not late

@@ -88,8 +88,8 @@ def test_what_is_no_policy_is_refused(name: str, tmp_path: Path) -> None:
     ("arrays", "words"),
     [
         ({"weight_0": np.array([object()], dtype=object)}, "holds no arrays"),
-        ({"weight_0": np.zeros((5, 11), np.int64)}, "no vector or matrix of floats"),
-        ({"weight_0": np.zeros((5, 11, 1))}, "no vector or matrix of floats"),
+        ({"weight_0": np.zeros((5, 11), np.int64)}, "not a vector or matrix of floats"),
+        ({"weight_0": np.zeros((5, 11, 1))}, "not a vector or matrix of floats"),
         ({"weight_0": np.full((5, 11), np.nan)}, "not finite"),
         ({"weight_0": np.zeros((5, 10))}, "layer 0 has weights"),
         ({"scale_0": np.zeros(11)}, "not positive"),

@@ -275,5 +275,5 @@ def test_names_of_planes(proved: tuple[Question, Found]) -> None:
         axes_named([one, two], "w,x2")
     computed = replace(one, computed=((X[2], X[0]),))
     assert free_names(computed) == ["x0", "x1"]
-    with pytest.raises(PolicyError, match="no dimension of the states; these are x0, x1"):
+    with pytest.raises(PolicyError, match="not a dimension of the states; these are x0, x1"):
         axes_named([computed], "x0,x2")
