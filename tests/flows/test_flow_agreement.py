@@ -95,9 +95,9 @@ EVENTS = ("time", "another alternative", "at once", "later", "closed", "open", "
 
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_flows_end_where_and_when_their_solutions_do(kernel: Kernel, tmp_path: Path) -> None:
-    found = agreement(kernel, 100, 190, tmp_path)
-    assert found["compared"] > 150 and found["ill-conditioned"] < 15
-    assert all(found[kind] >= 8 for kind in EVENTS)
+    found = agreement(kernel, 100, 100, tmp_path)
+    assert found["compared"] > 75 and found["ill-conditioned"] < 10
+    assert all(found[kind] >= 3 for kind in EVENTS)
 
 
 @pytest.mark.slow
@@ -130,7 +130,13 @@ def followed_by(kernel: Kernel, flow: Flow) -> Flow | None:
     return None
 
 
-@pytest.mark.parametrize(("one", "other"), list(combinations(KERNELS, 2)))
+PAIRS = [
+    pytest.param(*pair, marks=() if "cvodes" in pair else pytest.mark.slow)
+    for pair in combinations(KERNELS, 2)
+]
+
+
+@pytest.mark.parametrize(("one", "other"), PAIRS)
 def test_kernels_agree(one: Kernel, other: Kernel, tmp_path: Path) -> None:
     rng = Random(f"{one} {other}")
     flows: list[Flow] = []

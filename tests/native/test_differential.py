@@ -34,8 +34,8 @@ COMPARISONS = {"=", "!=", "<", "<=", ">", ">="}
 
 
 def test_interpreter_and_compiled_code_agree(tmp_path: Path) -> None:
-    pairs, seen = run_models(range(80), 40, tmp_path)
-    assert len(pairs) >= 60
+    pairs, seen = run_models(range(40), 40, tmp_path)
+    assert len(pairs) >= 30
     _assert_coverage(pairs, seen)
 
 
@@ -47,19 +47,19 @@ def test_models_that_once_disagreed(seed: int, tmp_path: Path) -> None:
 
 def test_flows_of_any_form_agree(tmp_path: Path) -> None:
     """Domains with | != abs min max, motion of degree 3, watches that fail, cut flows and are met."""
-    pairs, seen = run_models(range(24), 40, tmp_path, wild_model)
-    assert sum(f.quick is None for pair in pairs for f in pair.environment.flows) >= 10
+    pairs, seen = run_models(range(12, 24), 40, tmp_path, wild_model)
+    assert sum(f.quick is None for pair in pairs for f in pair.environment.flows) >= 5
     assert any(w.cuts for pair in pairs for f in pair.environment.flows for w in f.watches)
-    assert seen["failed"] >= 20
-    assert seen["met"] >= 10
+    assert seen["failed"] >= 10
+    assert seen["met"] >= 5
     assert seen["events"] >= 0.2 * seen["flows"]
 
 
 def test_durations_that_the_agent_or_chance_decides_agree(tmp_path: Path) -> None:
-    pairs, seen = run_models(range(40), 20, tmp_path, wild_program, episodes=True)
+    pairs, seen = run_models(range(20), 20, tmp_path, wild_program, episodes=True)
     assert {pair.model.duration for pair in pairs} == {"max", "sample", "agent"}
     assert seen["failed"] > 0
-    assert seen["steps"] >= 300
+    assert seen["steps"] >= 150
 
 
 @pytest.mark.slow
@@ -68,11 +68,11 @@ def test_flows_of_any_form_agree_in_many_models(tmp_path: Path) -> None:
 
 
 def test_interpreter_and_compiled_code_agree_on_every_form_of_program(tmp_path: Path) -> None:
-    pairs, seen = run_models(range(40), 15, tmp_path, random_program, episodes=True)
+    pairs, seen = run_models(range(20), 15, tmp_path, random_program, episodes=True)
     kinds = {kind for pair in pairs for kind in _kinds(pair.model)}
     assert kinds >= STATEMENTS | {"While", "Repeat"}
-    assert sum(bool(pair.model.prefix) for pair in pairs) >= 5
-    assert sum(bool(pair.model.lead) for pair in pairs) >= 5
+    assert sum(bool(pair.model.prefix) for pair in pairs) >= 3
+    assert sum(bool(pair.model.lead) for pair in pairs) >= 3
     assert any(pair.environment.paths.draws and not pair.model.lead for pair in pairs)
     assert min(seen["steps"], seen["blocked"], seen["diverged"], seen["refused"]) > 0
 
