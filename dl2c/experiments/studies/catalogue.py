@@ -58,8 +58,8 @@ STUDIES: tuple[Study, ...] = (
         "so that a policy has to learn to leave it.",
         "With or without the guard the policies reach the goal, and nothing is hit. That is not skill but "
         "the model: an obstacle is a point that the environment places anew at every decision, and one "
-        "placed at random is never where the robot is. The guard costs nothing here, and what it buys is no "
-        "rate but the theorem: the environment may place obstacles as maliciously as it likes.",
+        "placed at random is never where the robot is. The guard costs nothing here, and what it buys is "
+        "not a rate but the theorem: the environment may place obstacles as maliciously as it likes.",
         "?isSeparated(x, y, xo, yo, admissibleSeparation(v));",
         DRIVING,
         options=SQUASH,
