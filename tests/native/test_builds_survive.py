@@ -120,7 +120,7 @@ def texts_in(folder: Path) -> dict[str, str]:
 
 
 def test_killed_builds_leave_nothing_broken(tmp_path: Path) -> None:
-    check_kills(tmp_path, [model(), example("watertank")], 6, 1)
+    check_kills(tmp_path, [model()], 5, 1)
 
 
 @pytest.mark.slow
