@@ -63,6 +63,11 @@ def test_durations_that_the_agent_or_chance_decides_agree(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
+def test_durations_agree_in_many_models(tmp_path: Path) -> None:
+    run_models(range(20, 120), 20, tmp_path, wild_program, episodes=True)
+
+
+@pytest.mark.slow
 def test_flows_of_any_form_agree_in_many_models(tmp_path: Path) -> None:
     run_models(range(10_000, 10_400), 40, tmp_path, wild_model)
 

@@ -94,7 +94,7 @@ def decides_in_lanes(build: BuildPlan) -> bool:
     paths = build.paths
     simple = paths.points == 1 and not paths.draws and not paths.looks_ahead and build.monitor is None
     alone = all(a.following is None and not a.solved for path in paths.paths for a in path.admissions)
-    return simple and alone and build.options.duration == "max"
+    return simple and alone and build.model.duration == "max"
 
 
 def steps_in_lanes(build: BuildPlan) -> bool:
@@ -118,7 +118,7 @@ def flows_in_lanes(build: BuildPlan) -> bool:
     if len(build.model.variables) > LANE_VARIABLES or build.model.flows[0].reach is not None:
         return False
     simple = paths.points == 1 and not paths.draws and not paths.looks_ahead
-    return simple and all(p.flow == 0 for p in paths.paths) and build.options.duration == "max"
+    return simple and all(p.flow == 0 for p in paths.paths) and build.model.duration == "max"
 
 
 def _assign(build: BuildPlan, leaves: Leaves) -> str:
