@@ -1,7 +1,6 @@
 """What is known of a model, in the types of the protocol."""
 
 from collections.abc import Iterable, Sequence
-from math import inf
 
 from lsprotocol import types
 
@@ -118,14 +117,14 @@ def item(found: Item, where: types.Range, snippets: bool) -> types.CompletionIte
 def encoded(tokens: Iterable[Token], view: View) -> list[int]:
     """Five numbers for each: lines and units since the one before, length, kind, modifiers."""
     data: list[int] = []
-    text, starts, later = view.lines.text, [*view.lines.starts, inf], view.shift.later
+    text, starts, later = view.lines.text, [*view.lines.starts, len(view.lines.text) + 1], view.shift.later
     units = len if text.isascii() else view.lines.units
     line = column = here = 0
     for token in tokens:
         start, end = later(token.start, token.end)
         while starts[here + 1] <= start:
             here += 1
-        at = units(text[int(starts[here]) : start])
+        at = units(text[starts[here] : start])
         data += (here - line, at - column if here == line else at, units(text[start:end]))
         data += (_NUMBERS[token.kind], token.modifiers)
         line, column = here, at

@@ -116,8 +116,8 @@ class Document:
         self._latest = self._known = self._nothing
         self._checked: tuple[Checked, ...] = ()
         self._fresh = asyncio.Event()
-        self._answering = 0.0  # until this time, of `time.monotonic`
-        self._took = 0.0  # seconds, for the last analysis of a whole text
+        self._begun = self._quiet = 0.0  # when an answer was begun, and until when analyses wait for it
+        self._took = 0.0  # seconds, for the last analysis of a whole text, without waiting for answers
         self._part = self._nothing
         self._alone = threading.Lock()
         self._running: asyncio.Task[None] | None = None
@@ -150,16 +150,19 @@ class Document:
                 return View(await self._analysed_first(Source(self.name, part)), lines, shift, ())
         return await self.view()
 
-    async def view(self, patience: float = PATIENCE) -> View:
-        """What is known, of the present text if that is found out soon enough."""
-        if self._known is self._nothing:
-            patience = LONG_PATIENCE
-        elif patience == PATIENCE and self._took > 4 * PATIENCE:
-            patience = 0.0  # it would be in vain
-        if not self._fresh.is_set() and patience:
+    async def view(self, patience: float | None = None) -> View:
+        """What is known, of the present text if that is found out soon enough: as a rule in `PATIENCE`, for
+        which a text is not waited for that took much longer before.
+        """
+        if not self._fresh.is_set():
+            if self._known is self._nothing:
+                patience = LONG_PATIENCE
+            elif patience is None:
+                patience = PATIENCE if self._took <= 4 * PATIENCE else 0.0
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._fresh.wait(), patience)
-        self._answering = time.monotonic() + ANSWERING
+        self._begun = time.monotonic()
+        self._quiet = self._begun + ANSWERING
         known = self._known
         return View(
             known,
@@ -171,8 +174,8 @@ class Document:
     def answered(self) -> None:
         """The answer is known, and will be sent now."""
         now = time.monotonic()
-        took = max(0.0, now - (self._answering - ANSWERING))
-        self._answering = now + min(SENDING + 2 * took, ANSWERING)
+        took = now - self._begun if now < self._quiet else 0.0
+        self._quiet = now + min(SENDING + 2 * took, ANSWERING)
 
     # -------------------------------------------------------------- analysis
 
@@ -191,10 +194,9 @@ class Document:
     async def _follow(self) -> None:
         """Analyse until the text no longer changes."""
         while self._latest.source is not self._source:
-            source, begun = self._source, time.monotonic()
+            source = self._source
             analysis = await self._analysed(source)
             if source is self._source:
-                self._took = time.monotonic() - begun
                 self._take(analysis)
 
     async def _analysed(self, source: Source) -> Analysis:
@@ -202,15 +204,19 @@ class Document:
 
         def stopped() -> bool:
             nonlocal waited
-            while (left := self._answering - time.monotonic()) > 0 and waited < MOST_WAITING:
+            while (left := self._quiet - time.monotonic()) > 0 and waited < MOST_WAITING:
                 time.sleep(pause := min(left, SENDING / 3))
                 waited += pause
             with self._alone:
                 return source is not self._source
 
         def work() -> Analysis:
+            begun = time.monotonic()
             stopped()
-            return _analysed(source, self._folder, stopped)
+            found = _analysed(source, self._folder, stopped)
+            if source is self._source:
+                self._took = time.monotonic() - begun - waited
+            return found
 
         try:
             if self._known is self._nothing:
