@@ -67,11 +67,21 @@ def analyse(source: Source, options: Options, stopped: Callable[[], bool] | None
         return replace(read, diagnostics=in_source_order((*read.diagnostics, *unfinished.diagnostics)))
 
 
+def skimmed(source: Source) -> Analysis:
+    """What is known of a text without its formulas and programs: its comments and sections."""
+    try:
+        code, found = _readable(source)
+    except CompileError as refused:
+        return Analysis(source, diagnostics=refused.diagnostics)
+    return Analysis(source, code, tuple(find_sections(code, [])), diagnostics=in_source_order(found))
+
+
 def _read(source: Source) -> Analysis:
     """All that is known without resolving names."""
-    view, found = _readable(source)
-    code = scan(view)
-    read = Analysis(source, code, tuple(find_sections(code, [])))
+    read = skimmed(source)
+    if (code := read.code) is None:
+        return read
+    view, found = code.source, [*read.diagnostics]
     try:
         archive, warnings = parse_archive(view)
     except Unreadable as broken:
@@ -86,9 +96,9 @@ def _read(source: Source) -> Analysis:
     return replace(read, readable=view is source, read=(archive, warnings))
 
 
-def _readable(source: Source) -> tuple[Source, list[Diagnostic]]:
-    """A text of the same length that can be scanned, and why that is not the text itself. Blank in it are
-    characters that must not be there, and a line from where a comment or string is never closed.
+def _readable(source: Source) -> tuple[Code, list[Diagnostic]]:
+    """The code of a text of the same length that can be scanned, and why that is not the text itself. Blank
+    in it are characters that must not be there, and a line from where a comment or string is never closed.
 
     Raises `CompileError` where nothing can be read.
     """
@@ -97,14 +107,14 @@ def _readable(source: Source) -> tuple[Source, list[Diagnostic]]:
     for _ in range(MOST_OBSTACLES):
         try:
             check_text(view)
-            check_controls(scan(view))
+            check_controls(code := scan(view))
         except CompileError as refused:
             if not all(d.code in OBSTACLES for d in refused.diagnostics):
                 raise
             found += refused.diagnostics
             view = _without(view, refused.diagnostics)
         else:
-            return view, found
+            return code, found
     raise CompileError(found)
 
 

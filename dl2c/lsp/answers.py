@@ -17,7 +17,7 @@ from dl2c.lsp.names import Occurrence
 from dl2c.lsp.outline import folds, parts
 from dl2c.lsp.rename import Refused, Renaming, renamable, rename
 from dl2c.lsp.server import ModelServer, about, place, value, written
-from dl2c.lsp.tokens import KINDS, MODIFIERS, all_tokens, tokens
+from dl2c.lsp.tokens import KINDS, MODIFIERS, tokens
 
 TRIGGERS = ("@", ":", ",", "=", " ")
 
@@ -164,20 +164,22 @@ def answer_about_files(server: ModelServer) -> None:
 async def _symbols(
     server: ModelServer, document: Document, params: types.DocumentSymbolParams
 ) -> list[types.DocumentSymbol]:
-    view = await document.view()
+    view = await document.view_of_sections()
     return convert.symbols(parts(view.analysis), view)
 
 
 async def _folding(
     server: ModelServer, document: Document, params: types.FoldingRangeParams
 ) -> list[types.FoldingRange]:
-    view = await document.view()
+    view = await document.view_of_sections()
     return convert.folding(folds(view.analysis), view)
 
 
 async def _actions(
     server: ModelServer, document: Document, params: types.CodeActionParams
 ) -> list[types.CodeAction]:
+    if document.long and not document.settled:
+        return []  # asked again when there are diagnostics
     view = await document.view()
     if not view.fresh:
         return []
@@ -206,9 +208,9 @@ def _is_kind(kind: Any, wanted: Any) -> bool:
 async def _tokens(
     server: ModelServer, document: Document, params: types.SemanticTokensParams
 ) -> types.SemanticTokens:
-    view = await document.view()
-    document.coloured_before |= not view.fresh
-    return types.SemanticTokens(convert.encoded(all_tokens(view.analysis), view))
+    view = await (document.view_of_sections() if document.long else document.view())
+    document.coloured_before |= not document.settled
+    return types.SemanticTokens(convert.all_encoded(view))
 
 
 async def _tokens_of_range(

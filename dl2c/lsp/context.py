@@ -8,7 +8,7 @@ import re
 from bisect import bisect_right
 from dataclasses import dataclass
 
-from dl2c.lsp.positions import Shift
+from dl2c.lsp.positions import UNCHANGED, Shift
 from dl2c.parse.sections import Section
 
 _ANNOTATION = re.compile(r"(?:^|\n)[ \t]*(?://+|/\*+|\*+(?!/))?[ \t]*@(?P<name>\w*)[ \t]*(?P<colon>:?)")
@@ -96,7 +96,7 @@ def nearby(text: str, at: int) -> tuple[str, Shift]:
     """
     starts = [m.start() for m in _ENTRY.finditer(text)]
     if not starts:
-        return text, Shift(0, 0, 0)
+        return text, UNCHANGED
     first = starts[0]
     number = max(0, bisect_right(starts, at) - 1)
     begin, end = starts[number], (*starts, len(text))[number + 1]

@@ -1,16 +1,20 @@
 """What is known of a model, in the types of the protocol."""
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 from lsprotocol import types
 
 from dl2c.diagnostics import Diagnostic
 from dl2c.lint.edits import Edit
+from dl2c.lsp.analysis import Analysis
 from dl2c.lsp.complete import Item, ItemKind
 from dl2c.lsp.documents import View
 from dl2c.lsp.outline import Fold, Part, PartKind
-from dl2c.lsp.positions import Lines
-from dl2c.lsp.tokens import KINDS, Token
+from dl2c.lsp.positions import UNCHANGED, Encoding, Lines
+from dl2c.lsp.tokens import KINDS, Token, all_tokens
 
 MOST_SHOWN = 500
 """Diagnostics of one file."""
@@ -39,6 +43,7 @@ _ITEMS: dict[ItemKind, types.CompletionItemKind] = {
     "keyword": types.CompletionItemKind.Keyword,
     "snippet": types.CompletionItemKind.Snippet,
 }
+_KNOWN: WeakKeyDictionary[Analysis, tuple[Encoding, list[int]]] = WeakKeyDictionary()
 _NUMBERS = {kind: number for number, kind in enumerate(KINDS)}
 
 
@@ -114,12 +119,30 @@ def item(found: Item, where: types.Range, snippets: bool) -> types.CompletionIte
     )
 
 
-def encoded(tokens: Iterable[Token], view: View) -> list[int]:
-    """Five numbers for each: lines and units since the one before, length, kind, modifiers."""
+def all_encoded(view: View) -> list[int]:
+    """The words of the whole text: as they are in the analysis, but for where the text has changed since."""
+    found, shift, encoding = all_tokens(view.analysis), view.shift, view.lines.encoding
+    known = _KNOWN.get(view.analysis)
+    if known is None or known[0] != encoding:
+        lines = Lines(view.analysis.source.text, encoding)
+        _KNOWN[view.analysis] = known = encoding, encoded(found, replace(view, lines=lines, shift=UNCHANGED))
+    if view.fresh:
+        return known[1]
+    first = bisect_right(found, shift.start, key=lambda t: t.end)
+    last = bisect_left(found, shift.end, lo=first, key=lambda t: t.start) + 1
+    before = found[first - 1].start if first else 0
+    return known[1][: 5 * first] + encoded(found[first:last], view, before) + known[1][5 * last :]
+
+
+def encoded(tokens: Iterable[Token], view: View, before: int = 0) -> list[int]:
+    """Five numbers for each: lines and units since the one before, length, kind, modifiers. `before` is where
+    one begins in the present text that is before the first.
+    """
     data: list[int] = []
     text, starts, later = view.lines.text, [*view.lines.starts, len(view.lines.text) + 1], view.shift.later
     units = len if text.isascii() else view.lines.units
-    line = column = here = 0
+    line, column = view.lines.position(before)
+    here = line
     for token in tokens:
         start, end = later(token.start, token.end)
         while starts[here + 1] <= start:

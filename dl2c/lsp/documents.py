@@ -19,11 +19,11 @@ from typing import Any
 
 from dl2c.configuration import configured
 from dl2c.diagnostics import CompileError, Diagnostic, in_source_order, warning
-from dl2c.lsp.analysis import Analysis, analyse
+from dl2c.lsp.analysis import Analysis, analyse, skimmed
 from dl2c.lsp.checker import Checker, Report, found_in
 from dl2c.lsp.context import nearby
 from dl2c.lsp.hover import Limits
-from dl2c.lsp.positions import Encoding, Lines, Shift, normal
+from dl2c.lsp.positions import UNCHANGED, Encoding, Lines, Shift, normal
 from dl2c.options import Options
 from dl2c.progress import LOG
 from dl2c.source import Source, Span
@@ -33,6 +33,9 @@ PATIENCE = 0.05
 
 LONG_PATIENCE = 5.0
 """Seconds that it waits where there is no earlier one, or where that will not do."""
+
+LONG = 20_000
+"""Characters of a text that is not analysed at once."""
 
 HEAD_START = 0.03
 """Seconds by which a question that comes with a new file is before the analysis of all of it."""
@@ -118,7 +121,7 @@ class Document:
         self._fresh = asyncio.Event()
         self._begun = self._quiet = 0.0  # when an answer was begun, and until when analyses wait for it
         self._took = 0.0  # seconds, for the last analysis of a whole text, without waiting for answers
-        self._part = self._nothing
+        self._part = self._sections = self._nothing
         self._alone = threading.Lock()
         self._running: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
@@ -150,6 +153,27 @@ class Document:
                 return View(await self._analysed_first(Source(self.name, part)), lines, shift, ())
         return await self.view()
 
+    async def view_of_sections(self) -> View:
+        """What is known, or of a text that has just been opened its sections and comments."""
+        if self._known is not self._nothing:
+            return await self.view()
+        self._begin()
+        source, lines = self._source, self.lines
+        if self._sections.source is not source:
+            loop = asyncio.get_running_loop()
+            self._sections = await loop.run_in_executor(self._executor, skimmed, source)
+        return View(self._sections, lines, UNCHANGED, ())
+
+    @property
+    def long(self) -> bool:
+        """Whether the analysis of all of the text takes a while."""
+        return len(self.lines.text) > LONG
+
+    @property
+    def settled(self) -> bool:
+        """Whether the analysis of the present text is known."""
+        return self._fresh.is_set()
+
     async def view(self, patience: float | None = None) -> View:
         """What is known, of the present text if that is found out soon enough: as a rule in `PATIENCE`, for
         which a text is not waited for that took much longer before.
@@ -161,8 +185,7 @@ class Document:
                 patience = PATIENCE if self._took <= 4 * PATIENCE else 0.0
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._fresh.wait(), patience)
-        self._begun = time.monotonic()
-        self._quiet = self._begun + ANSWERING
+        self._begin()
         known = self._known
         return View(
             known,
@@ -170,6 +193,11 @@ class Document:
             Shift.between(known.source.text, self.lines.text),
             tuple(c.limits for c in self._checked) if known is self._latest else (),
         )
+
+    def _begin(self) -> None:
+        """An answer is written from now on."""
+        self._begun = time.monotonic()
+        self._quiet = self._begun + ANSWERING
 
     def answered(self) -> None:
         """The answer is known, and will be sent now."""

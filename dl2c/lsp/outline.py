@@ -3,17 +3,24 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal, TypeAlias
 
 from dl2c.lsp.analysis import Analysis
-from dl2c.lsp.names import EntryNames
+from dl2c.parse.declarations import SORTS
 from dl2c.parse.scan import Code
-from dl2c.parse.sections import is_bare
+from dl2c.parse.sections import Section, entry_name, trimmed_end
 
 PartKind: TypeAlias = Literal["entry", "variable", "constant", "function", "predicate", "program", "problem"]
 
 _BRACES = re.compile(r"[{}]")
-_STATEMENT_END = re.compile(r";")
+_DECLARED = r"[A-Za-z]\w*(?:\s*\([^()]*\))?"
+_DECLARATION = re.compile(
+    rf"""\([^()]*\)|(?<!\w)(?P<sort>{"|".join(SORTS)})\s+
+    (?P<names>{_DECLARED}(?:\s*,\s*{_DECLARED})*)(?P<value>\s*=)?""",
+    re.ASCII | re.VERBOSE,
+)
+_NAME = re.compile(r"(?P<name>[A-Za-z]\w*)(?:\s*\((?P<parameters>[^()]*)\))?", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,52 +47,57 @@ class Fold:
 
 
 def parts(analysis: Analysis) -> tuple[Part, ...]:
-    """The entries with what each declares; what a file without an entry declares by itself."""
-    found = [*_shared(analysis)]
-    for entry in analysis.names.entries:
-        span = entry.entry.span
-        own = tuple(_declared(analysis, entry, span.start, span.end))
-        head = next((s for s in analysis.sections if s.kind == "entry" and s.start == span.start), None)
-        if head is None or is_bare(head):
-            found += own
-        else:
-            name = entry.entry.name or head.word
-            found.append(
-                Part("entry", name, entry.entry.kind, span.start, span.end, head.start, head.end, own)
-            )
+    """The entries with what each declares; what a file without an entry declares by itself. Sections tell all
+    of this, so that it is known before the text is read.
+    """
+    code, sections = analysis.code, analysis.sections
+    if code is None:
+        return ()
+    heads = [n for n, section in enumerate(sections) if section.kind == "entry"]
+    found = [part for section in sections[: heads[0] if heads else None] for part in _inside(code, section)]
+    for n, following in pairwise((*heads, len(sections))):
+        head, own = sections[n], sections[n + 1 : following]
+        inner = tuple(part for section in own for part in _inside(code, section))
+        name, over = entry_name(code, head, []) or head.word, sections[following - 1].over
+        found.append(Part("entry", name, head.word, head.start, over, head.start, head.end, inner))
     return tuple(found)
 
 
-def _shared(analysis: Analysis) -> Iterator[Part]:
-    """What stands before the first entry."""
-    if analysis.names.entries:
-        first = analysis.names.entries[0]
-        yield from _declared(analysis, first, 0, first.entry.span.start)
+def _inside(code: Code, section: Section) -> Iterator[Part]:
+    """The problem, or what a section declares."""
+    if section.kind == "Problem":
+        word_end = section.start + len(section.word)
+        yield Part("problem", "Problem", "", section.start, section.over, section.start, word_end)
+    if section.kind not in ("Definitions", "ProgramVariables"):
+        return
+    found = [d for d in _DECLARATION.finditer(code.text, section.begin, section.end) if d["sort"]]
+    for statement, end in zip(found, [*(d.start() for d in found[1:]), section.end], strict=False):
+        for name in _NAME.finditer(code.text, *statement.span("names")):
+            parameters = tuple(_parameters(name["parameters"] or ""))
+            kind = _kind(section, statement["sort"], bool(parameters or statement["value"]))
+            detail = f"{kind} of {', '.join(parameters)}" if parameters else kind
+            over = trimmed_end(code, statement.start(), end)
+            yield Part(kind, name["name"], detail, statement.start(), over, *name.span("name"))
 
 
-def _declared(analysis: Analysis, entry: EntryNames, begin: int, end: int) -> Iterator[Part]:
-    code = analysis.code
-    assert code is not None
-    for declaration in (*entry.entry.definitions, *entry.entry.variables):
-        span = declaration.span
-        if not begin <= span.start < end or span.text != declaration.name:
-            continue
-        kind = entry.scope[declaration.name].kind
-        kind = "function" if kind == "library" else kind
-        assert kind not in ("parameter", "quantified")
-        start = code.text.rfind("\n", 0, span.start) + 1
-        start += len(code.text[start : span.start]) - len(code.text[start : span.start].lstrip())
-        last = span.end if declaration.body is None else max(span.end, declaration.body.span.end)
-        stop = _STATEMENT_END.search(code.text, last)
-        parameters = ", ".join(p.name for p in declaration.parameters or ())
-        detail = kind + (f" of {parameters}" if parameters else "")
-        whole = max(
-            last, stop.end() if stop and not code.text[last : stop.start()].strip(" \t\n})") else last
-        )
-        yield Part(kind, declaration.name, detail, min(start, span.start), whole, span.start, span.end)
-    for s in analysis.sections:
-        if s.kind == "Problem" and begin <= s.start < end:
-            yield Part("problem", "Problem", "", s.start, s.over, s.start, s.start + len(s.word))
+def _parameters(text: str) -> Iterator[str]:
+    """Their names; the dialect of KeYmaera X 4 gives sorts alone."""
+    for place, written in enumerate(text.split(",") if text.strip() else (), 1):
+        words = written.split()
+        yield words[-1] if len(words) > 1 else f"x{place}"
+
+
+def _kind(section: Section, sort: str, known: bool) -> PartKind:
+    """`known` says whether a value is not free: it is given, or depends on parameters."""
+    if section.kind == "ProgramVariables":
+        return "variable"
+    match SORTS[sort]:
+        case "Real":
+            return "function" if known else "constant"
+        case "Bool":
+            return "predicate"
+        case "HP":
+            return "program"
 
 
 def folds(analysis: Analysis) -> tuple[Fold, ...]:
@@ -94,7 +106,7 @@ def folds(analysis: Analysis) -> tuple[Fold, ...]:
     if code is None:
         return ()
     found = [Fold(s.start, s.over) for s in analysis.sections if s.kind not in ("entry", "End")]
-    found += (Fold(e.span.start, e.span.end) for e in analysis.entries)
+    found += (Fold(p.start, p.end) for p in parts(analysis) if p.kind == "entry")
     found += _blocks(code)
     found += _comments(code)
     text = analysis.source.text

@@ -102,6 +102,9 @@ class Shift:
         return start < self.end and self.start < end
 
 
+UNCHANGED = Shift(0, 0, 0)
+
+
 def _same(old: str, new: str, most: int) -> int:
     """How many characters at the beginning are the same."""
     low, high = 0, most

@@ -30,7 +30,7 @@ from dl2c.parse.tree import (
     Truth,
 )
 
-_SORTS: dict[str, Sort] = {
+SORTS: dict[str, Sort] = {
     "Real": "Real",
     "R": "Real",
     "T": "Real",
@@ -53,7 +53,7 @@ def read_definition(code: Code, start: int, end: int, read: Reading) -> tuple[De
     match str(node.data), build.parts(node):
         case "declared", [Token() as sort, *items]:
             declared = tuple(_declaration(sort, item, None, read) for item in build.nodes(items))
-            if _SORTS[sort] == "HP":
+            if SORTS[sort] == "HP":
                 raise CompileError(errors.undefined_program(d.span, d.name) for d in declared)
             return declared
         case "defined_term", [Token() as sort, Tree() as item, Tree() as body]:
@@ -73,7 +73,7 @@ def read_definition(code: Code, start: int, end: int, read: Reading) -> tuple[De
 
 def _implicit(sort: Token, items: Sequence[Node], body: Program, read: Reading) -> tuple[Declaration, ...]:
     """Functions of time that solve a differential equation: `{{f := 1;} {f' = f}}`."""
-    if _SORTS[sort] != "Real":
+    if SORTS[sort] != "Real":
         raise CompileError(errors.implicit_sort(read.span(sort), str(sort)))
     declared = tuple(_declaration(sort, item, body, read) for item in items)
     start, flow = _in_order(body)[:-1], _in_order(body)[-1]
@@ -106,7 +106,7 @@ def read_variables(code: Code, start: int, end: int, read: Reading) -> tuple[Dec
     match str(node.data), build.parts(node):
         case "declared", [Token() as sort, *items]:
             variables = tuple(_declaration(sort, item, None, read) for item in build.nodes(items))
-            if _SORTS[sort] == "HP" or any(variable.parameters is not None for variable in variables):
+            if SORTS[sort] == "HP" or any(variable.parameters is not None for variable in variables):
                 raise CompileError(errors.not_a_real(read.span(node)))
             return variables
         case _:
@@ -114,8 +114,8 @@ def read_variables(code: Code, start: int, end: int, read: Reading) -> tuple[Dec
 
 
 def _check_sign(sort: Token, wanted: Sort, sign: str, read: Reading) -> None:
-    if _SORTS[sort] != wanted:
-        expected = {"Real": "=", "Bool": "<->", "HP": "::="}[_SORTS[sort]]
+    if SORTS[sort] != wanted:
+        expected = {"Real": "=", "Bool": "<->", "HP": "::="}[SORTS[sort]]
         raise CompileError(errors.not_defined_with(read.span(sort), str(sort), sign, expected))
 
 
@@ -127,10 +127,10 @@ def _declaration(
     assert isinstance(name, Token)
     span = read.span(name)
     if parameters is None:
-        return Declaration(_SORTS[sort], str(name), None, body, span=span)
-    if _SORTS[sort] == "HP":
+        return Declaration(SORTS[sort], str(name), None, body, span=span)
+    if SORTS[sort] == "HP":
         raise CompileError(errors.program_parameters(span))
-    return Declaration(_SORTS[sort], str(name), _parameters(item, written, read), body, span=span)
+    return Declaration(SORTS[sort], str(name), _parameters(item, written, read), body, span=span)
 
 
 def _parameters(item: Node, body: Node | None, read: Reading) -> tuple[Parameter, ...]:
@@ -140,7 +140,7 @@ def _parameters(item: Node, body: Node | None, read: Reading) -> tuple[Parameter
     for place, node in enumerate(_parameter_nodes(item), 1):
         sort, name = build.parts(node)
         assert isinstance(sort, Token)
-        if _SORTS[sort] != "Real":
+        if SORTS[sort] != "Real":
             raise CompileError(errors.parameter_sort(read.span(node), str(sort)))
         fresh = next(n for i in count() if (n := f"x{place}_{i}" if i else f"x{place}") not in taken)
         text, part = (str(name), name) if isinstance(name, Token) else (fresh, node)
