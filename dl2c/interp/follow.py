@@ -30,10 +30,10 @@ SAMPLES = 512
 """Places at which margins that are not polynomials are looked at in exact arithmetic."""
 
 FARTHEST_BACK = 2.0**-12
-"""A retreat steps back each time four times as far: at most by this part of a track, or to where rounding
-last told all margins from zero."""
+"""A retreat steps back four times as far each time: by at most this part of a track, or to where all margins
+last had certain signs."""
 RETREAT_FINE = 2.0**-40
-"""One that went further than this is halved until it is known as well as this."""
+"""A retreat that went further than this is refined by bisection until it is known as well as this."""
 
 
 def follow(
@@ -185,7 +185,7 @@ def _arrived(
 
 
 def _back_to_start(run: Course, track: Track, place: float) -> Motion:
-    """Steps towards the start, which is inside, where rounding told no margin from zero all along."""
+    """Steps towards the start, which is inside, where no margin has a certain sign anywhere."""
     part = 0.5
     while part > RETREAT_FINE:
         if (found := _arriving(run, track, place * part)) is not None:

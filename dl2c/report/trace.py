@@ -1,9 +1,9 @@
 """Recorded traces, as `dl2c rollout --csv` writes them, through a compiled monitor.
 
-A trace has the states between steps. Where the controller's step ends, before the motion, is not
-recorded: variables that do not move have the value recorded after the step, for others every control
-path proposes the value it assigns, from the columns of `x := *` where it was chosen, and the monitor
-must accept one of these states.
+A trace has the states between steps, but not the state in the middle of a step, when the controller has
+decided and motion has not begun. That state is reconstructed for each control path: variables that do not
+move have the value recorded after the step, the others what the path assigns, and what `x := *` chose is
+in a column of its own. The monitor must accept one of these states.
 """
 
 import csv
@@ -117,7 +117,7 @@ def before(rows: Sequence[Row], k: int) -> Row | None:
 
 
 def disconnected(rows: Sequence[Row]) -> list[int]:
-    """Steps without the row before them; steps of no model aside."""
+    """Steps of the model that lack the row before them."""
     steps = [k for k, row in enumerate(rows) if row["step"] != "0" and row["reason"] not in UNMOVED]
     return [k for k in steps if before(rows, k) is None]
 
