@@ -255,15 +255,16 @@ def _followed_request(
 
 def _proved(model: str, source: "Source", options: "Options", limits: "Limits") -> "Report":
     """The report, which is kept unless it is interrupted."""
-    from dl2c.verify.prove import prove
+    from dl2c.verify.prove import prove_theorem, theorem_in
     from dl2c.verify.results import store
 
     if limits.keep is not None and limits.keep.exists() and not limits.keep.is_dir():
         raise CommandError(f"{limits.keep} is not a folder")
     with working(f"verifying {model}") as note:
-        report = prove(source, options, limits, note)
+        theorem = theorem_in(source, options)
+        report = prove_theorem(theorem, limits, note)
     if not report.interrupted:
-        store(source, options, report)
+        store(theorem, report)
     return report
 
 

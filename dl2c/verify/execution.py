@@ -218,7 +218,8 @@ class Execution:
         return state
 
     def after(self, program: tree.Program, state: State) -> Iterator[State]:
-        """The states in which a program may end. Raises `Unsupported` beyond `MAX_STATES`."""
+        """The states in which a program may end. Raises `OutOfTime`, `Unsupported` beyond `MAX_STATES`."""
+        self.flows.prover.in_time()
         self.states += 1
         if self.states > MAX_STATES:
             raise Unsupported("too many runs", program.span)

@@ -92,11 +92,14 @@ def prove(
     source: Source, options: Options, limits: Limits = DEFAULT, told: Callable[[str], None] = lambda _: None
 ) -> Report:
     """What is known of the theorem of a model. Raises `CompileError` for a mistake in the model."""
+    return prove_theorem(theorem_in(source, options), limits, told)
+
+
+def theorem_in(source: Source, options: Options) -> Theorem:
+    """The theorem of a model. Raises `CompileError` for a mistake in the model."""
     with budgeted():
         at_place(source.start)
-        entry, _ = read_entry(source, options.entry)
-        theorem = theorem_of(entry, dict(options.constants))
-    return prove_theorem(theorem, limits, told)
+        return theorem_of(read_entry(source, options.entry)[0], dict(options.constants))
 
 
 def prove_theorem(

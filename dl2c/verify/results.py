@@ -8,10 +8,8 @@ import hashlib
 import importlib.metadata
 import json
 import os
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +25,7 @@ from dl2c.storage import StorageError, cache_home
 if TYPE_CHECKING:
     from dl2c.parse.tree import Entry
     from dl2c.verify.report import Report
+    from dl2c.verify.theorem import Theorem
 
 NOT_CHECKED = "not checked"
 
@@ -59,12 +58,16 @@ def status(source: Source, options: Options, entry: "Entry | None" = None) -> St
     name = recalled("theorem", source, options).get("name")
     if not isinstance(name, str):
         from dl2c.resolve.unreadable import read_entry
+        from dl2c.verify.theorem import theorem_of
 
         try:
             read = entry or read_entry(source, options.entry)[0]
         except CompileError:
             return Status()
-        name = digest_of(read, dict(options.constants))
+        try:
+            name = digest_of(theorem_of(read, dict(options.constants)))
+        except (CompileError, RecursionError):
+            name = ""  # it states no theorem
         remember("theorem", source, options, {"name": name})
     return kept(name)
 
@@ -84,12 +87,9 @@ def kept(digest: str) -> Status:
     return Status()
 
 
-def store(source: Source, options: Options, report: "Report") -> None:
+def store(theorem: "Theorem", report: "Report") -> None:
     """Keep an answer; what cannot be written is not kept."""
-    from dl2c.resolve.unreadable import read_entry
-
-    entry, _ = read_entry(source, options.entry)
-    digest = digest_of(entry, dict(options.constants))
+    digest = digest_of(theorem)
     if not digest or (any_kept() and kept(digest).answer in DEFINITE and report.answer not in DEFINITE):
         return
     basis = report.basis or OPEN.get(report.answer, "")
@@ -106,16 +106,13 @@ def folder() -> Path:
     return cache_home() / "proofs"
 
 
-def digest_of(entry: "Entry", values: Mapping[str, Fraction]) -> str:
-    """The name under which the answer for a theorem is kept; "" for what is not a theorem."""
-    from dl2c.verify.theorem import theorem_of
-
+def digest_of(theorem: "Theorem") -> str:
+    """The name under which the answer for a theorem is kept; "" for one that is nested too deeply."""
     try:
-        theorem = theorem_of(entry, values)
         facts = [repr(theorem.formula), repr(theorem.hints), repr(sorted(theorem.bounds.items()))]
-        facts += [repr(sorted(theorem.scope.items())), code_digest()]
-    except (CompileError, RecursionError):
+    except RecursionError:
         return ""
+    facts += [repr(sorted(theorem.scope.items())), code_digest()]
     facts += [_version(name) for name in ("z3-solver", "cvc5")]
     return hashlib.sha256("\0".join(facts).encode("utf-8", "surrogatepass")).hexdigest()[:32]
 

@@ -33,6 +33,8 @@ COMMANDS = {
         "100000",
         "--episodes",
         "100000",
+        "--max-episode-steps",
+        "20",
         "-o",
         "out/a.json",
     ),

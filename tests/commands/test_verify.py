@@ -19,8 +19,11 @@ from dl2c.env.opening import source_of
 from dl2c.native.manifest import Manifest
 from dl2c.pipeline import emit
 from dl2c.report.page import _environment  # pyright: ignore[reportPrivateUsage]
+from dl2c.resolve import unreadable
+from dl2c.resolve.unreadable import read_entry
 from dl2c.smt.terms import z3
-from dl2c.verify import results
+from dl2c.verify import prove, results
+from dl2c.verify.prove import Limits, prove_theorem, theorem_in
 from dl2c.verify.report import Report
 from dl2c.verify.results import Status, status, store
 
@@ -65,6 +68,29 @@ def test_reading_a_model_has_the_budget_of_compiling(
     path.write_text(KYX.replace("{problem}", "x >= 0 -> [" + "x := x + 1; " * 3000 + "] x >= 0"))
     code, _, err = run(capsys, "verify", str(path))
     assert code == 1 and "takes too much work to compile" in err and re.search(r"long\.kyx:1:1\n", err)
+
+
+def test_a_theorem_is_read_once(capsys: Any, models: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the answer is kept: reading may take longer than the proof."""
+    read: list[Any] = []
+
+    def reading(source: Any, entry: Any) -> Any:
+        read.append(source)
+        return read_entry(source, entry)
+
+    monkeypatch.setattr(unreadable, "read_entry", reading)
+    monkeypatch.setattr(prove, "read_entry", reading)
+    assert run(capsys, "verify", models["proved"])[0] == 0
+    assert len(read) == 1 and status(source_of(models["proved"]), resolve_options({})).answer == "proved"
+
+
+def test_runs_through_long_programs_end_in_time(tmp_path: Path) -> None:
+    path, block = tmp_path / "long.kyx", "{" + "x := x*x + 1; " * 60 + "}"
+    path.write_text(KYX.replace("{problem}", f"x >= 0 -> [{{{block * 60}}}*] x >= 0"))
+    theorem = theorem_in(source_of(path), resolve_options({}))
+    begun = time.process_time()
+    assert prove_theorem(theorem, Limits(each=0.2, total=0.4)).answer == "unknown"
+    assert time.process_time() - begun < 2.5
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -226,7 +252,7 @@ def test_a_refutation_is_said_too(capsys: Any, models: dict[str, str]) -> None:
 
 def test_a_report_says_what_is_known(models: dict[str, str]) -> None:
     source = source_of(models["proved"])
-    store(source, resolve_options({}), _report("refuted"))
+    store(theorem_in(source, resolve_options({})), _report("refuted"))
     page = "".join(str(part) for part in _environment(dl2c.build(source).library.manifest))
     assert "still water" in page and "refuted by dl2c verify" in page
 
@@ -234,7 +260,7 @@ def test_a_report_says_what_is_known(models: dict[str, str]) -> None:
 def test_an_answer_belongs_to_the_theorem(models: dict[str, str], tmp_path: Path) -> None:
     """Comments and names of files do not matter; the claim, its bounds and given values do."""
     options, text = resolve_options({}), Path(models["proved"]).read_text()
-    store(source_of(models["proved"]), options, _report("proved"))
+    store(theorem_in(source_of(models["proved"]), options), _report("proved"))
 
     def known(changed: str) -> str:
         path = tmp_path / "other.kyx"
@@ -256,14 +282,14 @@ def test_less_time_forgets_no_proof(models: dict[str, str]) -> None:
         ("unknown", "proved by dl2c verify"),
         ("refuted", "refuted by dl2c verify"),
     ):
-        store(source, options, _report(given))
+        store(theorem_in(source, options), _report(given))
         assert str(status(source, options)) == expected
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"answer": "proved"', '{"answer": "proved"}', "\x00"])
 def test_broken_answers_are_none(models: dict[str, str], content: str) -> None:
     source, options = source_of(models["proved"]), resolve_options({})
-    store(source, options, _report("proved"))
+    store(theorem_in(source, options), _report("proved"))
     (path,) = results.folder().iterdir()
     path.write_text(content)
     assert status(source, options) == Status()
@@ -271,7 +297,7 @@ def test_broken_answers_are_none(models: dict[str, str], content: str) -> None:
 
 def test_answers_of_other_users_are_none(models: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
     source, options = source_of(models["proved"]), resolve_options({})
-    store(source, options, _report("proved"))
+    store(theorem_in(source, options), _report("proved"))
     assert results.folder().stat().st_mode & 0o077 == 0
     monkeypatch.setattr(os, "getuid", lambda: 12345)
     assert status(source, options) == Status()
@@ -281,7 +307,7 @@ def test_a_broken_home_knows_nothing(models: dict[str, str], monkeypatch: pytest
     monkeypatch.undo()
     monkeypatch.setenv("DL2C_CACHE_DIR", "~nosuchuser/x")
     source, options = source_of(models["proved"]), resolve_options({})
-    store(source, options, _report("proved"))
+    store(theorem_in(source, options), _report("proved"))
     assert status(source, options) == Status()
 
 

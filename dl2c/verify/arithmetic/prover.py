@@ -76,6 +76,12 @@ class Prover:
         """Seconds that are left."""
         return self.deadline - time.monotonic()
 
+    def in_time(self) -> float:
+        """Seconds that are left, more than none. Raises `OutOfTime`."""
+        if (left := self.left) <= 0:
+            raise OutOfTime
+        return left
+
     @contextmanager
     def share(self, part: float) -> Generator[None]:
         """Work within a part of the time that is left; at its end raises `OutOfTime` as at the very end."""
@@ -112,9 +118,7 @@ class Prover:
         text, names = script(*self._posed(facts, goal))
         if len(text) > MAX_TEXT:
             return UNDECIDED
-        seconds = min(self.each * share * self.pace, self.left)
-        if seconds <= 0:
-            raise OutOfTime
+        seconds = min(self.each * share * self.pace, self.in_time())
         known = self.answers.get((text, 0.0)) or self.answers.get((text, share * self.pace))
         if known is None:
             known = self._decided(text, names, facts, goal, seconds)
