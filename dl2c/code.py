@@ -1,6 +1,7 @@
 """Where the hand-written C is, and one digest of everything that decides what code is generated."""
 
 import hashlib
+from functools import cache
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
@@ -13,10 +14,12 @@ def cgen_dir() -> Path:
     return packaged if packaged.is_dir() else PACKAGE.parent / "cgen"
 
 
+@cache
 def code_digest() -> str:
     """SHA-256 over names and bytes of every file of the package and of `cgen`.
 
-    Two installations with the same digest generate the same C for the same model.
+    Two installations with the same digest generate the same C for the same model. A process goes on with the
+    code that it has imported, so it has one digest, whatever happens to the files.
     """
     digest = hashlib.sha256()
     for root in (PACKAGE, cgen_dir()):

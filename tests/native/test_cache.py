@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from dl2c.code import code_digest
 from dl2c.native import cache, toolchain
 from dl2c.native.cache import build_key, cache_dir, cache_entries, cached, clear, prune
 from dl2c.native.errors import NativeError
@@ -185,3 +186,14 @@ def test_key_is_a_function_of_its_input() -> None:
     assert build_key(model, as_words(Options())) == build_key(
         dict(reversed(model.items())), as_words(Options())
     )
+
+
+def test_the_code_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Opening a model that is built already must not read all of the package each time."""
+    known = code_digest()
+
+    def unread(path: Path) -> bytes:
+        raise AssertionError(f"{path} is read again")
+
+    monkeypatch.setattr(Path, "read_bytes", unread)
+    assert code_digest() == known
