@@ -40,9 +40,10 @@ def replay(
     from dl2c.native.errors import ResetFailed
     from dl2c.report import episode as episodes
     from dl2c.report.blame import blamed, model_of
-    from dl2c.report.film import check_film
 
     if film is not None:
+        from dl2c.report.film import check_film
+
         check_film(film)
     try:
         recorded = episodes.read_episode(file)

@@ -41,19 +41,22 @@ def report(
     With --film also a film of the trained policy's first episode, with --play also a page of `dl2c play`; the
     report links both.
     """
-    from dl2c.play.wasm import require_zig
-    from dl2c.report.film import check_film
-    from dl2c.report.page import report as write
     from dl2c.report.trained import RunError, read_trained
 
     if film is not None:
+        from dl2c.report.film import check_film
+
         check_film(film)
     if play is not None:
+        from dl2c.play.wasm import require_zig
+
         require_zig()
     try:
         trained = read_trained(run, model)
     except RunError as problem:
         raise CommandError(str(problem)) from None
+    from dl2c.report.page import report as write
+
     path = output or run / "report.html"
     beside = {"A film of the first episode": film, "A page in which the model is driven": play}
     with working(f"looking at {run}"):
