@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
+from slowness import slowness
+
 from dl2c.diagnostics import CompileError
 from dl2c.emit.simulator.model_c import model_sources
 from dl2c.options import Options
@@ -37,9 +39,6 @@ BUILT = "built"
 
 MOST_SECONDS = SECONDS / 3
 """For an entry that is built: others have room to grow."""
-
-FIXED_WORK_S = 0.1
-"""Processor time of `_fixed_work` where the limit holds as it stands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,25 +86,7 @@ def _row(file: str, number: int, entry: Entry) -> Row:
     except CompileError as problem:
         outcome = codes(problem)
     seconds = time.thread_time() - begun
-    return Row(file, number, entry.name, outcome, seconds / _slowness() if seconds > 1 else seconds)
-
-
-def _slowness() -> float:
-    """How many times longer than `FIXED_WORK_S` the fixed work takes; at least 1."""
-    times: list[float] = []
-    for _ in range(3):
-        begun = time.thread_time()
-        _fixed_work()
-        times.append(time.thread_time() - begun)
-    return max(1.0, sorted(times)[1] / FIXED_WORK_S)
-
-
-def _fixed_work() -> None:
-    """Exact arithmetic and tables of tuples, as compiling is made of."""
-    known: dict[tuple[int, Fraction], Fraction] = {}
-    for k in range(20_000):
-        term = Fraction(k % 97 + 1, k % 89 + 1)
-        known[k % 1000, term] = known.get((k % 1000, term), Fraction(0)) + term
+    return Row(file, number, entry.name, outcome, seconds / slowness() if seconds > 1 else seconds)
 
 
 def codes(problem: CompileError) -> str:

@@ -20,6 +20,7 @@ from pathlib import Path
 import pytest
 from conftest import shared
 from hostile.builds import ADDRESSES, ROOT, STARTED, TOTAL, hostile_model, kind
+from slowness import slowness
 
 TOTAL_SECONDS = 4.0
 """For each theorem."""
@@ -65,7 +66,7 @@ class Said:
             found.append("no place is told")
         if self.answer != "refused" and not re.search(r"(?m)^theorem: ", self.out):
             found.append("no answer is told")
-        if self.seconds > total + GRACE:
+        if self.seconds > total + GRACE and self.seconds > total + GRACE * slowness():
             found.append(f"{self.seconds:.1f} s")
         return found
 

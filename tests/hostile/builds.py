@@ -11,6 +11,7 @@ from pathlib import Path
 
 from hostile.enlarged import WAYS, enlarged
 from hostile.monstrous import monstrous, way_of
+from slowness import slowness
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 EXAMPLES = ROOT / "examples"
@@ -24,7 +25,7 @@ SECONDS = 20.0
 """Of processor time of dl2c itself; what the C compiler takes comes on top."""
 
 MARGIN = 1.0
-"""Seconds for starting Python and for giving memory back."""
+"""Seconds for starting Python and for giving memory back; more on a slow machine."""
 
 MEGABYTES = 2048
 ADDRESSES = MEGABYTES + 1024
@@ -71,7 +72,7 @@ class Ended:
             found.append("a bug is told")
         if self.code == 1 and not re.search(r"(?m)^error: .*:\d+:\d+$", self.said):
             found.append("no place is told")
-        if self.seconds > SECONDS + MARGIN:
+        if self.seconds > SECONDS + MARGIN and self.seconds > SECONDS + MARGIN * slowness():
             found.append(f"{self.seconds:.1f} s")
         if self.megabytes > MEGABYTES:
             found.append(f"{self.megabytes:.0f} MB")
