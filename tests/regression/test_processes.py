@@ -28,7 +28,9 @@ def test_an_entry_that_cannot_be_loaded_is_built_again(
     monkeypatch.setenv("DL2C_CACHE_DIR", str(tmp_path))
     built = dl2c.build("example:waypoint", max_episode_steps=5)
     library = next(built.directory.glob("*.so"))
-    library.write_bytes(b"\x7fELF" + bytes(1000))
+    useless = tmp_path / "useless"
+    useless.write_bytes(b"\x7fELF" + bytes(1000))
+    useless.replace(library)  # in its place, since this process has the library open
     seal = json.dumps(cache._digests(built.directory), indent=1, sort_keys=True)
     (built.directory / cache.SEAL).write_text(seal, encoding="utf-8")
     again = dl2c.build("example:waypoint", max_episode_steps=5)
