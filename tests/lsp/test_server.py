@@ -20,6 +20,7 @@ from corpus_table import files
 from lsp_editor import Editor, File
 from lsp_mistakes import MODEL
 from lsprotocol import types
+from slowness import slowness
 
 from dl2c.lsp import documents
 from dl2c.lsp.analysis import analyse
@@ -268,13 +269,14 @@ def test_answers_about_an_example_are_prompt(editor: Editor) -> None:
 @pytest.mark.slow
 def test_answers_about_public_models_are_prompt() -> None:
     """Of all answers, of the first ones, and nine of ten about each model: later ones are about all of a file
-    of half a megabyte that has just been opened or changed.
+    of half a megabyte that has just been opened or changed. On a slow machine all takes longer.
     """
     shared("corpus")
     editor = Editor()
     times: list[float] = []
     firsts: list[float] = []
     late: dict[str, list[float]] = {}
+    limit = ANSWER * slowness()
     for path in files():
         try:
             file = editor.read(path)
@@ -285,12 +287,13 @@ def test_answers_about_public_models_are_prompt() -> None:
         firsts.append(time.perf_counter() - begun)
         found = sorted(times_of_answers(file, 48))
         times += [firsts[-1], *found]
-        if found[int(len(found) * 0.9)] > ANSWER:
+        if found[int(len(found) * 0.9)] > limit:
             late[path.name] = found[-6:]
         file.close()
     times.sort()
     p99 = times[int(len(times) * 0.99)]
-    middle = times[len(times) // 2]
-    print(f"{len(times)} answers: median {middle:.4f} s, p99 {p99:.3f} s, longest {times[-1]:.3f} s")
-    assert max(p99, sorted(firsts)[int(len(firsts) * 0.99)]) <= ANSWER and editor.messages == []
+    first = sorted(firsts)[int(len(firsts) * 0.99)]
+    said = f"median {times[len(times) // 2]:.4f} s, p99 {p99:.3f} s, p99 of first ones {first:.3f} s"
+    print(f"{len(times)} answers: {said}, longest {times[-1]:.3f} s; limit {limit:.2f} s")
+    assert max(p99, first) <= limit and editor.messages == []
     assert not late
