@@ -132,9 +132,11 @@ def test_tuned_settings_are_read(path: Path) -> None:
     found = read_configuration(path)
     assert found["model"] == f"examples/{path.stem}.kyx"
     complete(found["algo"], Settings(hyper=found["hyper"]))
-    better, before = re.findall(
-        r"(-?[\d.]+)(?:,|\.\n)", path.read_text(encoding="utf-8").partition("return")[2]
-    )[:2]
+    said = path.read_text(encoding="utf-8").partition("return")[2]
+    if "with the defaults, which no trial surpassed" in said:
+        assert not found["hyper"] and not found.get("options")
+        return
+    better, before = re.findall(r"(-?[\d.]+)(?:,|\.\n)", said)[:2]
     assert float(better) >= float(before)
 
 
