@@ -25,6 +25,15 @@ Film = Annotated[
     typer.Option(metavar="MP4|GIF", help="Show it in a film, in the model's time; at most a minute long."),
 ]
 
+
+def check_film(path: Path | None) -> None:
+    """Whether a film can be written there, if one is wanted. Raises `OSError`, `ModuleNotFoundError`."""
+    if path is not None:
+        from dl2c.report import film
+
+        film.check_film(path)
+
+
 # What is said of a trained policy that is verified ---------------------------------------------------
 
 PANEL = "A trained policy"

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dl2c.commands.arguments import Film
+from dl2c.commands.arguments import Film, check_film
 from dl2c.commands.completion import models
 from dl2c.commands.failures import CommandError, as_data, to_json
 from dl2c.commands.flags import Json
@@ -41,10 +41,7 @@ def replay(
     from dl2c.report import episode as episodes
     from dl2c.report.blame import blamed, model_of
 
-    if film is not None:
-        from dl2c.report.film import check_film
-
-        check_film(film)
+    check_film(film)
     try:
         recorded = episodes.read_episode(file)
         with working(f"replaying {file}"):

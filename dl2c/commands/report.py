@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 import typer
 
-from dl2c.commands.arguments import Film
+from dl2c.commands.arguments import Film, check_film
 from dl2c.commands.completion import models
 from dl2c.commands.failures import CommandError
 from dl2c.commands.verbosity import talkative
@@ -43,10 +43,7 @@ def report(
     """
     from dl2c.report.trained import RunError, read_trained
 
-    if film is not None:
-        from dl2c.report.film import check_film
-
-        check_film(film)
+    check_film(film)
     if play is not None:
         from dl2c.play.wasm import require_zig
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from dl2c.commands.arguments import Episodes, Film, Masked, Model, PolicyName, Seed
+from dl2c.commands.arguments import Episodes, Film, Masked, Model, PolicyName, Seed, check_film
 from dl2c.commands.failures import CommandError, to_json
 from dl2c.commands.flags import Json
 from dl2c.commands.verbosity import quiet
@@ -88,10 +88,7 @@ class _Ended:
         self._failures, self._film = failures, film
         self._seen: list[Episode] = []
         self._failed = False
-        if film is not None:
-            from dl2c.report.film import check_film
-
-            check_film(film)
+        check_film(film)
 
     @property
     def wanted(self) -> bool:
