@@ -1,9 +1,10 @@
 """An open file: its text, what is known of it, and what is known of an earlier text while that is found out.
 
 The text is analysed in a thread, so that questions are answered meanwhile, from the last analysis with its
-places moved to where they are now, or where there is none from that of the entry around the place. An
-analysis of a text that has changed since is stopped and dropped. What needs more time than an analysis is
-then asked of the `Checker`; until it answers again, what it found before stays where the text did not change.
+places moved to where they are now, or where there is none from that of the entry around the place, or from
+the sections of the text. An analysis of a text that has changed since is stopped and dropped. What needs
+more time than an analysis is then asked of the `Checker`; until it answers again, what it found before stays
+where the text did not change.
 """
 
 import asyncio
