@@ -187,19 +187,26 @@ def trimmed_end(code: Code, start: int, end: int) -> int:
 OLD_SORT = r"[RBPTF](?=\s+[A-Za-z])"
 """A sort of this dialect, where a declaration may begin; also a legal name elsewhere."""
 
-_STARTS_ENTRY = re.compile(r"(?<![A-Za-z0-9_])(?:ArchiveEntry|Theorem|Lemma|Exercise)(?![A-Za-z0-9_])")
+
+def _word(*words: str, after: str = "") -> str:
+    """A pattern of whole words; none begins after a backslash or one of `after`. Each alternative begins with
+    a letter: `re` looks for those fast, and slowly for a condition on what is before.
+    """
+    found = (rf"{w[0]}(?<![A-Za-z0-9_\\{after}]{w[0]}){w[1:]}" for w in words)
+    return f"(?:{'|'.join(found)})(?![A-Za-z0-9_])"
+
+
+_NEW_BLOCKS = ("Definitions", "ProgramVariables", "Problem")
+_ENTRY = _word("ArchiveEntry", "Theorem", "Lemma", "Exercise")
 _SIGNS = (
-    (r"(?<![A-Za-z0-9_\\])(?:Functions|Variables|SharedDefinitions)(?![A-Za-z0-9_])", "renamed since"),
+    (_word("Functions", "Variables", "SharedDefinitions"), "renamed since"),
+    (rf"{_word(*_NEW_BLOCKS)}\s*[.;]", "no `.` or `;` follows a section word now"),
+    (rf"{_ENTRY}\s+\0+\s*\.", "no `.` follows the name now"),
     (
-        r"(?<![A-Za-z0-9_\\])(?:Definitions|ProgramVariables|Problem)\s*[.;]",
-        "no `.` or `;` follows a section word now",
-    ),
-    (r"(?<![A-Za-z0-9_])(?:ArchiveEntry|Theorem|Lemma|Exercise)\s+\0+\s*\.", "no `.` follows the name now"),
-    (
-        rf"(?:(?<=[;.])|(?<=\bDefinitions)|(?<=\bProgramVariables))\s*{OLD_SORT}",
+        rf"(?:;|\.|D(?<=\bD)efinitions|P(?<=\bP)rogramVariables)\s*(?P<sign>{OLD_SORT})",
         "sorts are `Real`, `Bool`, `HP` now",
     ),
-    (r"(?<![A-Za-z0-9_(,])(?:Real|Bool|HP)\s+[A-Za-z]\w*\s*\.", "declarations end with `;` now"),
+    (rf"{_word('Real', 'Bool', 'HP', after='(,')}\s+[A-Za-z]\w*\s*\.", "declarations end with `;` now"),
 )
 
 
@@ -207,12 +214,10 @@ def sign_of_old_dialect(code: Code) -> Diagnostic | None:
     """The warning at the first sign of the old dialect, if there is one."""
     text = re.sub(STRING, lambda s: "\0" * len(s.group()), code.text, flags=re.DOTALL)
     found = [(m, why) for pattern, why in _SIGNS if (m := re.search(pattern, text))]
-    if not _STARTS_ENTRY.search(text) and (
-        m := re.search(r"(?<![A-Za-z0-9_])(?:Definitions|ProgramVariables|Problem)\b", text)
-    ):
+    if not re.search(_ENTRY, text) and (m := re.search(_word(*_NEW_BLOCKS), text)):
         found.append((m, 'a model starts with `ArchiveEntry "Name"` now'))
     if not found:
         return None
     match, why = min(found, key=lambda pair: pair[0].start())
-    start = match.end() - len(match.group().lstrip())
+    start = match.start(match.lastgroup or 0)
     return errors.old_dialect(code.span(start, match.end()), why)
