@@ -13,14 +13,18 @@ from dl2c.parse import errors
 from dl2c.source import Source, Span
 
 _PIECE = re.compile(
-    r"""(?P<string>"(?:[^"\\]|\\.)*")
-      | (?P<block>/\*.*?\*/)
-      | (?P<line>//[^\n]*)
-      | (?P<tactic>(?<![A-Za-z0-9_\\])Tactic(?![A-Za-z0-9_]))
-      | (?P<open>/\*|")""",
+    r"""  "(?:[^"\\]|\\.)*"
+      | /\*.*?\*/
+      | //[^\n]*
+      | T(?<![A-Za-z0-9_\\]T)actic(?![A-Za-z0-9_])
+      | /\*
+      | \"""",
     re.VERBOSE | re.DOTALL,
 )
-_TACTIC_END = re.compile(r'"(?:[^"\\]|\\.)*"|/\*.*?\*/|(?<![A-Za-z0-9_])(?P<end>End\.)', re.DOTALL)
+"""A string, comments, `Tactic`, or a comment or string that never ends. Each alternative begins with a
+character: `re` looks for those fast, and slowly for groups or conditions.
+"""
+_TACTIC_END = re.compile(r'"(?:[^"\\]|\\.)*"|/\*.*?\*/|E(?<![A-Za-z0-9_]E)nd\.', re.DOTALL)
 _NEXT_STRING = re.compile(r'\s*"(?:[^"\\]|\\.)*"')
 
 
@@ -54,15 +58,15 @@ def scan(source: Source, start: int = 0, end: int | None = None) -> Code:
     while piece := _PIECE.search(text, at, stop):
         first, last = piece.span()
         keep = first
-        match piece.lastgroup:
-            case "open":
-                raise CompileError(errors.never_closed(Span(source, first, last), piece.group()))
-            case "tactic":
+        match piece.group():
+            case '"' | "/*" as opening:
+                raise CompileError(errors.never_closed(Span(source, first, last), opening))
+            case "Tactic":
                 keep, last = _tactic(text, last, stop)
-            case "string":
+            case found if found[0] == '"':
                 keep = last
-            case kind:
-                comments.append(Comment(Span(source, first, last), kind == "line"))
+            case found:
+                comments.append(Comment(Span(source, first, last), found[1] == "/"))
         pieces += [text[at:keep], _blank(text[keep:last])]
         at = last
     pieces.append(text[at:])
@@ -74,7 +78,7 @@ def _tactic(text: str, after: int, stop: int) -> tuple[int, int]:
     name = _NEXT_STRING.match(text, after, stop)
     begin = at = name.end() if name else after
     while found := _TACTIC_END.search(text, at, stop):
-        if found.group("end"):
+        if found.group() == "End.":
             return begin, found.start()
         at = found.end()
     return begin, stop

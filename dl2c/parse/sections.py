@@ -7,6 +7,7 @@ KeYmaera X 4 is warned about at its first sign: block headers and declarations t
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import pairwise
@@ -37,6 +38,10 @@ _MARK = re.compile(
     r"|(?P<nearly>(?:End|END)(?:[ \t]*[.;:,])?(?=[ \t]*(?:\n|\Z))|end[ \t]*\.(?=[ \t]*(?:\n|\Z))))",
     re.DOTALL,
 )
+_MAYBE_MARK = re.compile(
+    '"|' + "|".join([*_BLOCKS, "ArchiveEntry", "Theorem", "Lemma", "Exercise", "End", "END", "end"])
+)
+"""Where a mark may begin. `re` looks for these fast, and slowly for groups and conditions."""
 _WORD = re.compile(r"\s*(?P<word>[A-Za-z]\w*)[ \t]*:?")
 _META = re.compile(
     rf"\s*(?:(?:Description|Title|Link|Author|See|Illustration|Citation)\s+{STRING}\s*\.\s*)*", re.DOTALL
@@ -65,7 +70,7 @@ class Section:
 
 def find_sections(code: Code, problems: list[Diagnostic]) -> list[Section]:
     """All sections in order; mistakes are appended to `problems`."""
-    marks = [m for m in _MARK.finditer(code.text) if m.lastgroup is not None and _is_mark(code, m)]
+    marks = [m for m in _marks(code.text) if m.lastgroup is not None and _is_mark(code, m)]
     problems.extend(errors.misspelt_end(code.span(*m.span())) for m in marks if m.lastgroup == "nearly")
     sections: list[Section] = []
     at = 0
@@ -81,6 +86,16 @@ def find_sections(code: Code, problems: list[Diagnostic]) -> list[Section]:
         at = sections[-1].over
     _check_between(code, at, len(code.text), bool(sections), problems)
     return sections
+
+
+def _marks(text: str) -> Iterator[re.Match[str]]:
+    """Reserved words, and strings, in which there are none."""
+    at = 0
+    while place := _MAYBE_MARK.search(text, at):
+        mark = _MARK.match(text, place.start())
+        at = (mark or place).end()
+        if mark is not None:
+            yield mark
 
 
 def _is_mark(code: Code, mark: re.Match[str]) -> bool:
