@@ -255,8 +255,9 @@ def _followed_request(
 
 def _proved(model: str, source: "Source", options: "Options", limits: "Limits") -> "Report":
     """The report, which is kept unless it is interrupted."""
-    from dl2c.verify.prove import prove_theorem, theorem_in
+    from dl2c.verify.prove import prove_theorem
     from dl2c.verify.results import store
+    from dl2c.verify.theorem import theorem_in
 
     if limits.keep is not None and limits.keep.exists() and not limits.keep.is_dir():
         raise CommandError(f"{limits.keep} is not a folder")

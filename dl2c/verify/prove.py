@@ -3,9 +3,8 @@
 First with what the text gives, then with candidates of its tactics and goals, then with invented ones.
 """
 
-import importlib.metadata
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,14 +17,23 @@ from dl2c.parse import tree
 from dl2c.parse.printer import print_formula
 from dl2c.resolve.shape import statements
 from dl2c.resolve.symbols import nodes
-from dl2c.resolve.unreadable import read_entry
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source, Span
 from dl2c.verify.arithmetic.prover import OutOfTime, Prover
 from dl2c.verify.execution import Execution, Goal, split
 from dl2c.verify.flows import Flows
 from dl2c.verify.refute import Refutation, examined
-from dl2c.verify.report import Answer, Attempt, Invariants, Obligation, Report, better, joined
+from dl2c.verify.report import (
+    Answer,
+    Attempt,
+    Counterexample,
+    Invariants,
+    Obligation,
+    Report,
+    better,
+    joined,
+    versions,
+)
 from dl2c.verify.stability import guesses
 from dl2c.verify.states import Event, Names, State, Unsupported, partial
 from dl2c.verify.theorem import (
@@ -34,10 +42,9 @@ from dl2c.verify.theorem import (
     conclusions,
     loops_of,
     parts_of,
-    theorem_of,
+    theorem_in,
     with_consequent,
 )
-from dl2c.work import at_place, budgeted
 
 FINAL = ("proved", "refuted", "not checked")
 """Answers that no further search makes better: with the last all that is checked is proved."""
@@ -59,6 +66,9 @@ PATIENCE = (0.3, 0.6)
 
 SEARCH = 0.25
 """Of the time that is left: for the first search for a counterexample."""
+
+CHANCE, LAST_CHANCE = 0.03, 0.3
+"""The same for random runs, at first and at last."""
 
 EXAMINATION = 0.15
 """Of the time that is left: for whether invariants that are not proved are wrong."""
@@ -95,13 +105,6 @@ def prove(
     return prove_theorem(theorem_in(source, options), limits, told)
 
 
-def theorem_in(source: Source, options: Options) -> Theorem:
-    """The theorem of a model. Raises `CompileError` for a mistake in the model."""
-    with budgeted():
-        at_place(source.start)
-        return theorem_of(read_entry(source, options.entry)[0], dict(options.constants))
-
-
 def prove_theorem(
     theorem: Theorem,
     limits: Limits = DEFAULT,
@@ -136,13 +139,6 @@ def prove_theorem(
         attempt.warnings,
         prover.interrupted,
     )
-
-
-def versions(solvers: Iterable[str]) -> dict[str, str]:
-    """The versions of the libraries to which solvers belong."""
-    libraries = {"z3": "z3-solver", "cvc5": "cvc5"}
-    used = sorted({s.split("-")[0].split()[0] for s in solvers if s})
-    return {name: importlib.metadata.version(libraries[name]) for name in used}
 
 
 def _if_defined(theorem: Theorem, prover: Prover, attempt: Attempt) -> Attempt:
@@ -216,14 +212,16 @@ class Proof:
             one = self.attempt(written, EFFORTS[0]) if hopeful else None
             yield one
             if refute and pace == PACES[0]:
-                yield self._refuted((0, 1, 2), SEARCH)
+                yield self._refuted(lambda r: r.search((0, 1, 2)), SEARCH)
+                yield self._refuted(Refutation.at_random, CHANCE)
             if one is not None and refute:
                 yield (one := self._examined(one))
                 hopeful = not any(o.wrong_invariant for o in one.obligations)
             yield from self._efforts(written, EFFORTS[1:]) if hopeful else ()
             yield from self._found(written)
         if refute:
-            yield self._refuted((3, 6, 13))
+            yield self._refuted(lambda r: r.at_random(seed=1), LAST_CHANCE)
+            yield self._refuted(lambda r: r.search((3, 6, 13)))
 
     def _found(self, written: Invariants) -> Iterator[Attempt | None]:
         """Attempts with invariants of loops that the text does not give."""
@@ -255,12 +253,14 @@ class Proof:
             self.prover.pace = before
         return found if found.answer in FINAL else None
 
-    def _refuted(self, iterations: Sequence[int], part: float = 1.0) -> Attempt | None:
-        """The theorem refuted by a run of so many iterations of loops, found in a part of the time."""
+    def _refuted(
+        self, search: Callable[[Refutation], Counterexample | None], part: float = 1.0
+    ) -> Attempt | None:
+        """The theorem refuted by a run that a search finds in a part of the time."""
         begun = time.monotonic()
         try:
             with self.prover.share(part):
-                run = Refutation(self.theorem, self.prover, self.within).search(iterations)
+                run = search(Refutation(self.theorem, self.prover, self.within))
         except OutOfTime:
             return None
         if run is None:

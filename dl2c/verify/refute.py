@@ -2,10 +2,12 @@
 
 Runs with few iterations of loops are executed symbolically; a solver proposes a first state and decisions,
 and `exact` confirms them. Where an equation has no polynomial solution, a first state may show by Lie
-derivatives that what is claimed becomes false at once. What an obligation says of a loop's invariant is a
-claim about a program too, which is refuted in the same way.
+derivatives that what is claimed becomes false at once. Runs with many iterations are drawn at random from
+first states that a solver proposes. What an obligation says of a loop's invariant is a claim about a program
+too, which is refuted in the same way.
 """
 
+import random
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -13,11 +15,11 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from dl2c.diagnostics import CompileError
-from dl2c.ir.logic import conjunction, negation
+from dl2c.ir.logic import conjunction, negation, symbols
 from dl2c.ir.model import ZERO, Compare, Formula, Number, Symbol, Truth
 from dl2c.parse import tree
 from dl2c.parse.printer import print_formula
-from dl2c.resolve.shape import statements
+from dl2c.resolve.shape import conjuncts, statements
 from dl2c.resolve.symbols import nodes
 from dl2c.smt.portfolio import Outcome
 from dl2c.verify.arithmetic.exact import Blocked, Inexact, Run, Undefined, truth
@@ -28,6 +30,7 @@ from dl2c.verify.field import Field
 from dl2c.verify.flows import Flows
 from dl2c.verify.invariance import Chains
 from dl2c.verify.motion import Motion, motion_formula
+from dl2c.verify.random_runs import LONGEST, RandomRun, claim_of
 from dl2c.verify.report import Attempt, Counterexample, Obligation, Step
 from dl2c.verify.states import Event, Names, State, Unsupported, evaluated, has_program
 from dl2c.verify.theorem import Theorem, ending_in, obligation
@@ -44,6 +47,10 @@ TOO_WEAK = "J is too weak there"
 
 MAX_GOALS = 300
 """Ends of runs that are looked at, for each number of iterations."""
+
+FIRST_STATES = 8
+DRAWN = 60
+"""Random runs from each."""
 
 
 class Found(Exception):
@@ -79,8 +86,12 @@ class _Unrolled(Execution):
     starts: list[tuple[tree.ODESystem, tree.Formula, State]] = field(
         default_factory=list[tuple[tree.ODESystem, tree.Formula, State]]
     )
+    first: State | None = None
+    """Where the first program begins."""
 
     def prove(self, formula: tree.Formula, state: State) -> None:
+        if isinstance(formula, tree.Box) and self.first is None:
+            self.first = state
         if isinstance(formula, tree.Box) and not has_program(formula.child):
             begun = self._begun(statements(formula.program), state)
             self.starts += [(ode, formula.child, s) for ode, s in begun]
@@ -183,6 +194,54 @@ class Refutation:
         except Found as found:
             return found.run
         return None
+
+    def at_random(self, seed: int = 0) -> Counterexample | None:
+        """A confirmed counterexample among random runs, of those from one first state the shortest. Raises
+        `OutOfTime`.
+        """
+        chance, claim = random.Random(seed), claim_of(self.theorem.formula)
+        if claim is None:
+            return None
+        for values in self._first_states(chance):
+            found, most = None, LONGEST
+            for _ in range(DRAWN):
+                run = RandomRun(self._first(values), (), claim=claim, chance=chance, most=most)
+                run.in_time = self.prover.in_time
+                if run.succeeds() and (shown := self._confirmed(run, values)):
+                    found, most = shown, run.iterations - 1
+            if found is not None:
+                return found
+        return None
+
+    def _first_states(self, chance: random.Random) -> Iterator[Mapping[str, Fraction]]:
+        """States where the program may begin, here and there."""
+        execution = _Unrolled(_Short(self.prover), Names(), {}, if_defined=True)
+        state = State(self.theorem.scope).where(self.within)
+        if state is None:
+            return
+        with suppress(Unsupported, CompileError):
+            execution.prove(self.theorem.formula, state)
+        if execution.first is None:
+            return
+        facts = execution.first.facts
+        names = sorted(symbols(*facts), key=str)
+        without: Formula = Truth(False)
+        for _ in range(FIRST_STATES):
+            for values in _rational(self.prover.decide(facts, without, SHARE)):
+                yield values
+                if names:
+                    name = chance.choice(names)
+                    limit = values.get(name.name, Fraction(0)) + chance.choice((-10, -1, 1, 10))
+                    without = Compare(chance.choice(("<", ">")), name, Number(limit))
+
+    def _confirmed(self, run: RandomRun, values: Mapping[str, Fraction]) -> Counterexample | None:
+        """The counterexample that a random run is, where taking its decisions again shows it."""
+        events: list[tuple[Event, Fraction]] = [((kind, 0), value) for kind, value in run.drawn]
+        again = _Noted(self._first(values), events, head=self.head)
+        if not again.shows(self.theorem.formula) or run.violated is None:
+            return None
+        parts = [p for p in conjuncts(run.violated) if truth(tree.Not(p), again.values)]
+        return again.found(" ".join(print_formula(parts[0] if parts else run.violated).split()), True).run
 
     @property
     def _loops(self) -> bool:

@@ -1,6 +1,7 @@
 """What is known of a theorem: the answer for each obligation and for the whole."""
 
-from collections.abc import Mapping, Sequence
+import importlib.metadata
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any, Literal, TypeAlias
@@ -205,3 +206,10 @@ def _run_as_data(run: Counterexample | None) -> dict[str, Any] | None:
         "decisions": [[name, str(value)] for name, value in run.decisions],
         "violated": run.violated,
     }
+
+
+def versions(solvers: Iterable[str]) -> dict[str, str]:
+    """The versions of the libraries to which solvers belong."""
+    libraries = {"z3": "z3-solver", "cvc5": "cvc5"}
+    used = sorted({s.split("-")[0].split()[0] for s in solvers if s})
+    return {name: importlib.metadata.version(libraries[name]) for name in used}

@@ -13,7 +13,10 @@ from dl2c.resolve.symbols import nodes
 from dl2c.source import Span
 from dl2c.verify.arithmetic.total import is_total
 
-Event: TypeAlias = tuple[Literal["choice", "value", "duration", "again"], int | Symbol]
+EventKind: TypeAlias = Literal["choice", "value", "duration", "again"]
+"""Of a decision."""
+
+Event: TypeAlias = tuple[EventKind, int | Symbol]
 """A decision of a run: an alternative, 0 or 1; a value of `x := *`; a duration; how often a loop has run."""
 
 

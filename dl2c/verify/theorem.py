@@ -12,6 +12,7 @@ from typing import Any
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.model import Number, Symbol, Term
+from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.annotations import ConstantAnnotation, VariableAnnotation, decode_declaration
 from dl2c.resolve.bind import IN_HINTS, check, check_entry
@@ -20,10 +21,13 @@ from dl2c.resolve.infer import with_implied
 from dl2c.resolve.problem import resolve
 from dl2c.resolve.shape import conjuncts, written_variables
 from dl2c.resolve.symbols import Node, Symbols, children, collect, nodes
+from dl2c.resolve.unreadable import read_entry
+from dl2c.source import Source
 from dl2c.verify.arithmetic.total import PI, E
 from dl2c.verify.execution import Kind
 from dl2c.verify.hints import Hints, hints_of
 from dl2c.verify.states import has_program
+from dl2c.work import at_place, budgeted
 
 Bounds = Mapping[str, tuple[Fraction | None, Fraction | None]]
 
@@ -41,6 +45,13 @@ class Theorem:
     bounds: Bounds
     safety: tuple[tuple[str, tree.Formula], ...]
     hints: Hints
+
+
+def theorem_in(source: Source, options: Options) -> Theorem:
+    """The theorem of a model. Raises `CompileError` for a mistake in the model."""
+    with budgeted():
+        at_place(source.start)
+        return theorem_of(read_entry(source, options.entry)[0], dict(options.constants))
 
 
 def theorem_of(entry: tree.Entry, values: Mapping[str, Fraction]) -> Theorem:

@@ -22,10 +22,11 @@ from dl2c.report.page import _environment  # pyright: ignore[reportPrivateUsage]
 from dl2c.resolve import unreadable
 from dl2c.resolve.unreadable import read_entry
 from dl2c.smt.terms import z3
-from dl2c.verify import prove, results
-from dl2c.verify.prove import Limits, prove_theorem, theorem_in
+from dl2c.verify import results, theorem
+from dl2c.verify.prove import Limits, prove_theorem
 from dl2c.verify.report import Report
 from dl2c.verify.results import Status, status, store
+from dl2c.verify.theorem import theorem_in
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -79,7 +80,7 @@ def test_a_theorem_is_read_once(capsys: Any, models: dict[str, str], monkeypatch
         return read_entry(source, entry)
 
     monkeypatch.setattr(unreadable, "read_entry", reading)
-    monkeypatch.setattr(prove, "read_entry", reading)
+    monkeypatch.setattr(theorem, "read_entry", reading)
     assert run(capsys, "verify", models["proved"])[0] == 0
     assert len(read) == 1 and status(source_of(models["proved"]), resolve_options({})).answer == "proved"
 
@@ -87,9 +88,9 @@ def test_a_theorem_is_read_once(capsys: Any, models: dict[str, str], monkeypatch
 def test_runs_through_long_programs_end_in_time(tmp_path: Path) -> None:
     path, block = tmp_path / "long.kyx", "{" + "x := x*x + 1; " * 60 + "}"
     path.write_text(KYX.replace("{problem}", f"x >= 0 -> [{{{block * 60}}}*] x >= 0"))
-    theorem = theorem_in(source_of(path), resolve_options({}))
+    claim = theorem_in(source_of(path), resolve_options({}))
     begun = time.process_time()
-    assert prove_theorem(theorem, Limits(each=0.2, total=0.4)).answer == "unknown"
+    assert prove_theorem(claim, Limits(each=0.2, total=0.4)).answer == "unknown"
     assert time.process_time() - begun < 2.5
 
 

@@ -3,17 +3,16 @@
 from collections.abc import Generator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import pytest
-from oracles.exact_motion import Flow
 from oracles.exact_runs import refutes, theorem
+from verify.trap import decided
 
 from dl2c.parse.parser import parse_archive
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source
 from dl2c.verify.prove import Limits, prove_theorem
-from dl2c.verify.report import Counterexample, Obligation, Report
+from dl2c.verify.report import Obligation, Report
 from dl2c.verify.theorem import theorem_of
 
 MODEL = """ArchiveEntry "model"
@@ -101,12 +100,6 @@ WRONG = (
         "x >= 1 -> [x := x + y; y := y + x;] x >= 1",
     ),
 )
-
-
-def decided(run: Counterexample) -> list[Any]:
-    """Decisions in the words of the oracle."""
-    said = {"alternative": lambda v: v == 0, "once more": lambda v: v == 1, "duration": Flow}
-    return [said.get(name, Fraction)(value) for name, value in run.decisions]
 
 
 @pytest.mark.parametrize("wrong", WRONG, ids=lambda w: w.name)

@@ -7,6 +7,8 @@ from typing import Any
 
 from oracles.exact_motion import Flow, Moment
 
+from dl2c.verify.report import Counterexample
+
 Value = int | Fraction
 
 
@@ -61,3 +63,20 @@ def times(count: int, *decisions: Any) -> tuple[Any, ...]:
 def lasting(time: Value | str, **solution: Sequence[Value]) -> Flow:
     """A flow of some duration; the coefficients of its solution where the equations alone do not say."""
     return Flow(Fraction(time), solution)
+
+
+def decided(run: Counterexample) -> list[Any]:
+    """Decisions in the words of the oracle."""
+    return [_said(name, value) for name, value in run.decisions]
+
+
+def _said(name: str, value: Fraction) -> Any:
+    match name:
+        case "alternative":
+            return value == 0
+        case "once more":
+            return value == 1
+        case "duration":
+            return Flow(value)
+        case _:
+            return value

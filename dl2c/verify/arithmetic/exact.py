@@ -19,7 +19,7 @@ from dl2c.lower.terms import lower_formula
 from dl2c.parse import tree
 from dl2c.resolve.symbols import nodes
 from dl2c.verify.arithmetic.roots import sign_vectors
-from dl2c.verify.states import Event, has_program, partial
+from dl2c.verify.states import Event, EventKind, has_program, partial
 
 Values: TypeAlias = Mapping[str, Fraction]
 
@@ -215,7 +215,7 @@ class Run:
         """Execute the body of a loop once more."""
         self.follow(body)
 
-    def _next(self, kind: str, name: str) -> Fraction:
+    def _next(self, kind: EventKind, name: str) -> Fraction:
         if len(self.taken) >= len(self.decisions):
             raise Inexact("decisions do not fit")
         event, value = self.decisions[len(self.taken)]
@@ -256,7 +256,7 @@ def solved(ode: tree.ODESystem, values: Values) -> dict[str, fmpq_poly]:
             raise Inexact("no polynomial solution")
         for x, rate in ready.items():
             start = values.get(x, Fraction(0))
-            curve = _along(rate, {**known, **found}).integral()
+            curve = along(rate, {**known, **found}).integral()
             found[x] = curve + fmpq(start.numerator, start.denominator)
             del waiting[x]
     return found
@@ -266,7 +266,7 @@ def _free(term: tree.Term) -> set[str]:
     return {n.name for n in nodes(term) if isinstance(n, tree.Variable)}
 
 
-def _along(term: tree.Term, curves: Curves) -> fmpq_poly:
+def along(term: tree.Term, curves: Curves) -> fmpq_poly:
     """A term as a polynomial of time. Raises `Inexact`, `Undefined`."""
     match term:
         case tree.Number(value):
@@ -276,25 +276,25 @@ def _along(term: tree.Term, curves: Curves) -> fmpq_poly:
                 raise Inexact(name)
             return curves[name]
         case tree.Neg(child):
-            return -_along(child, curves)
+            return -along(child, curves)
         case tree.Power(left, tree.Number(value)) if value.denominator == 1 and 1 <= value <= 60:
-            return _along(left, curves) ** int(value)
+            return along(left, curves) ** int(value)
         case tree.Plus(left, right):
-            return _along(left, curves) + _along(right, curves)
+            return along(left, curves) + along(right, curves)
         case tree.Minus(left, right):
-            return _along(left, curves) - _along(right, curves)
+            return along(left, curves) - along(right, curves)
         case tree.Times(left, right):
-            return _along(left, curves) * _along(right, curves)
+            return along(left, curves) * along(right, curves)
         case _:
             parts = {name: c for name in _free(term) if (c := curves.get(name)) is not None}
             if any(c.degree() > 0 for c in parts.values()):
                 if isinstance(term, tree.Divide) and not any(
                     curves[n].degree() > 0 for n in _free(term.right) if n in curves
                 ):
-                    below = _along(term.right, curves)
+                    below = along(term.right, curves)
                     if below.degree() < 0:
                         raise Undefined
-                    return _along(term.left, curves) / below[0]
+                    return along(term.left, curves) / below[0]
                 raise Inexact("no polynomial of time")
             value = term_value(term, {name: _fraction(c[0]) for name, c in parts.items()})
             return fmpq_poly([fmpq(value.numerator, value.denominator)])
@@ -318,7 +318,7 @@ def _shape(
             return lambda _: value != negated
         case tree.Compare(op, left, right):
             try:
-                margins.append(_along(left, curves) - _along(right, curves))
+                margins.append(along(left, curves) - along(right, curves))
             except Undefined:
                 return lambda _: False
             k, holds = len(margins) - 1, COMPARED[op]
