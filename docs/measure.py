@@ -22,7 +22,7 @@ import numpy as np
 from environment_pages import EXAMPLES, NUMBERS, STUDIES, TUNED, model_digest
 from PIL import Image, ImageOps
 
-from dl2c.env.opening import compilation_of, manifest_of, source_of
+from dl2c.env.opening import compilation_of, source_of
 from dl2c.experiments.paper.statistics import mean_over_seeds, rate_over_seeds
 from dl2c.experiments.studies.page import problem
 from dl2c.outputs import write_output
@@ -38,28 +38,6 @@ SEEDS = (0, 1, 2, 3, 4)
 EPISODES = 400
 AGAIN = 2 * FIRST_SEED
 """Seed of the episodes in which the best policy is measured again: who is the best of many was lucky, too."""
-
-STEPS = {
-    "acc": 150_000,
-    "bouncing_ball": 100_000,
-    "dubins": 100_000,
-    "etcs": 200_000,
-    "evasion": 100_000,
-    "passive_safety": 200_000,
-    "pendulum": 100_000,
-    "static_safety": 200_000,
-    "static_safety_line": 100_000,
-    "thermostat": 100_000,
-    "watertank": 100_000,
-    "waypoint": 100_000,
-}
-"""Of each training. A model that is not here decides nothing."""
-
-OPTIONS: dict[str, dict[str, Any]] = {
-    "passive_safety": {"action_map": "squash"},
-    "static_safety": {"action_map": "squash"},
-}
-"""Of environments that have no file of settings in `examples/tuned`."""
 
 TRIED = 20
 """Episodes among which the one to film is chosen."""
@@ -88,23 +66,15 @@ class Training:
 
 
 def training_of(name: str) -> Training | None:
-    """The settings of `examples/tuned`, or else the defaults of `dl2c train`."""
-    if name not in STEPS:
+    """The settings of `examples/tuned`; None for a model without a file there, which decides nothing."""
+    tuned = TUNED / f"{name}.yaml"
+    if not tuned.exists():
         return None
-    model, tuned = f"examples/{name}.kyx", TUNED / f"{name}.yaml"
-    steps = f"--steps {STEPS[name]}"
-    if tuned.exists():
-        given = read_configuration(tuned)
-        command = f"dl2c train {model} --config examples/tuned/{name}.yaml"
-        command += "" if given["steps"] == STEPS[name] else f" {steps}"
-        settings = Settings(steps=STEPS[name], n_envs=given.get("n_envs"), hyper=given.get("hyper", {}))
-        return Training(model, given["algo"], settings, command, given.get("options", {}))
-    options = OPTIONS.get(name, {})
-    algo: Algorithm = "ppo" if manifest_of(EXAMPLES / f"{name}.kyx", {}).inputs else "maskable-ppo"
-    flags = "".join(f" --{key.replace('_', '-')} {value}" for key, value in options.items())
-    return Training(
-        model, algo, Settings(steps=STEPS[name]), f"dl2c train {model} --algo {algo} {steps}{flags}", options
-    )
+    given = read_configuration(tuned)
+    settings = Settings(steps=given["steps"], n_envs=given.get("n_envs"), hyper=given.get("hyper", {}))
+    model = f"examples/{name}.kyx"
+    command = f"dl2c train {model} --config examples/tuned/{name}.yaml"
+    return Training(model, given["algo"], settings, command, given.get("options", {}))
 
 
 @dataclass(frozen=True, slots=True)
