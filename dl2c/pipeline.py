@@ -21,7 +21,7 @@ from dl2c.native.built import WARNINGS, Compiled, Reading, loaded
 from dl2c.native.cache import build_key, cached, inspected_key
 from dl2c.options import Options, UnknownOption, as_words
 from dl2c.parse.printer import print_formula, print_source
-from dl2c.parse.tree import And, Entry
+from dl2c.parse.tree import And, Archive, Entry
 from dl2c.progress import LOG, Progress, silent, stage
 from dl2c.resolve.episode import completed, deprecated_values
 from dl2c.resolve.problem import Problem, expansion, resolve
@@ -53,10 +53,11 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class Parsed:
-    """The entry that the options name."""
+    """The entry that the options name; the warnings of the parser; all that was read."""
 
     entry: Entry
     warnings: tuple[Diagnostic, ...]
+    archive: Archive
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +128,7 @@ class Compilation:
     def parsed(self) -> Parsed:
         """The entry that the options name."""
         if isinstance(self._model, Entry):
-            return Parsed(self._model, ())
+            return Parsed(self._model, (), Archive((self._model,), span=self._model.span))
         return Parsed(*read_entry(self._model, self.given.entry))
 
     @_stage("resolving names", after="parsed")

@@ -14,6 +14,7 @@ version = release = __version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "generated", "formulas"]
 exclude_patterns = ["_build"]
 html_theme = "furo"
+html_show_copyright = False
 html_title = f"dl2c {__version__}"
 html_static_path = ["style"]
 html_css_files = ["pages.css"]

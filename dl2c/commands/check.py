@@ -67,14 +67,15 @@ def annotated(model: str, options: Mapping[str, Any]) -> bytes:
     from dl2c.lint.edits import edited
     from dl2c.lint.fix import declarations
     from dl2c.lint.suggest import suggestions
+    from dl2c.pipeline import compilation
 
-    source = source_of(model)
+    source, given = source_of(model), resolve_options(options)
     path = Path(source.name) if not model.startswith(EXAMPLE) else None
     content = path.read_bytes() if path else source.text.encode()
-    if declared := tuple(declarations(source)):
+    if declared := tuple(declarations(source, compilation(source, given).parsed.archive)):
         content = edited(content, declared)
         source = Source(source.name, edited(source.text.encode(), declared).decode())
-    return edited(content, suggestions(source, resolve_options(options)))
+    return edited(content, suggestions(source, given))
 
 
 def table_of_codes() -> str:

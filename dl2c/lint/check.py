@@ -24,12 +24,14 @@ from dl2c.work import at_place, at_stage, budgeted
 def examine(source: Source, options: Options, *, portable: bool = False) -> tuple[Diagnostic, ...]:
     """All diagnostics of a model. With `portable` what KeYmaera X 5 does not read is an error."""
     found: tuple[Diagnostic, ...] = ()
+    model = compilation(source, options)
     if portable:
         try:
-            found = tuple(replace(d, severity="error") for d in portability(source))
+            read = model.parsed.archive, model.parsed.warnings
         except CompileError as unreadable:
             return unreadable.diagnostics
-    return examined(source, compilation(source, options), found)
+        found = tuple(replace(d, severity="error") for d in portability(source, read))
+    return examined(source, model, found)
 
 
 def examined(
@@ -75,7 +77,7 @@ def plain_lints(source: Source, model: Compilation) -> Iterator[Diagnostic]:
     """Those that need no solver."""
     problem, options = model.resolved.problem, model.resolved.options
     step, paths = model.lowered.model, model.paths
-    yield from quotients(source)
+    yield from quotients(source, model.parsed.archive)
     yield from annotations.ends_of_episodes(problem)
     yield from annotations.penalties(step, problem)
     yield from annotations.safety_checks(step, paths, options)

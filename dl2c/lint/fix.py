@@ -65,15 +65,15 @@ def fixes(source: Source, read: Read | None = None) -> Iterator[Fix]:
     for comments in _groups(source, refused_comments(source)):
         yield Fix(errors.REJECTS, comments[0].span, tuple(_comment(comments)))
     yield from _declarations(source, read[0])
-    for found in quotients(source, read):
+    for found in quotients(source, read[0]):
         span = found.span
         edit = Edit(span.start, span.end, f"(-({span.text[1:].strip()}))")
         yield Fix(found.code, span, (edit,))
 
 
-def declarations(source: Source) -> Iterator[Edit]:
+def declarations(source: Source, archive: Archive) -> Iterator[Edit]:
     """Declarations of what is not declared, before the problem of each entry, in sections of their own."""
-    for fix in _declarations(source, parse_archive(source)[0]):
+    for fix in _declarations(source, archive):
         yield from fix.edits
 
 

@@ -10,7 +10,6 @@ from typing import TypeAlias
 from dl2c.diagnostics import Diagnostic, in_source_order, warning
 from dl2c.parse import errors, tree
 from dl2c.parse.archive import refused_comments
-from dl2c.parse.parser import parse_archive
 from dl2c.parse.scan import scan
 from dl2c.resolve.symbols import BUILTINS, NULLARY_BUILTINS, nodes
 from dl2c.source import Source, Span
@@ -24,11 +23,9 @@ SYMBOLS = "→←↔∧∨•∀∃⎵≠≥≤∪∩×"
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 
 
-def portability(source: Source, read: Read | None = None) -> tuple[Diagnostic, ...]:
-    """`keymaera-rejects`, everything once. `read` is what the parser makes of the source, if that is known.
-    Raises `CompileError` for what dl2c does not read either.
-    """
-    archive, warnings = read or parse_archive(source)
+def portability(source: Source, read: Read) -> tuple[Diagnostic, ...]:
+    """`keymaera-rejects`, everything once. `read` is what the parser makes of the source."""
+    archive, warnings = read
     found = [d for d in warnings if d.code == errors.REJECTS]
     found += [errors.line_comment(comment.span) for comment in refused_comments(source)]
     found += _characters(source)
@@ -37,9 +34,8 @@ def portability(source: Source, read: Read | None = None) -> tuple[Diagnostic, .
     return in_source_order(found)
 
 
-def quotients(source: Source, read: Read | None = None) -> Iterator[Diagnostic]:
+def quotients(source: Source, archive: tree.Archive) -> Iterator[Diagnostic]:
     """`minus-in-quotient`: a bare minus after `/` takes all the rest of the product."""
-    archive, _ = read or parse_archive(source)
     code = scan(source).text
     seen: set[Span] = set()
     for entry in archive.entries:

@@ -20,13 +20,15 @@ from dl2c.resolve.symbols import collect
 from dl2c.source import Source, Span
 
 
-def read_entry(source: Source, name: str | None) -> tuple[Entry, tuple[Diagnostic, ...]]:
-    """The entry of this name or number, or the only one; the warnings come second. Raises `CompileError`."""
+def read_entry(source: Source, name: str | None) -> tuple[Entry, tuple[Diagnostic, ...], Archive]:
+    """The entry of this name or number, or the only one, the warnings about its file, and the whole file.
+    Raises `CompileError`.
+    """
     try:
         archive, warnings = parse_archive(source)
     except Unreadable as broken:
         raise _explained(broken, name) from None
-    return entry_of(archive, name), warnings
+    return entry_of(archive, name), warnings, archive
 
 
 def entry_of(archive: Archive, chosen: str | None = None) -> Entry:

@@ -16,6 +16,7 @@ import dl2c.experiments.commands  # adds its commands
 from dl2c.diagnostics import CompileError, error, warning
 from dl2c.native.errors import CompilerMissing
 from dl2c.options import OPTIONS, Options, UnknownOption, with_options
+from dl2c.parse import archive
 from dl2c.source import Source, Span
 
 KYX = "a model\nof two lines\n"
@@ -228,3 +229,27 @@ def test_train_writes_its_results(capsys: Any, model: str, tmp_path: Path) -> No
     }
     code, _, err = run(capsys, "train", model, "--algo", "sarsa")
     assert code == 1 and "no algorithm" in err
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["check", "check --portable", "check --json", "annotate", "info", "verify", "sample", "build", "monitor"],
+)
+def test_a_command_reads_a_model_once(
+    capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    path = tmp_path / "model.kyx"
+    problem = "x = 0 -> [{?(x <= 3); x := x + 1; ++ x := 0;}*@invariant(x <= 4)] x <= 4"
+    path.write_text(f'Theorem "of {command}" ProgramVariables Real x; End. Problem {problem} End. End.')
+    read: list[Source] = []
+    whole = archive.read_archive
+
+    def reading(source: Source) -> Any:
+        read.append(source)
+        return whole(source)
+
+    monkeypatch.setattr(archive, "read_archive", reading)
+    folder = ["-o", str(tmp_path / "monitor")] if command == "monitor" else []
+    code, out, err = run(capsys, *command.split(), str(path), *folder)
+    assert code == 0, out + err
+    assert len(read) == 1
