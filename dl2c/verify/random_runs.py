@@ -108,22 +108,22 @@ class RandomRun(Run):
         if isinstance(program, tree.Loop):
             self._repeat(program)
         else:
+            self.in_time()
             self.at = program
             Run.follow(self, program)
+            if isinstance(program, tree.Assign | tree.ODESystem) and self._large():
+                raise Inexact("numbers that take too long")
 
     def _repeat(self, loop: tree.Loop) -> None:
         assert self.claim is not None
         wanted = self.claim.after(loop)
         for _ in range(self.chance.randrange(INNER) if wanted is None else self.most):
-            self.in_time()
             if not self._again(loop.child):
                 break
             if wanted is not None:
                 self.iterations += 1
                 if truth(tree.Not(wanted), self.values):
                     self.violated = wanted
-                    break
-                if self._large():
                     break
         self._note("again", "once more", Fraction(0))
 

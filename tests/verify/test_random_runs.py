@@ -91,6 +91,13 @@ def test_a_run_is_one_that_its_seed_gives() -> None:
     assert all(run.iterations <= LONGEST for run in runs)
 
 
+def test_numbers_do_not_grow_for_ever(solvers: Portfolio) -> None:
+    begun = time.process_time()
+    squares = "x := x * x; " * 60
+    assert found(theorem_about(f"x = 2 -> [{{{squares}}}*] x >= 2"), solvers) is None
+    assert time.process_time() - begun < 10
+
+
 def test_what_claims_nothing_after_a_loop_is_not_tried(solvers: Portfolio) -> None:
     assert found(theorem_about("x = 0 -> [x := 1;] x = 0"), solvers) is None
 
