@@ -30,17 +30,17 @@ _BLOCKS: dict[str, Kind] = {
     "Tactic": "Tactic",
 }
 
+_ENTRIES = ("ArchiveEntry", "Theorem", "Lemma", "Exercise")
+
 STRING = r'"(?:[^"\\]|\\.)*"'
 _MARK = re.compile(
     rf"{STRING}|(?<![A-Za-z0-9_\\])(?:(?P<block>{'|'.join(_BLOCKS)})(?![A-Za-z0-9_])"
-    r"|(?P<entry>ArchiveEntry|Theorem|Lemma|Exercise)(?![A-Za-z0-9_])"
+    rf"|(?P<entry>{'|'.join(_ENTRIES)})(?![A-Za-z0-9_])"
     rf"|(?P<end>End(?:\s+(?!(?:End|{'|'.join(_BLOCKS)})(?![A-Za-z0-9_]))[A-Za-z]\w*)?\s*\.)"
     r"|(?P<nearly>(?:End|END)(?:[ \t]*[.;:,])?(?=[ \t]*(?:\n|\Z))|end[ \t]*\.(?=[ \t]*(?:\n|\Z))))",
     re.DOTALL,
 )
-_MAYBE_MARK = re.compile(
-    '"|' + "|".join([*_BLOCKS, "ArchiveEntry", "Theorem", "Lemma", "Exercise", "End", "END", "end"])
-)
+_MAYBE_MARK = re.compile('"|' + "|".join([*_BLOCKS, *_ENTRIES, "End", "END", "end"]))
 """Where a mark may begin. `re` looks for these fast, and slowly for groups and conditions."""
 _WORD = re.compile(r"\s*(?P<word>[A-Za-z]\w*)[ \t]*:?")
 _META = re.compile(
@@ -212,7 +212,7 @@ def _word(*words: str, after: str = "") -> str:
 
 
 _NEW_BLOCKS = ("Definitions", "ProgramVariables", "Problem")
-_ENTRY = _word("ArchiveEntry", "Theorem", "Lemma", "Exercise")
+_ENTRY = _word(*_ENTRIES)
 _SIGNS = (
     (_word("Functions", "Variables", "SharedDefinitions"), "renamed since"),
     (rf"{_word(*_NEW_BLOCKS)}\s*[.;]", "no `.` or `;` follows a section word now"),
