@@ -25,7 +25,7 @@ from dl2c.parse.tree import And, Archive, Entry
 from dl2c.progress import LOG, Progress, silent, stage
 from dl2c.resolve.episode import completed, deprecated_values
 from dl2c.resolve.problem import Problem, expansion, resolve
-from dl2c.resolve.unreadable import read_entry
+from dl2c.resolve.unreadable import entry_of, read_file
 from dl2c.source import Source, Span
 from dl2c.version import __version__
 from dl2c.work import at_place, budgeted
@@ -53,11 +53,10 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class Parsed:
-    """The entry that the options name; the warnings of the parser; all that was read."""
+    """The entry that the options name."""
 
     entry: Entry
     warnings: tuple[Diagnostic, ...]
-    archive: Archive
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,11 +124,19 @@ class Compilation:
         return entry.problem.span if isinstance(entry, Entry) else entry.start
 
     @_stage("reading the model")
+    def read(self) -> tuple[Archive, tuple[Diagnostic, ...]]:
+        """All entries, and the warnings of the parser."""
+        if isinstance(self._model, Entry):
+            return Archive((self._model,), span=self._model.span), ()
+        return read_file(self._model, self.given.entry)
+
+    @_stage(after="read")
     def parsed(self) -> Parsed:
         """The entry that the options name."""
+        archive, warnings = self.read
         if isinstance(self._model, Entry):
-            return Parsed(self._model, (), Archive((self._model,), span=self._model.span))
-        return Parsed(*read_entry(self._model, self.given.entry))
+            return Parsed(self._model, warnings)
+        return Parsed(entry_of(archive, self.given.entry), warnings)
 
     @_stage("resolving names", after="parsed")
     def resolved(self) -> Resolved:

@@ -72,7 +72,7 @@ def annotated(model: str, options: Mapping[str, Any]) -> bytes:
     source, given = source_of(model), resolve_options(options)
     path = Path(source.name) if not model.startswith(EXAMPLE) else None
     content = path.read_bytes() if path else source.text.encode()
-    if declared := tuple(declarations(source, compilation(source, given).parsed.archive)):
+    if declared := tuple(declarations(source, compilation(source, given).read[0])):
         content = edited(content, declared)
         source = Source(source.name, edited(source.text.encode(), declared).decode())
     return edited(content, suggestions(source, given))

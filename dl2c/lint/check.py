@@ -27,10 +27,9 @@ def examine(source: Source, options: Options, *, portable: bool = False) -> tupl
     model = compilation(source, options)
     if portable:
         try:
-            read = model.parsed.archive, model.parsed.warnings
+            found = tuple(replace(d, severity="error") for d in portability(source, model.read))
         except CompileError as unreadable:
             return unreadable.diagnostics
-        found = tuple(replace(d, severity="error") for d in portability(source, read))
     return examined(source, model, found)
 
 
@@ -77,7 +76,7 @@ def plain_lints(source: Source, model: Compilation) -> Iterator[Diagnostic]:
     """Those that need no solver."""
     problem, options = model.resolved.problem, model.resolved.options
     step, paths = model.lowered.model, model.paths
-    yield from quotients(source, model.parsed.archive)
+    yield from quotients(source, model.read[0])
     yield from annotations.ends_of_episodes(problem)
     yield from annotations.penalties(step, problem)
     yield from annotations.safety_checks(step, paths, options)

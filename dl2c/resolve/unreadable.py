@@ -20,15 +20,19 @@ from dl2c.resolve.symbols import collect
 from dl2c.source import Source, Span
 
 
-def read_entry(source: Source, name: str | None) -> tuple[Entry, tuple[Diagnostic, ...], Archive]:
-    """The entry of this name or number, or the only one, the warnings about its file, and the whole file.
-    Raises `CompileError`.
+def read_entry(source: Source, name: str | None) -> Entry:
+    """The entry of this name or number, or the only one. Raises `CompileError`."""
+    return entry_of(read_file(source, name)[0], name)
+
+
+def read_file(source: Source, name: str | None) -> tuple[Archive, tuple[Diagnostic, ...]]:
+    """All entries; the warnings come second. Raises `CompileError`, in which errors of names are those of the
+    entry of this name.
     """
     try:
-        archive, warnings = parse_archive(source)
+        return parse_archive(source)
     except Unreadable as broken:
         raise _explained(broken, name) from None
-    return entry_of(archive, name), warnings, archive
 
 
 def entry_of(archive: Archive, chosen: str | None = None) -> Entry:

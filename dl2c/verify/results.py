@@ -61,7 +61,7 @@ def status(source: Source, options: Options, entry: "Entry | None" = None) -> St
         from dl2c.verify.theorem import theorem_of
 
         try:
-            read = entry or read_entry(source, options.entry)[0]
+            read = entry or read_entry(source, options.entry)
         except CompileError:
             return Status()
         try:

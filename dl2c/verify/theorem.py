@@ -51,7 +51,7 @@ def theorem_in(source: Source, options: Options) -> Theorem:
     """The theorem of a model. Raises `CompileError` for a mistake in the model."""
     with budgeted():
         at_place(source.start)
-        return theorem_of(read_entry(source, options.entry)[0], dict(options.constants))
+        return theorem_of(read_entry(source, options.entry), dict(options.constants))
 
 
 def theorem_of(entry: tree.Entry, values: Mapping[str, Fraction]) -> Theorem:

@@ -253,3 +253,14 @@ def test_a_command_reads_a_model_once(
     code, out, err = run(capsys, *command.split(), str(path), *folder)
     assert code == 0, out + err
     assert len(read) == 1
+
+
+def test_check_portable_looks_at_all_entries(capsys: Any, tmp_path: Path) -> None:
+    """Also where none is named: two things are wrong then."""
+    path, entry = (
+        tmp_path / "model.kyx",
+        "ProgramVariables Real x; End. Problem [x := 1; // no\n] x = 1 End. End.\n",
+    )
+    path.write_text(f'Theorem "a" {entry}Theorem "b" {entry}')
+    code, _, err = run(capsys, "check", "--portable", str(path))
+    assert code == 1 and "several entries" in err and err.count("rejects `//` comments") == 2
