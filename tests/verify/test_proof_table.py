@@ -2,12 +2,11 @@
 
 import random
 from collections import Counter
-from fractions import Fraction
 
 import pytest
-from oracles.exact_motion import Flow
 from oracles.exact_runs import expanded, refutes
 from proof_table import CORPUS, Claim, expected, problems
+from verify.trap import decided
 
 from dl2c.verify.prove import Limits, prove_theorem
 from dl2c.verify.theorem import theorem_of
@@ -65,18 +64,4 @@ def test_refutations_are_confirmed_by_another_evaluator(claims: dict[str, Claim]
         assert run is not None, claims[digest].name
         if "as soon as" in run.violated:
             continue
-        decisions = [decided(name, value) for name, value in run.decisions]
-        assert refutes(expanded(entry), dict(run.state), decisions), claims[digest].name
-
-
-def decided(name: str, value: Fraction) -> bool | Fraction | Flow:
-    """A decision in the words of the oracle: True for the left of a choice and for one more iteration."""
-    match name:
-        case "alternative":
-            return value == 0
-        case "once more":
-            return value == 1
-        case "duration":
-            return Flow(value)
-        case _:
-            return value
+        assert refutes(expanded(entry), dict(run.state), decided(run)), claims[digest].name

@@ -11,7 +11,7 @@ from flint import fmpq, fmpq_poly
 from hypothesis import given
 from hypothesis import strategies as st
 from oracles.exact_runs import refutes, theorem
-from verify.trap import decided
+from verify.trap import MODEL, decided
 
 from dl2c.parse.parser import parse_archive
 from dl2c.smt.portfolio import Portfolio
@@ -21,14 +21,6 @@ from dl2c.verify.random_runs import LONGEST, RandomRun, claim_of, positive_roots
 from dl2c.verify.refute import Refutation
 from dl2c.verify.report import Counterexample
 from dl2c.verify.theorem import Theorem, theorem_of
-
-MODEL = """ArchiveEntry "model"
-ProgramVariables Real x; Real y; Real v; Real t; Real c; End.
-Problem
-  {problem}
-End.
-End.
-"""
 
 FALSE = {
     "steps up and down": "x = 0 -> [{x := x + 1; ++ x := x - 1;}*] x < 12",

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import pytest
 from oracles.exact_runs import refutes, theorem
-from verify.trap import decided
+from verify.trap import MODEL, decided
 
 from dl2c.parse.parser import parse_archive
 from dl2c.smt.portfolio import Portfolio
@@ -14,14 +14,6 @@ from dl2c.source import Source
 from dl2c.verify.prove import Limits, prove_theorem
 from dl2c.verify.report import Obligation, Report
 from dl2c.verify.theorem import theorem_of
-
-MODEL = """ArchiveEntry "model"
-ProgramVariables Real x; Real y; Real v; Real t; Real c; End.
-Problem
-  {problem}
-End.
-End.
-"""
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,15 @@ from dl2c.verify.report import Counterexample
 
 Value = int | Fraction
 
+MODEL = """ArchiveEntry "model"
+ProgramVariables Real x; Real y; Real v; Real t; Real c; End.
+Problem
+  {problem}
+End.
+End.
+"""
+"""Around a problem over a few variables."""
+
 
 @dataclass(frozen=True)
 class Trap:
