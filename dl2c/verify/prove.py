@@ -34,7 +34,7 @@ from dl2c.verify.report import (
     joined,
     versions,
 )
-from dl2c.verify.stability import guesses
+from dl2c.verify.stability.guesses import guesses
 from dl2c.verify.states import Event, Names, State, Unsupported, partial
 from dl2c.verify.theorem import (
     Theorem,

@@ -1,0 +1,207 @@
+"""Lyapunov functions of the modes of a switched system: candidates, and numbers about them from samples.
+
+Candidates are what tactics and unused definitions name, the norm itself, and quadratic forms that solve
+Lyapunov's equation A'*P + P*A = -I for modes that are linear, shifted so far that they fall as fast as they can.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import combinations_with_replacement
+from math import floor, log10
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dl2c.ir.arrays import truths, values
+from dl2c.ir.model import Symbol, Term
+from dl2c.lower.terms import lower_formula, lower_term
+from dl2c.parse import tree
+from dl2c.resolve.symbols import free_variables, nodes
+from dl2c.verify.field import Field
+from dl2c.verify.stability.claim import Claim
+from dl2c.verify.stability.switching import Mode
+from dl2c.verify.states import Names
+
+DIRECTIONS = 1000
+RADII = np.geomspace(0.01, 10.0, 13)
+CONSTANTS = 200
+"""Values of constants that are drawn, of which those are taken that the theorem assumes."""
+
+MARGIN = 0.9
+"""By which estimates are made smaller."""
+
+DIGITS = 3
+"""Of the entries of quadratic forms, of which the largest is about 1."""
+
+SLOWER = 0.1
+"""Of how fast a mode can fall at all: by so much less its quadratic form falls."""
+
+Numbers: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Of a function V in a mode, by the squared radius N: least and greatest V, and the least -V'/V, which is
+    infinite where the mode does not run. All have one number for each of `RADII`.
+    """
+
+    norms: Numbers
+    least: Numbers
+    most: Numbers
+    decay: Numbers
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """States of a claim, with values of its constants: points on spheres, sphere after sphere."""
+
+    claim: Claim
+    names: tuple[str, ...]
+    scope: Mapping[str, Symbol]
+    columns: Mapping[Symbol, Any]
+
+    @classmethod
+    def of(cls, claim: Claim) -> "Samples | None":
+        """None where no values of constants are found that the theorem assumes."""
+        rng = np.random.default_rng(0)
+        names = tuple(sorted(free_variables(claim.norm)))
+        systems = [mode.system for mode in claim.system.modes]
+        rates = [e.term for s in systems for e in s.equations if isinstance(e, tree.AtomicODE)]
+        mentioned = {n.name for part in (*rates, *(s.domain for s in systems)) for n in _variables(part)}
+        moving = {e.name for s in systems for e in s.equations if isinstance(e, tree.AtomicODE)}
+        fixed = sorted(mentioned - set(names) - moving)
+        scope = {name: Symbol(name, "variable") for name in {*names, *mentioned, *moving}}
+        directions = rng.normal(size=(len(names), DIRECTIONS))
+        directions /= np.linalg.norm(directions, axis=0)
+        points = np.concatenate([r * directions for r in RADII], axis=1)
+        columns: dict[Symbol, Any] = {scope[name]: 0.0 for name in moving}
+        columns |= dict(zip((scope[name] for name in names), points, strict=True))
+        drawn = _constants(claim, {name: scope[name] for name in fixed}, rng)
+        if drawn is None:
+            return None
+        chosen = rng.integers(0, drawn.shape[1], points.shape[1])
+        columns |= {scope[name]: row[chosen] for name, row in zip(fixed, drawn, strict=True)}
+        return cls(claim, names, scope, columns)
+
+    @property
+    def constant(self) -> bool:
+        """Whether all that modes depend on is the state."""
+        return not any(isinstance(c, np.ndarray) for s, c in self.columns.items() if s.name not in self.names)
+
+    def _field(self, mode: Mode) -> Field:
+        equations = [e for e in mode.system.equations if isinstance(e, tree.AtomicODE)]
+        rates = {self.scope[e.name]: lower_term(e.term, self.scope) for e in equations}
+        return Field(rates, Names(), lambda _: False)
+
+    def estimate(self, function: tree.Term, mode: Mode) -> Estimate:
+        """Numbers about a function. Raises `CompileError`, `NotPolynomial`, `TooLarge`, `KeyError`."""
+        shape = (len(RADII), DIRECTIONS)
+        term = lower_term(function, self.scope)
+        norm, value, rate = (
+            np.broadcast_to(values(t, self.columns), shape[0] * shape[1]).reshape(shape)
+            for t in (lower_term(self.claim.norm, self.scope), term, self._field(mode).derivative(term))
+        )
+        domain = truths(lower_formula(mode.system.domain, self.scope), self.columns)
+        inside = np.broadcast_to(domain, shape[0] * shape[1]).reshape(shape)
+        everywhere = np.ones(shape, bool) if mode.tests else inside
+        with np.errstate(all="ignore"):
+            fall = np.where(inside, -rate / value, np.inf)
+        return Estimate(
+            norm.mean(axis=1),
+            np.where(everywhere, value, np.inf).min(axis=1),
+            np.where(everywhere, value, -np.inf).max(axis=1),
+            np.where(np.isnan(fall), -np.inf, fall).min(axis=1),
+        )
+
+    def ratio(self, above: tree.Term, below: tree.Term) -> float:
+        """The greatest quotient of two functions."""
+        a, b = (values(lower_term(f, self.scope), self.columns) for f in (above, below))
+        return float(np.max(a / b))
+
+    def matrix(self, mode: Mode) -> Numbers | None:
+        """The matrix of a linear mode."""
+        rates = {
+            e.name: lower_term(e.term, self.scope)
+            for e in mode.system.equations
+            if isinstance(e, tree.AtomicODE) and e.name in self.names
+        }
+        zero = dict.fromkeys(self.names, 0.0)
+        if rates.keys() != zero.keys() or not self.constant:
+            return None
+
+        def field(point: Mapping[str, Any]) -> Numbers:
+            columns = {**self.columns, **{self.scope[n]: v for n, v in point.items()}}
+            size = np.size(next(iter(point.values())))
+            return np.array([np.broadcast_to(values(rates[n], columns), size) for n in self.names])
+
+        matrix = np.column_stack([field({**zero, n: 1.0}) for n in self.names])
+        points = np.array([self.columns[self.scope[n]] for n in self.names])
+        linear = np.allclose(field(dict(zip(self.names, points, strict=True))), matrix @ points)
+        return matrix if linear else None
+
+
+def _variables(part: tree.Expression) -> Iterator[tree.Variable]:
+    return (n for n in nodes(part) if isinstance(n, tree.Variable))
+
+
+def _constants(claim: Claim, scope: Mapping[str, Symbol], rng: np.random.Generator) -> Numbers | None:
+    """Values of constants, a row for each, of which all holds that is assumed of them alone."""
+    drawn = np.exp(rng.normal(size=(len(scope), CONSTANTS))) * rng.choice([1, 1, -1], (len(scope), CONSTANTS))
+    columns = dict(zip(scope.values(), drawn, strict=True))
+    kept = np.ones(CONSTANTS, bool)
+    for part in claim.assumed:
+        if free_variables(part) and free_variables(part) <= scope.keys():
+            kept &= np.broadcast_to(truths(lower_formula(part, scope), columns), CONSTANTS)
+    return drawn[:, kept] if kept.any() else None
+
+
+def candidates(samples: Samples, named: Sequence[tuple[tree.Term, ...]]) -> Iterator[tuple[tree.Term, ...]]:
+    """Functions for the modes, one for each."""
+    modes = samples.claim.system.modes
+    known = set(samples.names)
+    found: dict[tuple[tree.Term, ...], None] = {}
+    for functions in (*named, (samples.claim.norm,)):
+        fits = all(free_variables(f) and free_variables(f) <= known for f in functions)
+        if fits and len(functions) in (1, len(modes)):
+            found.setdefault(functions * len(modes) if len(functions) == 1 else functions)
+    matrices = [samples.matrix(mode) for mode in modes]
+    forms = [m is not None and quadratic(m, samples.names) or None for m in matrices]
+    yield from found
+    if all(forms):
+        yield tuple(f for f in forms if f is not None)
+        yield from ((f,) * len(modes) for f in dict.fromkeys(f for f in forms if f is not None))
+
+
+def quadratic(matrix: Numbers, names: Sequence[str]) -> tree.Term | None:
+    """A quadratic form that falls along a linear mode about as fast as the slowest solution does."""
+    size = len(names)
+    fastest = np.linalg.eigvals(matrix).real.max()
+    shifted = matrix - (fastest + SLOWER * max(abs(fastest), 0.1)) * np.eye(size)
+    identity = np.eye(size)
+    system = np.kron(shifted.T, identity) + np.kron(identity, shifted.T)
+    form = np.linalg.solve(system, -identity.ravel()).reshape(size, size)
+    form /= abs(form).max()
+    result: tree.Term | None = None
+    for (i, a), (j, b) in combinations_with_replacement(enumerate(names), 2):
+        entry = Fraction(round(float(form[i, j] * (1 if i == j else 2)), DIGITS)).limit_denominator(
+            10**DIGITS
+        )
+        if entry:
+            product = tree.Times(tree.Variable(a), tree.Variable(b))
+            part = tree.Times(tree.Number(abs(entry)), product)
+            sign: Callable[..., tree.Term] = tree.Plus if entry > 0 else tree.Minus
+            result = part if result is None else sign(result, part)
+    return result
+
+
+def below(value: float) -> Fraction:
+    """A short number that is not above."""
+    digits = 10 ** (2 - floor(log10(abs(value)))) if value else 1
+    return Fraction(floor(value * digits)) / Fraction(digits)
+
+
+def above(value: float) -> Fraction:
+    """A short number that is not below."""
+    return -below(-value)
