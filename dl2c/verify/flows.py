@@ -2,7 +2,7 @@
 what is proved to stay true along it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from dl2c.diagnostics import CompileError
@@ -23,6 +23,7 @@ from dl2c.ir.model import (
     Term,
 )
 from dl2c.parse import tree
+from dl2c.source import Span
 from dl2c.verify.arithmetic.prover import Prover
 from dl2c.verify.arithmetic.total import domains, is_total
 from dl2c.verify.field import Field
@@ -65,14 +66,15 @@ FIRST = 0.15
 @dataclass(slots=True)
 class Flows:
     """Follows differential equations. `effort` 0 goes by solutions and the text's own cuts, 1 tries hints and
-    facts of the whole time too, 2 `wanted` formulas and other facts, 3 invents cuts. `rules` notes what was
-    used.
+    facts of the whole time too, 2 `wanted` formulas and other facts, 3 invents cuts. `guessed` are cuts of
+    equations, by their places, used like the text's own. `rules` notes what was used.
     """
 
     prover: Prover
     effort: int = 0
     hints: Sequence[tree.Formula] = ()
     wanted: Sequence[tree.Formula] = ()
+    guessed: Mapping[Span, Sequence[tree.Formula]] = field(default_factory=dict[Span, Sequence[tree.Formula]])
     rules: set[str] = field(default_factory=set[str])
 
     def follow(self, ode: tree.ODESystem, state: State, names: Names) -> Iterator[State]:
@@ -81,7 +83,8 @@ class Flows:
         if motion is None:
             return
         curves = self.curves(motion)
-        needed = len(curves) < len(motion.rates) or self.effort > 0 or ode.invariants
+        written = (*ode.invariants, *self.guessed.get(ode.span, ()))
+        needed = len(curves) < len(motion.rates) or self.effort > 0 or written
         cuts = self._cuts(ode, motion, curves, names) if needed else ()
         yield from self.ended(motion, curves, cuts)
 
@@ -148,7 +151,7 @@ class Flows:
                     raise Unsupported("a differential equation that may begin without a value", ode.span)
                 return ()
         search = _Search(self, motion, curves, names)
-        for written in ode.invariants:
+        for written in (*ode.invariants, *self.guessed.get(ode.span, ())):
             search.each(motion_formula(written, motion), SHARES[0])
         if self.effort >= 1:
             for hint in self.hints:

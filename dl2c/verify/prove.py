@@ -226,7 +226,7 @@ class Proof:
     def _found(self, written: Invariants) -> Iterator[Attempt | None]:
         """Attempts with invariants of loops that the text does not give."""
         for guess in guesses(self.theorem):
-            yield from (replace(self.attempt(guess, effort), invented=True) for effort in EFFORTS)
+            yield replace(self.attempt(guess, EFFORTS[0]), invented=True)
         if not self.loops:
             return
         for hint in self.theorem.hints.loops:
@@ -373,7 +373,7 @@ class Proof:
         wanted = [p for parts in invariants.values() for part in parts for p in with_consequent(part)]
         wanted += [*conclusions(self.theorem.formula), *(f for _, f in safety if self.one_step)]
         execution = Execution(
-            Flows(self.prover, effort, self.theorem.hints.flows, wanted),
+            Flows(self.prover, effort, self.theorem.hints.flows, wanted, invariants),
             Names(),
             invariants,
             safety,

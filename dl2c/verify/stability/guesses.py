@@ -33,6 +33,9 @@ from dl2c.verify.theorem import Theorem
 SLACKS = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 """Rates of decay that are tried for attractivity where modes last for some time."""
 
+MARGINS = (0.9, 0.99)
+"""By which rates are made slower, and quotients of functions greater, where modes last for some time."""
+
 FLAT = 1.5
 """How much V/N may differ between spheres where both are said to be of one degree."""
 
@@ -100,23 +103,16 @@ def _of(samples: Samples, functions: Sequence[tree.Term]) -> Iterator[Guess]:
 def _lasting(samples: Samples, functions: Sequence[tree.Term], found: Sequence[Estimate]) -> Iterator[Guess]:
     """With weights that depend on how long modes have lasted."""
     claim = samples.claim
-    numbers = range(len(functions))
-    ratios = {
-        (p, q): samples.ratio(functions[q], functions[p]) / MARGIN**0.5
-        for p, q in product(numbers, numbers)
-        if p != q
-    }
-    ratios |= {(p, p): 1.0 for p in numbers}
-    if not all(0 < r < inf for r in ratios.values()):
+    pairs = list(product(range(len(functions)), repeat=2))
+    ratios = {(p, q): samples.ratio(functions[q], functions[p]) if p != q else 1.0 for p, q in pairs}
+    rates = [float(e.decay.min()) for e in found]
+    if not (np.isfinite(rates).all() and all(0 < r < inf for r in ratios.values())):
         return
-    for slack in (0.0,) if claim.clock is None else SLACKS:
-        rates = [float(e.decay.min()) for e in found]
-        decays = [r - (1 - MARGIN) * abs(r) - slack for r in rates]
-        if not np.isfinite(decays).all():
-            return
-        chosen = weights(claim.system, decays, ratios)
+    for margin, slack in product(MARGINS, (0.0,) if claim.clock is None else SLACKS):
+        decays = [r - (1 - margin) * abs(r) - slack for r in rates]
+        chosen = weights(claim.system, decays, {k: r / margin for k, r in ratios.items()})
         if chosen is not None:
-            yield _proportional(claim, functions, found, chosen, slack / MARGIN)
+            yield _proportional(claim, functions, found, chosen, 2 * slack)
             return
 
 
@@ -142,11 +138,13 @@ def _proportional(
     if claim.clock is None:
         ratio = below(MARGIN * float(least / most) ** (1 / claim.inner.power))
         limit = tree.Times(tree.Number(least), claim.outer.bound)
-        return _guess(claim, tree.Times(tree.Number(ratio), claim.outer.base), weighted, limit, ())
-    rate = below(MARGIN * decay)
+        return _guess(claim, tree.Times(tree.Number(ratio), claim.outer.base), weighted, limit)
+    rate = below(decay / 2)
     limit = tree.Times(tree.Number(most), claim.inner.bound)
-    slowest = tree.Times(tree.Number(rate * least), claim.outer.bound)
-    return _guess(claim, tree.Divide(limit, slowest), weighted, limit, (), rate)
+    level = tree.Times(tree.Number(least), claim.outer.bound)
+    witness = tree.Divide(limit, tree.Times(tree.Number(rate), level))
+    last = level if claim.system.timer is not None else None
+    return _guess(claim, witness, weighted, limit, last, decay=rate)
 
 
 def _bounded(
@@ -168,7 +166,7 @@ def _bounded(
     if claim.clock is None:
         yield _near(claim, functions, cap, (lower, degree), (min(MARGIN * share, 1.0), rises))
     elif falls.all():
-        decay = below(MARGIN * min(float(e.decay.min()) for e in found))
+        decay = below(min(float(e.decay.min()) for e in found) / 2)
         largest = max(fewest, ceil(_slope(norms[::-1], most[::-1]) - 0.1))
         yield _far(claim, functions, (lower, degree), (upper, fewest, largest), decay)
 
@@ -192,7 +190,7 @@ def _near(
     ratio = below(share[0] ** (1 / claim.inner.power))
     witness = tree.Times(tree.Number(ratio), _power(base, share[1]))
     level = tree.Times(tree.Number(lower[0]), _power(limit, lower[1]))
-    return _guess(claim, witness, functions, level, (tree.Compare("<", claim.norm, limit),))
+    return _guess(claim, witness, functions, level, others=[tree.Compare("<", claim.norm, limit)])
 
 
 def _far(
@@ -208,8 +206,9 @@ def _far(
     powers = [_power(claim.inner.bound, k) for k in {fewest, largest}]
     most = tree.Times(tree.Number(factor), reduce(tree.Plus, powers))
     capped = _power(tree.FuncOf("min", (one, claim.outer.bound)), lower[1])
-    slowest = tree.Times(tree.Number(decay * lower[0]), capped)
-    return _guess(claim, tree.Divide(most, slowest), functions, most, (), decay)
+    level = tree.Times(tree.Number(lower[0]), capped)
+    witness = tree.Divide(most, tree.Times(tree.Number(decay), level))
+    return _guess(claim, witness, functions, most, level, decay=decay)
 
 
 def _power(base: tree.Term, exponent: int) -> tree.Term:
@@ -221,32 +220,41 @@ def _guess(
     witness: tree.Term,
     functions: Sequence[tree.Term],
     limit: tree.Term,
-    others: Sequence[tree.Formula],
+    level: tree.Term | None = None,
+    others: Sequence[tree.Formula] = (),
     decay: Fraction | None = None,
 ) -> Guess:
-    """Functions below a limit in their modes; with a `decay` ever more so."""
+    """Functions below a limit in their modes; with a `decay` ever more so, and below a `level` at the end."""
     system = claim.system
-    if decay is not None:
-        assert claim.clock is not None
-        grown = tree.Plus(ONE, tree.Times(tree.Number(decay), tree.Variable(claim.clock)))
-        functions = [tree.Times(f, grown) for f in functions]
-    parts: list[tree.Formula] = [
-        tree.Compare(">=", tree.Variable(name), ZERO)
-        for name in (claim.clock, system.timer)
-        if name is not None
-    ]
-    conditions = [reduce(tree.And, mode.tests) if mode.tests else mode.system.domain for mode in system.modes]
+    clocks = [tree.Variable(name) for name in (claim.clock, system.timer) if name is not None]
+    late = tree.Compare(">=", tree.Variable(claim.clock or ""), tree.Variable(claim.witness.variable))
+    parts: list[tree.Formula] = [tree.Compare(">=", clock, ZERO) for clock in clocks]
+    kept = list(parts)
     if all(mode.tests for mode in system.modes):
-        parts.append(reduce(tree.Or, dict.fromkeys(conditions)))
-    for condition, mode, function in zip(conditions, system.modes, functions, strict=True):
-        parts += [_where(condition, tree.Compare("<", function, limit))]
+        parts.append(reduce(tree.Or, dict.fromkeys(reduce(tree.And, mode.tests) for mode in system.modes)))
+    found: dict[Span, tuple[tree.Formula, ...]] = {}
+    for mode, function in zip(system.modes, functions, strict=True):
+        condition = reduce(tree.And, mode.tests) if mode.tests else mode.system.domain
+        grown = function if decay is None else tree.Times(function, _grown(claim, decay))
+        small = reduce(tree.And, others, tree.Compare("<", grown, limit))
+        found[mode.system.span] = (*kept, small)
+        parts.append(_where(condition, small))
+        if level is not None:
+            parts.append(_where(condition, tree.Imply(late, tree.Compare("<", function, level))))
         if mode.longest is not None and system.timer is not None:
             time = tree.Compare("<=", tree.Variable(system.timer), tree.Number(mode.longest))
-            parts += [_where(condition, time)]
-    parts += others
+            parts.append(_where(condition, time))
     equation = tree.Compare("=", tree.Variable(claim.witness.variable), witness)
-    span = claim.place.span
-    return {span: tuple(replace(p, span=span) for p in dict.fromkeys(parts)), claim.witness.span: (equation,)}
+    if isinstance(claim.place, tree.Loop):
+        span = claim.place.span
+        found[span] = tuple(replace(p, span=span) for p in dict.fromkeys(parts))
+    return {**found, claim.witness.span: (equation,)}
+
+
+def _grown(claim: Claim, decay: Fraction) -> tree.Term:
+    """1 + c*t."""
+    assert claim.clock is not None
+    return tree.Plus(ONE, tree.Times(tree.Number(decay), tree.Variable(claim.clock)))
 
 
 def _where(condition: tree.Formula, part: tree.Formula) -> tree.Formula:

@@ -24,8 +24,8 @@ from dl2c.verify.stability.claim import Claim
 from dl2c.verify.stability.switching import Mode
 from dl2c.verify.states import Names
 
-DIRECTIONS = 1000
-RADII = np.geomspace(0.01, 10.0, 13)
+DIRECTIONS = 4000
+RADII = np.geomspace(0.01, 10.0, 7)
 CONSTANTS = 200
 """Values of constants that are drawn, of which those are taken that the theorem assumes."""
 
@@ -35,7 +35,7 @@ MARGIN = 0.9
 DIGITS = 3
 """Of the entries of quadratic forms, of which the largest is about 1."""
 
-SLOWER = 0.1
+SLOWER = (0.1, 0.01)
 """Of how fast a mode can fall at all: by so much less its quadratic form falls."""
 
 Numbers: TypeAlias = NDArray[np.float64]
@@ -167,23 +167,23 @@ def candidates(samples: Samples, named: Sequence[tuple[tree.Term, ...]]) -> Iter
         if fits and len(functions) in (1, len(modes)):
             found.setdefault(functions * len(modes) if len(functions) == 1 else functions)
     matrices = [samples.matrix(mode) for mode in modes]
-    forms = [m is not None and quadratic(m, samples.names) or None for m in matrices]
+    linear = [m for m in matrices if m is not None]
+    for slower in SLOWER if len(linear) == len(modes) else ():
+        forms = [quadratic(m, samples.names, slower) for m in linear]
+        found |= dict.fromkeys([tuple(forms), *((f,) * len(modes) for f in forms)])
     yield from found
-    if all(forms):
-        yield tuple(f for f in forms if f is not None)
-        yield from ((f,) * len(modes) for f in dict.fromkeys(f for f in forms if f is not None))
 
 
-def quadratic(matrix: Numbers, names: Sequence[str]) -> tree.Term | None:
-    """A quadratic form that falls along a linear mode about as fast as the slowest solution does."""
+def quadratic(matrix: Numbers, names: Sequence[str], slower: float) -> tree.Term:
+    """A quadratic form that falls along a linear mode almost as fast as its slowest solution."""
     size = len(names)
-    fastest = np.linalg.eigvals(matrix).real.max()
-    shifted = matrix - (fastest + SLOWER * max(abs(fastest), 0.1)) * np.eye(size)
+    slowest = np.linalg.eigvals(matrix).real.max()
+    shifted = matrix - (slowest + slower * max(abs(slowest), 0.1)) * np.eye(size)
     identity = np.eye(size)
     system = np.kron(shifted.T, identity) + np.kron(identity, shifted.T)
     form = np.linalg.solve(system, -identity.ravel()).reshape(size, size)
     form /= abs(form).max()
-    result: tree.Term | None = None
+    result: tree.Term = tree.Number(Fraction(0))
     for (i, a), (j, b) in combinations_with_replacement(enumerate(names), 2):
         entry = Fraction(round(float(form[i, j] * (1 if i == j else 2)), DIGITS)).limit_denominator(
             10**DIGITS
@@ -192,7 +192,7 @@ def quadratic(matrix: Numbers, names: Sequence[str]) -> tree.Term | None:
             product = tree.Times(tree.Variable(a), tree.Variable(b))
             part = tree.Times(tree.Number(abs(entry)), product)
             sign: Callable[..., tree.Term] = tree.Plus if entry > 0 else tree.Minus
-            result = part if result is None else sign(result, part)
+            result = part if result == tree.Number(Fraction(0)) else sign(result, part)
     return result
 
 
