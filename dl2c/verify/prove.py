@@ -226,7 +226,9 @@ class Proof:
     def _found(self, written: Invariants) -> Iterator[Attempt | None]:
         """Attempts with invariants of loops that the text does not give."""
         for guess in guesses(self.theorem):
-            yield replace(self.attempt(guess, EFFORTS[0]), invented=True)
+            hasty = self.prover.pace == PACES[0]
+            found = self._patient(guess, 0, PATIENCE[0]) if hasty else self.attempt(guess, 0)
+            yield found and replace(found, invented=True)
         if not self.loops:
             return
         for hint in self.theorem.hints.loops:

@@ -1,14 +1,14 @@
 """What a theorem about stability claims.
 
-For every e > 0 there is d > 0 such that from N < d^2 every run of a loop keeps N < e^2 (stability), or there is
-a time T after which N < e^2 holds (attractivity). N is the norm of the state; radii stand squared or not.
+For every e > 0 there is d > 0 such that from N < d^2 every run of a loop keeps N < e^2 (stability), or there
+is a time T after which N < e^2 holds (attractivity). N is the norm of the state; radii stand squared or not.
 """
 
 from dataclasses import dataclass
 
 from dl2c.parse import tree
 from dl2c.resolve.shape import conjuncts
-from dl2c.resolve.symbols import nodes
+from dl2c.resolve.symbols import free_variables, nodes
 from dl2c.verify.stability.switching import Mode, Switching, switching
 from dl2c.verify.states import has_program
 
@@ -28,7 +28,8 @@ class Radius:
 @dataclass(frozen=True, slots=True)
 class Claim:
     """That a program started with norm < `inner` keeps norm < `outer`; with a `clock`, once that has reached
-    the witness. `place` is the loop, or the equation of a program without one. `assumed` is about constants.
+    the witness. `place` is the loop, or the equation of a program without one. `assumed` is what else is true
+    at the start.
     """
 
     witness: tree.Exists
@@ -39,6 +40,12 @@ class Claim:
     system: Switching
     clock: str | None
     assumed: tuple[tree.Formula, ...]
+
+    @property
+    def kept(self) -> tuple[tree.Formula, ...]:
+        """What is assumed of the state, which may be an invariant that helps."""
+        names = free_variables(self.norm)
+        return tuple(p for p in self.assumed if names & free_variables(p))
 
 
 def claim_of(formula: tree.Formula) -> Claim | None:
@@ -69,10 +76,14 @@ def claim_of(formula: tree.Formula) -> Claim | None:
             pass
         case _:
             return None
-    inner = next(
-        (p.right for p in assumed if isinstance(p, tree.Compare) and p.left == norm and p.op == "<"), None
-    )
-    return inner and _claim(formula, witness, norm, (inner, outer), clock, tuple(assumed))
+    for part in assumed:
+        match part:
+            case tree.Compare("<", left, inner) if left == norm:
+                others = tuple(p for p in assumed if p is not part)
+                return _claim(formula, witness, norm, (inner, outer), clock, others)
+            case _:
+                pass
+    return None
 
 
 def _claim(

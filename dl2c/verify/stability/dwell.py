@@ -26,8 +26,8 @@ ONE = tree.Number(Fraction(1))
 
 @dataclass(frozen=True, slots=True)
 class Weight:
-    """Of one mode: its `scale`, and a truncated exponential of `rate` times the timer, or times what is left of
-    it until `until`.
+    """Of one mode: its `scale`, and a truncated exponential of `rate` times the timer, or times what is left
+    until the timer is `until`.
     """
 
     scale: Fraction

@@ -1,7 +1,7 @@
 """Lyapunov functions of the modes of a switched system: candidates, and numbers about them from samples.
 
-Candidates are what tactics and unused definitions name, the norm itself, and quadratic forms that solve
-Lyapunov's equation A'*P + P*A = -I for modes that are linear, shifted so far that they fall as fast as they can.
+Candidates are what tactics and unused definitions name, the norm itself, and for linear modes quadratic forms
+that solve Lyapunov's equation A'*P + P*A = -I, with A shifted so far that they fall as fast as they can.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations_with_replacement
 from math import floor, log10
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dl2c.ir.arrays import truths, values
-from dl2c.ir.model import Symbol, Term
+from dl2c.ir.model import Symbol
 from dl2c.lower.terms import lower_formula, lower_term
 from dl2c.parse import tree
 from dl2c.resolve.symbols import free_variables, nodes
@@ -32,6 +32,9 @@ CONSTANTS = 200
 MARGIN = 0.9
 """By which estimates are made smaller."""
 
+FLAT = 1.5
+"""How much V/N may differ between spheres where both are said to be of one degree."""
+
 DIGITS = 3
 """Of the entries of quadratic forms, of which the largest is about 1."""
 
@@ -43,14 +46,35 @@ Numbers: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Of a function V in a mode, by the squared radius N: least and greatest V, and the least -V'/V, which is
-    infinite where the mode does not run. All have one number for each of `RADII`.
+    """Of functions V in modes, by the norm N: least and greatest V, and the least -V' and -V'/V. All have one
+    number for each of `RADII`, infinite where no state of that radius is meant.
     """
 
     norms: Numbers
     least: Numbers
     most: Numbers
+    drop: Numbers
     decay: Numbers
+
+    @classmethod
+    def of_all(cls, several: Sequence["Estimate"]) -> "Estimate":
+        """Of several functions, for the radii of which one of them has states."""
+        least = np.min([e.least for e in several], axis=0)
+        most = np.max([e.most for e in several], axis=0)
+        drop = np.min([e.drop for e in several], axis=0)
+        decay = np.min([e.decay for e in several], axis=0)
+        known = np.isfinite(least) & np.isfinite(most)
+        return cls(several[0].norms[known], least[known], most[known], drop[known], decay[known])
+
+    @property
+    def proportional(self) -> bool:
+        """Whether V and N are of one degree."""
+        return all(max(r) < FLAT * min(r) for r in (self.least / self.norms, self.most / self.norms))
+
+    def within(self, end: int) -> "Estimate":
+        """For the first radii."""
+        parts = (self.norms, self.least, self.most, self.drop, self.decay)
+        return Estimate(*(part[:end] for part in parts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +93,8 @@ class Samples:
         names = tuple(sorted(free_variables(claim.norm)))
         systems = [mode.system for mode in claim.system.modes]
         rates = [e.term for s in systems for e in s.equations if isinstance(e, tree.AtomicODE)]
-        mentioned = {n.name for part in (*rates, *(s.domain for s in systems)) for n in _variables(part)}
+        parts = (*rates, *(s.domain for s in systems), *claim.kept)
+        mentioned = {n.name for part in parts for n in nodes(part) if isinstance(n, tree.Variable)}
         moving = {e.name for s in systems for e in s.equations if isinstance(e, tree.AtomicODE)}
         fixed = sorted(mentioned - set(names) - moving)
         scope = {name: Symbol(name, "variable") for name in {*names, *mentioned, *moving}}
@@ -81,7 +106,7 @@ class Samples:
         drawn = _constants(claim, {name: scope[name] for name in fixed}, rng)
         if drawn is None:
             return None
-        chosen = rng.integers(0, drawn.shape[1], points.shape[1])
+        chosen = cast(Any, rng).integers(0, drawn.shape[1], points.shape[1])
         columns |= {scope[name]: row[chosen] for name, row in zip(fixed, drawn, strict=True)}
         return cls(claim, names, scope, columns)
 
@@ -103,8 +128,10 @@ class Samples:
             np.broadcast_to(values(t, self.columns), shape[0] * shape[1]).reshape(shape)
             for t in (lower_term(self.claim.norm, self.scope), term, self._field(mode).derivative(term))
         )
-        domain = truths(lower_formula(mode.system.domain, self.scope), self.columns)
-        inside = np.broadcast_to(domain, shape[0] * shape[1]).reshape(shape)
+        inside = np.ones(shape, bool)
+        for part in (mode.system.domain, *self.claim.kept):
+            holds = truths(lower_formula(part, self.scope), self.columns)
+            inside &= np.broadcast_to(holds, shape[0] * shape[1]).reshape(shape)
         everywhere = np.ones(shape, bool) if mode.tests else inside
         with np.errstate(all="ignore"):
             fall = np.where(inside, -rate / value, np.inf)
@@ -112,6 +139,7 @@ class Samples:
             norm.mean(axis=1),
             np.where(everywhere, value, np.inf).min(axis=1),
             np.where(everywhere, value, -np.inf).max(axis=1),
+            np.where(inside, -rate, np.inf).min(axis=1),
             np.where(np.isnan(fall), -np.inf, fall).min(axis=1),
         )
 
@@ -140,10 +168,6 @@ class Samples:
         points = np.array([self.columns[self.scope[n]] for n in self.names])
         linear = np.allclose(field(dict(zip(self.names, points, strict=True))), matrix @ points)
         return matrix if linear else None
-
-
-def _variables(part: tree.Expression) -> Iterator[tree.Variable]:
-    return (n for n in nodes(part) if isinstance(n, tree.Variable))
 
 
 def _constants(claim: Claim, scope: Mapping[str, Symbol], rng: np.random.Generator) -> Numbers | None:
@@ -180,8 +204,8 @@ def quadratic(matrix: Numbers, names: Sequence[str], slower: float) -> tree.Term
     slowest = np.linalg.eigvals(matrix).real.max()
     shifted = matrix - (slowest + slower * max(abs(slowest), 0.1)) * np.eye(size)
     identity = np.eye(size)
-    system = np.kron(shifted.T, identity) + np.kron(identity, shifted.T)
-    form = np.linalg.solve(system, -identity.ravel()).reshape(size, size)
+    kron, solve = cast(Any, np.kron), cast(Any, np.linalg.solve)
+    form = solve(kron(shifted.T, identity) + kron(identity, shifted.T), -identity.ravel()).reshape(size, size)
     form /= abs(form).max()
     result: tree.Term = tree.Number(Fraction(0))
     for (i, a), (j, b) in combinations_with_replacement(enumerate(names), 2):
