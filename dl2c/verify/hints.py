@@ -1,11 +1,13 @@
-"""Formulas that an entry's tactics name, as candidates for invariants, and terms that it names without using
-them in its problem, as candidates for Lyapunov functions. They prove nothing by themselves.
+"""Formulas that an entry's tactics and comments name, as candidates for invariants, and terms that it names
+without using them in its problem, as candidates for Lyapunov functions. They prove nothing by themselves.
 """
 
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import reduce
+from typing import Any
 
 from dl2c.diagnostics import CompileError
 from dl2c.parse import tree
@@ -17,6 +19,9 @@ _CALL = re.compile(
     r'\b(loop|dC|dI|dbx|barrier|diffCut|diffInvariant|ODEinv|cut|discreteGhost|MR|edit)\s*\(\s*"((?:[^"\\]|\\.)*)"'
 )
 _ARGUMENT = re.compile(r'\b\w+\s*\(\s*"([^"<>=!&|\[\]{}]*)"')
+_COMMENT = re.compile(r"(\*?)\s*/\*\s*@invariant\s*\((.*?)\)\s*\*/", re.DOTALL)
+"""An invariant in a comment, as older files have it, and the star of a loop before it."""
+
 _OLD_CALL = re.compile(r"\b(loop|dC|diffCut|diffInvariant)\s*\(\s*\{`(.*?)`\}", re.DOTALL)
 
 MOST = 60
@@ -41,11 +46,18 @@ def hints_of(entry: tree.Entry, read: Callable[[tree.Formula], tree.Formula | No
     """The hints of an entry; `read` expands a formula, or refuses it."""
     loops: dict[tree.Formula, None] = {}
     flows: dict[tree.Formula, None] = {}
+    names = frozenset(d.name for d in entry.variables)
     for tactic, text in _calls(entry.span.text):
         for formula in _formulas(text):
             expanded = read(_unchanged(formula))
             if expanded is not None and len(loops) + len(flows) < MOST:
                 (loops if tactic == "loop" else flows).setdefault(expanded)
+    for star, text in _COMMENT.findall(entry.span.text):
+        parts = [p for f in _listed(text) if (p := read(_begun(f, names))) is not None]
+        if star and parts:
+            loops.setdefault(reduce(tree.And, parts))
+        elif not star:
+            flows |= dict.fromkeys(parts)
     return Hints(tuple(loops), tuple(flows), tuple(dict.fromkeys(_functions(entry, read))))
 
 
@@ -97,6 +109,29 @@ def _unchanged(formula: tree.Formula) -> tree.Formula:
             return replace(formula, right=tree.FuncOf("old", (left,)))
         case _:
             return formula
+
+
+def _listed(text: str) -> Iterator[tree.Formula]:
+    """The formulas of a list; where a comma is missing those of its lines."""
+    for part in re.split(r",(?![^()]*\))", text):
+        lines = [line for line in part.splitlines() if line.strip()]
+        found = list(_formulas(part)) or [f for line in lines for f in _formulas(line)]
+        yield from found
+
+
+def _begun(node: Any, names: frozenset[str]) -> Any:
+    """A formula with `old(x)` for `x0`, where x is a variable and x0 is none."""
+    match node:
+        case tree.Variable(name) if name not in names and name.endswith("0") and name[:-1] in names:
+            return tree.FuncOf("old", (tree.Variable(name[:-1]),))
+        case tree.Connective() | tree.Compare() | tree.BinaryTerm():
+            return replace(node, left=_begun(node.left, names), right=_begun(node.right, names))
+        case tree.Not() | tree.Neg():
+            return replace(node, child=_begun(node.child, names))
+        case tree.FuncOf(_, args):
+            return replace(node, args=tuple(_begun(a, names) for a in args))
+        case _:
+            return node
 
 
 def _formulas(text: str) -> Iterator[tree.Formula]:
