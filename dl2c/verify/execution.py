@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias, assert_never
 
 from dl2c.diagnostics import CompileError
-from dl2c.ir.logic import conjuncts, size, symbols
+from dl2c.ir.logic import clauses, conjuncts, size, symbols
 from dl2c.ir.model import ZERO, Compare, Div, Formula, Mul, Symbol
 from dl2c.parse import tree
 from dl2c.resolve.shape import written_variables
@@ -38,6 +38,9 @@ Kind: TypeAlias = Literal["initially", "step", "finally", "program", "safety"]
 
 MAX_VALUE = 200
 """Numbers, symbols and operations in a value that is written out wherever it is used."""
+
+MAX_CLAUSES = 8
+"""Of a goal that is proved clause by clause: solvers find these easier than the whole."""
 
 MAX_STATES = 4000
 """Ends of runs that are looked at."""
@@ -335,6 +338,7 @@ class Execution:
 
 
 def split(goal: Goal) -> Iterator[Goal]:
-    """A goal for each conjunct; one that is true is left."""
+    """A goal for each conjunct, and for each clause of one that has few; one that is true is left."""
     for part in conjuncts(goal.formula) or (goal.formula,):
-        yield replace(goal, formula=part)
+        for clause in clauses(part, MAX_CLAUSES) or (part,):
+            yield replace(goal, formula=clause)

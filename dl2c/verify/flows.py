@@ -160,8 +160,7 @@ class Flows:
                 search.each(fact, SHARES[1])
         goals = [g for w in self.wanted if (g := motion_formula(w, motion)) is not None]
         if self.effort >= 2:
-            for candidate in (*goals, *facts_that_move(motion)):
-                search.each(candidate, SHARES[1])
+            search.with_facts(facts_that_move(motion), goals, SHARES[1], whole=self.effort > 2)
         if self.effort >= 3:
             search.until_no_more(invented(search.vectors, motion.start, motion.clock), goals, SHARES[2])
         self.rules |= search.rules
@@ -220,6 +219,26 @@ class _Search:
             return
         for part in parts:
             self._tried(part, share)
+
+    def with_facts(
+        self, facts: Sequence[Formula], goals: Sequence[Formula], share: float, whole: bool
+    ) -> None:
+        """Try goals, then facts, as each may help goals; unless `whole`, until all goals are proved."""
+        for goal in goals:
+            self.each(goal, share)
+        for fact in facts:
+            if not whole and goals and all(self._is_known(g) for g in goals):
+                return
+            before = len(self.proved)
+            self.each(fact, share)
+            if len(self.proved) > before and not whole:
+                for goal in goals:
+                    self.each(goal, share)
+
+    def _is_known(self, formula: Formula) -> bool:
+        """Whether nothing is left to prove of it."""
+        still = not symbols(formula) & self.motion.rates.keys()
+        return still or all(part in self.proved for part in conjuncts(formula))
 
     def until_no_more(self, candidates: Sequence[Formula], goals: Sequence[Formula], share: float) -> None:
         """Try candidates again and again, as each may help others, until all goals are proved."""
