@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.logic import (
+    atoms,
     conjunction,
     conjuncts,
     symbols,
@@ -61,6 +62,9 @@ SHARES = (1.0, 0.4, 0.15)
 
 FIRST = 0.15
 """Of that share, for a first try of all rules."""
+
+SIMPLE = 6
+"""Atoms of a fact."""
 
 
 @dataclass(slots=True)
@@ -162,7 +166,8 @@ class Flows:
         if self.effort >= 2:
             search.with_facts(facts_that_move(motion), goals, SHARES[1], whole=self.effort > 2)
         if self.effort >= 3:
-            search.until_no_more(invented(search.vectors, motion.start, motion.clock), goals, SHARES[2])
+            found = invented(search.vectors, motion.start, motion.clock, curves)
+            search.until_no_more(found, goals, SHARES[2])
         self.rules |= search.rules
         return tuple(search.proved)
 
@@ -223,10 +228,12 @@ class _Search:
     def with_facts(
         self, facts: Sequence[Formula], goals: Sequence[Formula], share: float, whole: bool
     ) -> None:
-        """Try goals, then facts, as each may help goals; unless `whole`, until all goals are proved."""
+        """Try goals in haste, then facts, simple ones first, as each may help goals; unless `whole`, until
+        all goals are proved.
+        """
         for goal in goals:
-            self.each(goal, share)
-        for fact in facts:
+            self.each(goal, share * FIRST)
+        for fact in sorted(facts, key=lambda f: len(list(atoms(f))) > SIMPLE):
             if not whole and goals and all(self._is_known(g) for g in goals):
                 return
             before = len(self.proved)
@@ -234,6 +241,8 @@ class _Search:
             if len(self.proved) > before and not whole:
                 for goal in goals:
                     self.each(goal, share)
+        for goal in goals:
+            self.each(goal, share)
 
     def _is_known(self, formula: Formula) -> bool:
         """Whether nothing is left to prove of it."""

@@ -140,7 +140,7 @@ def test_conserved_forms_are_invented() -> None:
     clock = Symbol("time", "variable")
     vectors.rates[clock] = ONE
     start = {SCOPE["x"]: SCOPE["u"], SCOPE["y"]: SCOPE["z"], clock: ZERO}
-    found = [f for f in invented(vectors, start, clock) if f == TRUE or "=" in str(f)]
+    found = [f for f in invented(vectors, start, clock, {}) if f == TRUE or "=" in str(f)]
     ring = Ring(tuple(SCOPE.values()))
     energies = [f for f in found if getattr(f, "op", "") == "=" and getattr(f, "right", ZERO) != ZERO]
     forms = {str(ring.polynomial(f.left)) for f in energies if not isinstance(f, Truth)}  # type: ignore[union-attr]

@@ -6,8 +6,8 @@ Of a norm N with functions V of the modes for which L*N <= V <= U*N and V' <= -c
 - attractivity has the witness T = U*d^2 / (c*L*e^2), and the invariant V*(1 + c*t) < U*d^2.
 
 Where V and N are not of one degree, or V falls near the origin only, r*min(b, e^2)^j stands for L*e^2: V is
-not less on the sphere N = e^2, and N < min(b, e^2) is an invariant too. Where modes last for some time, each V
-has a weight. Numbers are estimated from samples. Nothing here proves anything.
+not less on the sphere N = e^2, and N < min(b, e^2) is an invariant too. Where modes last for some time, each
+V has a weight. Numbers are estimated from samples. Nothing here proves anything.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
