@@ -12,7 +12,7 @@ from typing import Any
 from dl2c.diagnostics import CompileError
 from dl2c.parse import tree
 from dl2c.parse.parser import parse_formula, parse_term
-from dl2c.resolve.symbols import nodes
+from dl2c.resolve.symbols import free_variables, nodes
 
 _TACTIC = re.compile(r'\bTactic\s+"[^"]*"(.*?)\bEnd\s*\.', re.DOTALL)
 _CALL = re.compile(
@@ -64,15 +64,34 @@ def hints_of(entry: tree.Entry, read: Callable[[tree.Formula], tree.Formula | No
 def _functions(
     entry: tree.Entry, read: Callable[[tree.Formula], tree.Formula | None]
 ) -> Iterator[tuple[tree.Term, ...]]:
-    """Arguments of tactics that are terms, alone or in a list, and functions that are only defined."""
+    """Arguments of tactics that are terms, alone or in a list, functions that are only defined, and terms
+    that a tactic compares with a variable, such as `x^2+y^2 >= k`.
+    """
     unused = tuple(_unused(entry))
     found = [(body,) for body in unused] + [unused] * (len(unused) > 1)
     tactics = "".join(tactic.group(1) for tactic in _TACTIC.finditer(entry.span.text))
     found += map(_terms, dict.fromkeys(_ARGUMENT.findall(tactics[:LONGEST])))
-    for terms in found[:MOST]:
+    found += (sides for _, text in _calls(entry.span.text) for f in _formulas(text) for sides in _compared(f))
+    for terms in dict.fromkeys(found[:MOST]):
         known = [read(tree.Compare("=", term, tree.Number(Fraction(0)))) for term in terms]
         if known and all(isinstance(k, tree.Compare) for k in known):
             yield tuple(k.left for k in known if isinstance(k, tree.Compare))
+
+
+def _compared(formula: tree.Formula) -> Iterator[tuple[tree.Term, ...]]:
+    """The terms that inequalities compare with a variable, together and one by one."""
+    sides: dict[tree.Term, None] = {}
+    for node in nodes(formula):
+        match node:
+            case tree.Compare("<" | "<=" | ">=" | ">", left, tree.Variable()) if (
+                len(free_variables(left)) > 1
+            ):
+                sides.setdefault(left)
+            case _:
+                pass
+    if sides:
+        yield tuple(sides)
+        yield from ((side,) for side in sides if len(sides) > 1)
 
 
 def _unused(entry: tree.Entry) -> Iterator[tree.Term]:

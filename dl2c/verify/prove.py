@@ -32,6 +32,7 @@ from dl2c.verify.report import (
     Report,
     better,
     joined,
+    safe_with,
     versions,
 )
 from dl2c.verify.stability.guesses import guesses
@@ -322,7 +323,7 @@ class Proof:
         broken = {gap.loop for gap in execution.gaps if gap.kind == "step"}
         for goal in (part for g in execution.goals for part in split(g)):
             key = goal.kind, goal.loop, goal.predicate
-            if goal.ending and _safe_with(found.get(key), goal.state.trail in left or goal.loop in broken):
+            if goal.ending and safe_with(found.get(key), goal.state.trail in left or goal.loop in broken):
                 continue
             one = self._answered(goal)
             if one.answer != "proved" and goal.kind in ("initially", "step"):
@@ -339,7 +340,8 @@ class Proof:
             )
             found[key] = joined(found[key], one) if key in found else one
         rules = tuple(sorted(execution.flows.rules))
-        answers = [replace(o, rules=rules) for o in found.values()]
+        nothing = Obligation("program", 0, self.theorem.formula.span, "proved")
+        answers = [replace(o, rules=rules) for o in found.values() or (nothing,)]
         warnings = tuple(self._vacuous(execution))
         return Attempt(invariants, answers, execution.loops, lost=lost, warnings=warnings)
 
@@ -393,10 +395,3 @@ class Proof:
             d = refused.diagnostics[0]
             execution.stop(d.span, d.title)
         return execution
-
-
-def _safe_with(known: Obligation | None, left: bool) -> bool:
-    """Whether a safety predicate need not be looked at where a step ends: it is not proved where steps
-    begin, or it is, for all states of the loop's invariant, which this step has not `left`.
-    """
-    return known is not None and (known.answer != "proved" or not left)

@@ -108,6 +108,13 @@ def joined(one: Obligation, other: Obligation) -> Obligation:
     )
 
 
+def safe_with(known: Obligation | None, left: bool) -> bool:
+    """Whether a safety predicate need not be looked at where a step ends: it is not proved where steps
+    begin, or it is, for all states of the loop's invariant, which this step has not `left`.
+    """
+    return known is not None and (known.answer != "proved" or not left)
+
+
 def better(one: Attempt, other: Attempt) -> bool:
     """Definite answers count most, then invariants that are known to be wrong, then how much is proved, then
     how much is refuted, then what the text itself gives.

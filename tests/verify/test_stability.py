@@ -15,12 +15,37 @@ ATTRACTED = (
     r"\forall del (del > 0 -> \forall eps (eps > 0 -> \exists T (T >= 0 & \forall x \forall y"
     r" (x^2 + y^2 < del^2 -> [t := 0; {%s}*] (t >= T -> x^2 + y^2 < eps^2)))))"
 )
+LOOP, ATTRACTED_LOOP = (claim.replace("{%s}*", "%s") for claim in (STABLE, ATTRACTED))
 FALLING = "{x' = -x + y, y' = -x - 2*y, t' = 1} ++ {x' = -3*x, y' = -y, t' = 1}"
 TURNING = "{x' = -y, y' = x, t' = 1}"
 HALVES = (
     "{x' = -x/8 - y, y' = 2*x - y/8, t' = 1 & x >= 0} ++ {x' = -x/8 - 2*y, y' = x - y/8, t' = 1 & x <= 0}"
 )
 GROWING = "{x' = x/9, y' = -y, t' = 1}"
+SPIRALS = """
+  {s := 0; {u := 1; ++ u := 2;}}
+  {
+    {?u = 1; {?s >= %s; s := 0; u := 2; ++ u := u;} ++ ?u = 2; {?s >= %s; s := 0; u := 1; ++ u := u;}}
+    {?u = 1; {x' = -x/10 - y, y' = 4*x - y/10, s' = 1, t' = 1}
+     ++ ?u = 2; {x' = -x/10 - 4*y, y' = x - y/10, s' = 1, t' = 1}}
+  }*
+"""
+"""Both modes fall, but switched too fast they grow: ellipses of 1:2 and 2:1, each factor 4 of V."""
+
+PULSES = """
+  {s := 0; {u := 1; ++ u := 2;}}
+  {
+    {?u = 1; {s := 0; u := 2; ++ u := u;} ++ ?u = 2; {?s >= %s; s := 0; u := 1; ++ u := u;}}
+    {?u = 1; {x' = y, y' = x, s' = 1, t' = 1 & s <= %s}
+     ++ ?u = 2; {x' = -x, y' = -y, s' = 1, t' = 1}}
+  }*
+"""
+"""A mode that grows, for some time at most, and one that falls, for some time at least."""
+
+CURVED = "{x' = -x + y^3, y' = -x - y, t' = 1}"
+QUARTIC = "Real f(Real x, Real y) = x^2/2 + y^4/4;"
+SLOW = "{x' = -x^3, y' = -y, t' = 1} ++ {x' = -x, y' = -y^3, t' = 1}"
+NEARBY = "{x' = -x + x^3, y' = -y + x*y^2, t' = 1}"
 ELLIPSES = "Real f(Real x, Real y) = 2*x^2 + y^2; Real g(Real x, Real y) = x^2/2 + y^2;"
 
 
@@ -38,12 +63,35 @@ def answer(problem: str, definitions: str = "", seconds: float = 20.0) -> Report
         (STABLE % HALVES, ELLIPSES),
         (ATTRACTED % HALVES, ELLIPSES),
         (STABLE.replace("{%s}*", "%s") % TURNING, ""),
+        (LOOP % SPIRALS % (12, 12), ""),
+        (ATTRACTED_LOOP % SPIRALS % (15, 15), ""),
+        (LOOP % PULSES % ("1/2", "1/4"), ""),
+        (ATTRACTED_LOOP % PULSES % ("1/2", "1/4"), ""),
+        (STABLE % CURVED, QUARTIC),
+        (ATTRACTED % CURVED, QUARTIC),
+        (STABLE.replace("eps^2", "eps").replace("del^2", "del") % CURVED, QUARTIC),
+        (ATTRACTED % SLOW, ""),
+        (STABLE % NEARBY, ""),
+        (r"\exists del (del > 0 -> \forall x (x < del -> [{x' = 1}] x < del))", ""),
     ],
 )
 def test_witnesses_are_found(problem: str, definitions: str) -> None:
     found = answer(problem, definitions)
     assert found.answer == "proved" and found.invented
     assert any(text.startswith(("del = ", "T = ")) for text in found.invariants)
+
+
+def test_what_is_assumed_of_the_state_may_be_kept() -> None:
+    inside = ATTRACTED.replace("< del^2 ->", "< del^2 & x >= abs(y) ->")
+    found = answer(inside % "{x' = -x, y' = -3*y, t' = 1 & x >= 0}")
+    assert found.answer == "proved"
+
+
+def test_functions_stand_in_cuts_of_tactics() -> None:
+    tactic = 'Tactic "T" cut("\\exists k (k>0&\\forall x \\forall y (x^2+y^2=eps^2->x^2/2+y^4/4>=k))") End.\n'
+    text = 'ArchiveEntry "S"\nProgramVariables Real x, y, t; End.\n'
+    source = Source("s.kyx", f"{text}Problem {STABLE % CURVED} End.\n{tactic}End.\n")
+    assert prove(source, Options(), Limits(5.0, 20.0, 1)).answer == "proved"
 
 
 def test_a_tactic_may_name_the_functions() -> None:
@@ -71,6 +119,22 @@ def test_a_tactic_may_name_the_functions() -> None:
         (STABLE.replace("del > 0 &", "del > 2*eps &") % FALLING, ""),
         (STABLE.replace("eps > 0 ->", "eps >= 0 ->") % FALLING, ""),
         (ATTRACTED.replace("eps > 0 ->", "eps^2 >= 0 ->") % FALLING, ""),  # the witness divides by eps
+        (LOOP % SPIRALS % (0, 0), ""),
+        (LOOP % SPIRALS % (12, "0.3"), ""),
+        (ATTRACTED_LOOP % SPIRALS % ("0.3", "0.3"), ""),
+        (LOOP % PULSES % ("1/4", "1/2"), ""),
+        (LOOP % PULSES.replace(" & s <= %s", "") % "1/2", ""),
+        (ATTRACTED_LOOP % PULSES % ("1/4", "1/4"), ""),
+        (
+            LOOP % PULSES.replace("s := 0; u := 1;", "u := 1;") % ("1/2", "1/4"),
+            QUARTIC,
+        ),
+        (STABLE % CURVED.replace("-x + y^3", "x + y^3"), QUARTIC),
+        (ATTRACTED % SLOW.replace("-x^3", "x^3"), ""),
+        (ATTRACTED % SLOW.replace("-x^3", "0"), ""),
+        (ATTRACTED % NEARBY, ""),  # from far away it goes to infinity
+        (STABLE.replace("\\exists del (del > 0 &", "\\exists del (del > 1 &") % NEARBY, ""),
+        (r"\exists del (del > 0 & \forall x (x < del -> [{x' = 1}] x < del))", ""),
         (r"\exists x (x > 0 & [{x' = -1 & x >= -1}] x > 0)", ""),
         (r"\exists x \forall y (y > 0 -> [{y' = -1}] y > x)", ""),
     ],

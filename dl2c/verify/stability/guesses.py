@@ -40,6 +40,9 @@ MARGINS = (0.9, 0.99)
 STEADY, FALLING = -1e-9, 1e-6
 """Rates of decay that are enough for stability and for attractivity."""
 
+SLOW = 0.01
+"""Of the greatest rate of decay: less of it near the origin says that functions fall ever slower."""
+
 NEAR = 0.01
 """Norms at which functions fall at least."""
 
@@ -107,16 +110,17 @@ class _Functions:
         worst = self.worst
         if not worst.norms.size or worst.least.min() <= 0:
             return
+        slower = self.claim.clock is not None and worst.decay[0] < SLOW * worst.decay.max()
         falls = worst.decay >= (STEADY if self.claim.clock is None else FALLING)
         if self.claim.system.timer is not None:
             yield from self._lasting()
+        if slower and worst.drop.min() > 0:
+            yield self._slow()
         if worst.proportional and falls.all():
             same = Weight(Fraction(1), Fraction(0), 0)
             yield self._proportional([same] * len(self.terms), below(worst.decay.min() / 2))
         elif falls[worst.norms < NEAR].all():
             yield from self._bounded(falls)
-        elif self.claim.clock is not None and worst.drop.min() > 0:
-            yield self._slow()
 
     def _lasting(self) -> Iterator[Guess]:
         """With weights that depend on how long modes have lasted."""

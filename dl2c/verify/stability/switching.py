@@ -71,7 +71,7 @@ def switching(body: tree.Program) -> Switching | None:
     jumps = {
         jump: None
         for (number, mode), run in product(enumerate(modes), runs)
-        if (jump := _Followed.along(run, number, mode, systems, timer)) is not None
+        if (jump := _Followed.through(run, number, mode, systems, timer)) is not None
     }
     return Switching(modes, timer, tuple(jumps))
 
@@ -170,7 +170,7 @@ class _Followed:
     reset: bool = False
 
     @classmethod
-    def along(
+    def through(
         cls,
         run: tuple[tree.Program, ...],
         source: int,
