@@ -8,8 +8,6 @@ import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
 from functools import reduce
-from itertools import product
-from math import prod
 from typing import Any, TypeVar, assert_never
 
 from dl2c.ir.functions import FUNCTIONS
@@ -163,21 +161,6 @@ def conjuncts(formula: Formula) -> tuple[Formula, ...]:
             return ()
         case _:
             return (formula,)
-
-
-def clauses(formula: Formula, most: int) -> tuple[Formula, ...]:
-    """Disjunctions of atoms that together say the same; none where they are more than `most`."""
-    match formula:
-        case And(children):
-            found = tuple(c for child in children for c in clauses(child, most) or (child,))
-        case Or(children):
-            parts = [clauses(child, most) or (child,) for child in children]
-            if prod(map(len, parts)) > most:
-                return ()
-            found = tuple(disjunction(chosen) for chosen in product(*parts))
-        case _:
-            found = (formula,)
-    return found if len(found) <= most else ()
 
 
 def fold(

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias, assert_never
 
 from dl2c.diagnostics import CompileError
-from dl2c.ir.logic import clauses, conjuncts, size, symbols
+from dl2c.ir.logic import conjuncts, size, symbols
 from dl2c.ir.model import ZERO, Compare, Div, Formula, Mul, Symbol
 from dl2c.parse import tree
 from dl2c.resolve.shape import written_variables
 from dl2c.resolve.symbols import nodes
 from dl2c.source import Span
+from dl2c.verify.arithmetic.cases import clauses
 from dl2c.verify.arithmetic.total import is_total
 from dl2c.verify.exact_ends import ExactEnds
 from dl2c.verify.flows import Flows

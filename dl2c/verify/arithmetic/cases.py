@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
+from math import prod
 
 from dl2c.ir.logic import conjunction, conjuncts, disjunction, fold, symbols
-from dl2c.ir.model import Compare, Formula, Or, Sub, Symbol, Truth
+from dl2c.ir.model import And, Compare, Formula, Or, Sub, Symbol, Truth
 from dl2c.verify.arithmetic.polynomials import NotPolynomial, Ring, TooLarge
 
 MAX_ROUNDS = 8
@@ -84,3 +86,18 @@ def cases_of(facts: Sequence[Formula], split: Or) -> list[list[Formula]]:
     """The facts in each case of a disjunction among them."""
     rest = [f for f in facts if f is not split]
     return [[*rest, *conjuncts(case)] for case in split.children]
+
+
+def clauses(formula: Formula, most: int) -> tuple[Formula, ...]:
+    """Disjunctions of atoms that together say the same; none where they are more than `most`."""
+    match formula:
+        case And(children):
+            found = tuple(c for child in children for c in clauses(child, most) or (child,))
+        case Or(children):
+            parts = [clauses(child, most) or (child,) for child in children]
+            if prod(map(len, parts)) > most:
+                return ()
+            found = tuple(disjunction(chosen) for chosen in product(*parts))
+        case _:
+            found = (formula,)
+    return found if len(found) <= most else ()
