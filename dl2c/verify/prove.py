@@ -125,12 +125,13 @@ def prove_theorem(
         if attempt.answer == "unknown" and partial(theorem.formula) and not prover.interrupted:
             attempt = _if_defined(theorem, prover, attempt)
         within = _within_bounds(theorem, prover) if attempt.answer in UNDECIDED else attempt.answer
+    cuts = {n.span for n in nodes(theorem.formula) if isinstance(n, tree.ODESystem)}
     return Report(
         theorem.name,
         attempt.answer,
         within,
         tuple(attempt.obligations),
-        tuple(print_formula(f) for parts in attempt.invariants.values() for f in parts),
+        tuple(print_formula(f) for s, parts in attempt.invariants.items() if s not in cuts for f in parts),
         attempt.invented,
         time.monotonic() - begun,
         prover.asked,

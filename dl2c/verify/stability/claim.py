@@ -5,6 +5,7 @@ is a time T after which N < e^2 holds (attractivity). N is the norm of the state
 """
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 from dl2c.parse import tree
 from dl2c.resolve.shape import conjuncts
@@ -22,7 +23,7 @@ class Radius:
 
     @property
     def bound(self) -> tree.Term:
-        return self.base if self.power == 1 else tree.Times(self.base, self.base)
+        return self.base if self.power == 1 else tree.Power(self.base, tree.Number(Fraction(2)))
 
 
 @dataclass(frozen=True, slots=True)

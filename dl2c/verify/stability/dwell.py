@@ -52,10 +52,11 @@ class Weight:
         time: tree.Term = tree.Variable(timer)
         if self.until is not None:
             time = tree.Minus(tree.Number(self.until), time)
-        weight: tree.Term = ONE
+        weight: tree.Term | None = None
         for k in range(self.order, 0, -1):
-            weight = tree.Plus(ONE, tree.Times(tree.Times(tree.Number(self.rate / k), time), weight))
-        return tree.Times(product, weight)
+            part = tree.Times(tree.Number(self.rate / k), time)
+            weight = tree.Plus(ONE, part if weight is None else tree.Times(part, weight))
+        return product if weight is None else tree.Times(product, weight)
 
 
 def truncated(x: float, order: int) -> float:

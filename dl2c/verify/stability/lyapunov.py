@@ -213,8 +213,9 @@ def quadratic(matrix: Numbers, names: Sequence[str], slower: float) -> tree.Term
             10**DIGITS
         )
         if entry:
-            product = tree.Times(tree.Variable(a), tree.Variable(b))
-            part = tree.Times(tree.Number(abs(entry)), product)
+            one, other = tree.Variable(a), tree.Variable(b)
+            product = tree.Times(one, other) if a != b else tree.Power(one, tree.Number(Fraction(2)))
+            part = product if abs(entry) == 1 else tree.Times(tree.Number(abs(entry)), product)
             sign: Callable[..., tree.Term] = tree.Plus if entry > 0 else tree.Minus
             result = part if result == tree.Number(Fraction(0)) else sign(result, part)
     return result
