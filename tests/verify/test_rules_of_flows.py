@@ -148,6 +148,43 @@ def test_conserved_forms_are_invented() -> None:
     assert str(energy) in forms or str(-energy) in forms
 
 
+MOTIONS = {
+    "a direction": (
+        "v >= 0 & a >= 0 & dx^2 + dy^2 = 1 & x = 0 & t = 0 & u > v*k + a/2*k^2 ->"
+        " [{x' = v*dx, v' = a, dx' = -w*dy, dy' = w*dx, t' = 1 & t <= k}] x < u"
+    ),
+    "no faster than its source": (
+        "x >= 0 & a >= 0 & u > x + a*k & t = 0 -> [{x' = a - w^2*x^3, t' = 1 & x >= 0 & t <= k}] x < u"
+    ),
+    "at least as fast": (
+        "x >= 0 & a >= 0 & u < x + a*k & t = 0 -> [{x' = a + x^3, t' = 1 & x >= 0}] (t >= k -> x > u)"
+    ),
+}
+FALSE_MOTIONS = {
+    "too little": MOTIONS["a direction"].replace("a/2*k^2", "a/3*k^2"),
+    "no direction": MOTIONS["a direction"].replace("dx^2 + dy^2 = 1", "dx^2 + dy^2 = 2"),
+    "a negative speed": MOTIONS["a direction"].replace("v >= 0 & ", ""),
+    "the other side": MOTIONS["no faster than its source"].replace("- w^2*x^3", "+ w^2*x^3"),
+    "no domain": MOTIONS["at least as fast"].replace(" & x >= 0}", "}").replace("x >= 0 & ", ""),
+}
+
+
+def motion_answer(problem: str, seconds: float) -> str:
+    names = "Real x, v, a, dx, dy, w, t, u, k;"
+    text = f'ArchiveEntry "M" ProgramVariables {names} End. Problem {problem} End. End.'
+    return prove(Source("m.kyx", text), Options(), Limits(5.0, seconds, 1)).answer
+
+
+@pytest.mark.parametrize("which", MOTIONS)
+def test_how_far_a_motion_may_come(which: str) -> None:
+    assert motion_answer(MOTIONS[which], 40.0) == "proved"
+
+
+@pytest.mark.parametrize("which", FALSE_MOTIONS)
+def test_a_motion_may_come_further(which: str) -> None:
+    assert motion_answer(FALSE_MOTIONS[which], 6.0) not in ("proved", "proved-if-defined")
+
+
 def test_undefined_terms_are_any_number_and_make_goals_false(prover: Prover) -> None:
     assert not prover.valid([], formula("1/x = 1/x"))
     assert prover.valid([formula("x > 0")], formula("1/x > 0"))

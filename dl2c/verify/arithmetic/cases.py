@@ -89,7 +89,9 @@ def cases_of(facts: Sequence[Formula], split: Or) -> list[list[Formula]]:
 
 
 def clauses(formula: Formula, most: int) -> tuple[Formula, ...]:
-    """Disjunctions of atoms that together say the same; none where they are more than `most`."""
+    """Disjunctions that together say the same; none where they are more than `most`. A part that alone has
+    more clauses stays as it is.
+    """
     match formula:
         case And(children):
             found = tuple(c for child in children for c in clauses(child, most) or (child,))
