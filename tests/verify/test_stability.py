@@ -49,9 +49,9 @@ NEARBY = "{x' = -x + x^3, y' = -y + x*y^2, t' = 1}"
 ELLIPSES = "Real f(Real x, Real y) = 2*x^2 + y^2; Real g(Real x, Real y) = x^2/2 + y^2;"
 
 
-def answer(problem: str, definitions: str = "", seconds: float = 20.0) -> Report:
+def answer(problem: str, definitions: str = "", seconds: float = 60.0) -> Report:
     text = f'ArchiveEntry "S"\nDefinitions {definitions} End.\nProgramVariables Real x, y, t; End.\n'
-    return prove(Source("s.kyx", f"{text}Problem {problem} End.\nEnd.\n"), Options(), Limits(5.0, seconds, 1))
+    return prove(Source("s.kyx", f"{text}Problem {problem} End.\nEnd.\n"), Options(), Limits(10.0, seconds, 1))
 
 
 @pytest.mark.parametrize(
@@ -91,14 +91,14 @@ def test_functions_stand_in_cuts_of_tactics() -> None:
     tactic = 'Tactic "T" cut("\\exists k (k>0&\\forall x \\forall y (x^2+y^2=eps^2->x^2/2+y^4/4>=k))") End.\n'
     text = 'ArchiveEntry "S"\nProgramVariables Real x, y, t; End.\n'
     source = Source("s.kyx", f"{text}Problem {STABLE % CURVED} End.\n{tactic}End.\n")
-    assert prove(source, Options(), Limits(5.0, 20.0, 1)).answer == "proved"
+    assert prove(source, Options(), Limits(10.0, 60.0, 1)).answer == "proved"
 
 
 def test_a_tactic_may_name_the_functions() -> None:
     listed = 'Tactic "T" stabilityStateMLF("2*x^2+y^2::x^2/2+y^2::nil") End.\n'
     text = 'ArchiveEntry "S"\nProgramVariables Real x, y, t; End.\n'
     source = Source("s.kyx", f"{text}Problem {STABLE % HALVES} End.\n{listed}End.\n")
-    assert prove(source, Options(), Limits(5.0, 20.0, 1)).answer == "proved"
+    assert prove(source, Options(), Limits(10.0, 60.0, 1)).answer == "proved"
 
 
 @pytest.mark.parametrize(
