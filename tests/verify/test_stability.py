@@ -51,7 +51,9 @@ ELLIPSES = "Real f(Real x, Real y) = 2*x^2 + y^2; Real g(Real x, Real y) = x^2/2
 
 def answer(problem: str, definitions: str = "", seconds: float = 60.0) -> Report:
     text = f'ArchiveEntry "S"\nDefinitions {definitions} End.\nProgramVariables Real x, y, t; End.\n'
-    return prove(Source("s.kyx", f"{text}Problem {problem} End.\nEnd.\n"), Options(), Limits(10.0, seconds, 1))
+    return prove(
+        Source("s.kyx", f"{text}Problem {problem} End.\nEnd.\n"), Options(), Limits(10.0, seconds, 1)
+    )
 
 
 @pytest.mark.parametrize(
@@ -141,3 +143,31 @@ def test_a_tactic_may_name_the_functions() -> None:
 )
 def test_nothing_false_is_proved(problem: str, definitions: str) -> None:
     assert answer(problem, definitions, 4.0).answer not in ("proved", "proved-if-defined")
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "{x' = 1/x, y' = -y}",
+        "{x' = y/(x - x), y' = -y}",
+        "{x' = -x, y' = -y & x > 1 & x < 0}",
+        "{x' = 1000000000000000000000000000000^11*x, y' = -y}",
+        "{x' = 0, y' = 0}",
+        "{x' = -x, y' = exp(x)}",
+        "{?u = 1; {x' = -x, y' = -y, s' = 1 & s <= -1} ++ {x' = -x, y' = y, s' = 1} s := 0; u := 1;}",
+        "{s := 0; {x' = -x, y' = -y, s' = 1 & s <= 1/0}}",
+    ],
+)
+@pytest.mark.parametrize("claim", [STABLE, ATTRACTED])
+def test_strange_systems_have_an_answer(claim: str, program: str) -> None:
+    """Not one of them fails where numbers are estimated."""
+    text = 'ArchiveEntry "S" ProgramVariables Real x, y, t, s, u; End.\n'
+    source = Source("s.kyx", f"{text}Problem {claim % program} End.\nEnd.\n")
+    assert prove(source, Options(), Limits(0.5, 1.5, 1)).answer in ("proved", "refuted", "unknown")
+
+
+@pytest.mark.parametrize("norm", ["x^2 - y^2", "x^3 + y^3", "x + y", "x^2 + y^2 - 1", "x^2*y^2", "0*x + y*0"])
+def test_strange_norms_have_an_answer(norm: str) -> None:
+    for claim in (STABLE, ATTRACTED):
+        problem = (claim % FALLING).replace("x^2 + y^2", norm)
+        assert answer(problem, "", 1.5).answer in ("proved", "refuted", "unknown")

@@ -11,6 +11,7 @@ V has a weight. Numbers are estimated from samples. Nothing here proves anything
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
@@ -46,6 +47,9 @@ SLOW = 0.01
 NEAR = 0.01
 """Norms at which functions fall at least."""
 
+NUMBERLESS = (CompileError, NotPolynomial, TooLarge, KeyError, IndexError, ValueError, ArithmeticError)
+"""What is raised for functions of which samples say nothing, such as those that are not always defined."""
+
 Truths: TypeAlias = NDArray[np.bool_]
 
 Guess: TypeAlias = Mapping[Span, tuple[tree.Formula, ...]]
@@ -61,19 +65,17 @@ def guesses(theorem: Theorem) -> Iterator[Guess]:
     """Witnesses and invariants that may prove a theorem about stability; none for other theorems."""
     yield from _vacuous(theorem.formula)
     claim = claim_of(theorem.formula)
-    if claim is None:
-        return
-    try:
-        samples = Samples.of(claim)
-    except (CompileError, KeyError):
-        return
+    samples = None
+    if claim is not None:
+        with suppress(*NUMBERLESS):
+            samples = Samples.of(claim)
     if samples is None:
         return
     for functions in candidates(samples, theorem.hints.functions):
-        try:
-            yield from _Functions.of(samples, functions).guesses()
-        except (CompileError, NotPolynomial, TooLarge, KeyError):
-            continue
+        found: list[Guess] = []
+        with suppress(*NUMBERLESS), np.errstate(all="ignore"):
+            found = list(_Functions.of(samples, functions).guesses())
+        yield from found
 
 
 def _vacuous(formula: tree.Formula) -> Iterator[Guess]:
@@ -161,11 +163,11 @@ class _Functions:
         claim = self.claim
         end = falls.size if falls.all() else int(np.argmin(falls))
         near = self.worst.within(end)
-        cap = Fraction(1) if falls.all() else below(float(near.norms[-1]))
-        lower, degree = _least(near, cap)
         if claim.clock is None:
+            cap = Fraction(1) if falls.all() else below(float(near.norms[-1]))
             yield _near(claim, self.terms, near, cap)
         elif falls.all():
+            lower, degree = _least(near, Fraction(1))
             decay, most = below(near.decay.min() / 2), _most(claim, near)
             level = tree.Times(tree.Number(lower), _power(_capped(claim), degree))
             witness = tree.Divide(most, tree.Times(tree.Number(decay), level))

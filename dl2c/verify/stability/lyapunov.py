@@ -5,6 +5,7 @@ that solve Lyapunov's equation A'*P + P*A = -I, with A shifted so far that they 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations_with_replacement
@@ -14,6 +15,7 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from dl2c.diagnostics import CompileError
 from dl2c.ir.arrays import truths, values
 from dl2c.ir.model import Symbol
 from dl2c.lower.terms import lower_formula, lower_term
@@ -190,12 +192,22 @@ def candidates(samples: Samples, named: Sequence[tuple[tree.Term, ...]]) -> Iter
         fits = all(free_variables(f) and free_variables(f) <= known for f in functions)
         if fits and len(functions) in (1, len(modes)):
             found.setdefault(functions * len(modes) if len(functions) == 1 else functions)
-    matrices = [samples.matrix(mode) for mode in modes]
-    linear = [m for m in matrices if m is not None]
-    for slower in SLOWER if len(linear) == len(modes) else ():
-        forms = [quadratic(m, samples.names, slower) for m in linear]
-        found |= dict.fromkeys([tuple(forms), *((f,) * len(modes) for f in forms)])
     yield from found
+    with suppress(np.linalg.LinAlgError, CompileError, KeyError):
+        yield from _quadratic_forms(samples)
+
+
+def _quadratic_forms(samples: Samples) -> list[tuple[tree.Term, ...]]:
+    """Quadratic forms of linear modes: for each mode its own, and that of one mode for all."""
+    modes = samples.claim.system.modes
+    matrices = [m for mode in modes if (m := samples.matrix(mode)) is not None]
+    if len(matrices) < len(modes):
+        return []
+    found: dict[tuple[tree.Term, ...], None] = {}
+    for slower in SLOWER:
+        forms = [quadratic(m, samples.names, slower) for m in matrices]
+        found |= dict.fromkeys([tuple(forms), *((f,) * len(modes) for f in forms)])
+    return list(found)
 
 
 def quadratic(matrix: Numbers, names: Sequence[str], slower: float) -> tree.Term:
