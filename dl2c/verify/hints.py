@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
+from itertools import islice
 from typing import Any
 
 from dl2c.diagnostics import CompileError
@@ -19,8 +20,8 @@ _CALL = re.compile(
     r'\b(loop|dC|dI|dbx|barrier|diffCut|diffInvariant|ODEinv|cut|discreteGhost|MR|edit)\s*\(\s*"((?:[^"\\]|\\.)*)"'
 )
 _ARGUMENT = re.compile(r'\b\w+\s*\(\s*"([^"<>=!&|\[\]{}]*)"')
-_COMMENT = re.compile(r"(\*?)\s*/\*\s*@invariant\s*\((.*?)\)\s*\*/", re.DOTALL)
-"""An invariant in a comment, as older files have it, and the star of a loop before it."""
+_COMMENT = re.compile(r"/\*\s*@invariant\s*\(((?:[^*/]|\*(?!/)|/(?!\*))*)\*/")
+"""An invariant in a comment, as older files have it."""
 
 _OLD_CALL = re.compile(r"\b(loop|dC|diffCut|diffInvariant)\s*\(\s*\{`(.*?)`\}", re.DOTALL)
 
@@ -28,7 +29,7 @@ MOST = 60
 """Formulas taken from one entry."""
 
 LONGEST = 100_000
-"""Characters of tactics in which terms are looked for."""
+"""Characters of tactics, and of a comment, in which terms and formulas are looked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +53,13 @@ def hints_of(entry: tree.Entry, read: Callable[[tree.Formula], tree.Formula | No
             expanded = read(_unchanged(formula))
             if expanded is not None and len(loops) + len(flows) < MOST:
                 (loops if tactic == "loop" else flows).setdefault(expanded)
-    for star, text in _COMMENT.findall(entry.span.text):
-        parts = [p for f in _listed(text) if (p := read(_begun(f, names))) is not None]
-        if star and parts:
-            loops.setdefault(reduce(tree.And, parts))
-        elif not star:
+    for comment in islice(_COMMENT.finditer(entry.span.text), MOST):
+        written = islice(_listed(comment.group(1)), MOST - len(loops) - len(flows))
+        parts = [p for f in written if (p := read(_begun(f, names))) is not None]
+        if not comment.string[: comment.start()].rstrip().endswith("*"):
             flows |= dict.fromkeys(parts)
+        elif parts:
+            loops.setdefault(reduce(tree.And, parts))
     return Hints(tuple(loops), tuple(flows), tuple(dict.fromkeys(_functions(entry, read))))
 
 
@@ -131,11 +133,14 @@ def _unchanged(formula: tree.Formula) -> tree.Formula:
 
 
 def _listed(text: str) -> Iterator[tree.Formula]:
-    """The formulas of a list; where a comma is missing those of its lines."""
-    for part in re.split(r",(?![^()]*\))", text):
-        lines = [line for line in part.splitlines() if line.strip()]
-        found = list(_formulas(part)) or [f for line in lines for f in _formulas(line)]
-        yield from found
+    """The formulas of a list, which ends with its bracket; where a comma is missing those of its lines."""
+    inside = text[:LONGEST].rstrip().removesuffix(")")
+    depth, begun = 0, 0
+    for place, character in enumerate(f"{inside},"):
+        depth += (character == "(") - (character == ")")
+        if character == "," and not depth:
+            part, begun = inside[begun:place], place + 1
+            yield from list(_formulas(part)) or (f for line in part.splitlines() for f in _formulas(line))
 
 
 def _begun(node: Any, names: frozenset[str]) -> Any:
