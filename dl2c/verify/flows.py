@@ -228,21 +228,19 @@ class _Search:
     def with_facts(
         self, facts: Sequence[Formula], goals: Sequence[Formula], share: float, whole: bool
     ) -> None:
-        """Try goals in haste, then facts, simple ones first, as each may help goals; unless `whole`, until
-        all goals are proved.
+        """Try simple facts, which may help goals, then these, then other facts; unless `whole`, these only as
+        long as some goal is not proved.
         """
-        for goal in goals:
-            self.each(goal, share * FIRST)
-        for fact in sorted(facts, key=lambda f: len(list(atoms(f))) > SIMPLE):
+        simple = [f for f in facts if len(list(atoms(f))) <= SIMPLE]
+        for some in (simple, [f for f in facts if f not in simple]):
             if not whole and goals and all(self._is_known(g) for g in goals):
                 return
             before = len(self.proved)
-            self.each(fact, share)
-            if len(self.proved) > before and not whole:
+            for fact in some:
+                self.each(fact, share)
+            if some is simple or len(self.proved) > before:
                 for goal in goals:
                     self.each(goal, share)
-        for goal in goals:
-            self.each(goal, share)
 
     def _is_known(self, formula: Formula) -> bool:
         """Whether nothing is left to prove of it."""
