@@ -166,7 +166,9 @@ def test_strange_systems_have_an_answer(claim: str, program: str) -> None:
     assert prove(source, Options(), Limits(0.5, 1.5, 1)).answer in ("proved", "refuted", "unknown")
 
 
-@pytest.mark.parametrize("norm", ["x^2 - y^2", "x^3 + y^3", "x + y", "x^2 + y^2 - 1", "x^2*y^2", "0*x + y*0"])
+@pytest.mark.parametrize(
+    "norm", ["x^2 - y^2", "x^3 + y^3", "x + y", "x^2 + y^2 - 1", "x^2*y^2", "0*x + y*0", "1", "x^4 + y^2"]
+)
 def test_strange_norms_have_an_answer(norm: str) -> None:
     for claim in (STABLE, ATTRACTED):
         problem = (claim % FALLING).replace("x^2 + y^2", norm)

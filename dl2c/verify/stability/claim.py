@@ -79,7 +79,7 @@ def claim_of(formula: tree.Formula) -> Claim | None:
             return None
     for part in assumed:
         match part:
-            case tree.Compare("<", left, inner) if left == norm:
+            case tree.Compare("<", left, inner) if left == norm and free_variables(norm):
                 others = tuple(p for p in assumed if p is not part)
                 return _claim(formula, witness, norm, (inner, outer), clock, others)
             case _:

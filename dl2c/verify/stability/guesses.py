@@ -22,14 +22,21 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.diagnostics import CompileError
 from dl2c.parse import tree
 from dl2c.resolve.symbols import free_variables
 from dl2c.source import Span
-from dl2c.verify.arithmetic.polynomials import NotPolynomial, TooLarge
 from dl2c.verify.stability.claim import Claim, Radius, claim_of
 from dl2c.verify.stability.dwell import Weight, weights
-from dl2c.verify.stability.lyapunov import MARGIN, Estimate, Numbers, Samples, above, below, candidates
+from dl2c.verify.stability.lyapunov import (
+    MARGIN,
+    NUMBERLESS,
+    Estimate,
+    Numbers,
+    Samples,
+    above,
+    below,
+    candidates,
+)
 from dl2c.verify.theorem import Theorem
 
 SLACKS = tuple(map(Fraction, ("0.5", "0.2", "0.1", "0.05", "0.02", "0.01", "0.005", "0.002")))
@@ -46,9 +53,6 @@ SLOW = 0.01
 
 NEAR = 0.01
 """Norms at which functions fall at least."""
-
-NUMBERLESS = (CompileError, NotPolynomial, TooLarge, KeyError, IndexError, ValueError, ArithmeticError)
-"""What is raised for functions of which samples say nothing, such as those that are not always defined."""
 
 Truths: TypeAlias = NDArray[np.bool_]
 
@@ -110,7 +114,7 @@ class _Functions:
     def guesses(self) -> Iterator[Guess]:
         """What they suggest."""
         worst = self.worst
-        if not worst.norms.size or worst.least.min() <= 0:
+        if not worst.norms.size or worst.norms.min() <= 0 or worst.least.min() <= 0:
             return
         slower = self.claim.clock is not None and worst.decay[0] < SLOW * worst.decay.max()
         falls = worst.decay >= (STEADY if self.claim.clock is None else FALLING)

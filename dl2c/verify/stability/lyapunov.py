@@ -21,6 +21,7 @@ from dl2c.ir.model import Symbol
 from dl2c.lower.terms import lower_formula, lower_term
 from dl2c.parse import tree
 from dl2c.resolve.symbols import free_variables, nodes
+from dl2c.verify.arithmetic.polynomials import NotPolynomial, TooLarge
 from dl2c.verify.field import Field
 from dl2c.verify.stability.claim import Claim
 from dl2c.verify.stability.switching import Mode
@@ -42,6 +43,9 @@ DIGITS = 3
 
 SLOWER = (0.1, 0.01)
 """Of how fast a mode can fall at all: by so much less its quadratic form falls."""
+
+NUMBERLESS = (CompileError, NotPolynomial, TooLarge, KeyError, IndexError, ValueError, ArithmeticError)
+"""What is raised for functions of which samples say nothing, such as those that are not always defined."""
 
 Numbers: TypeAlias = NDArray[np.float64]
 
@@ -192,9 +196,9 @@ def candidates(samples: Samples, named: Sequence[tuple[tree.Term, ...]]) -> Iter
         fits = all(free_variables(f) and free_variables(f) <= known for f in functions)
         if fits and len(functions) in (1, len(modes)):
             found.setdefault(functions * len(modes) if len(functions) == 1 else functions)
+    with suppress(*NUMBERLESS), np.errstate(all="ignore"):
+        found |= dict.fromkeys(_quadratic_forms(samples))
     yield from found
-    with suppress(np.linalg.LinAlgError, CompileError, KeyError):
-        yield from _quadratic_forms(samples)
 
 
 def _quadratic_forms(samples: Samples) -> list[tuple[tree.Term, ...]]:
