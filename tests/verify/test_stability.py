@@ -1,11 +1,16 @@
 """Theorems about stability: witnesses are found, and nothing false is proved with them."""
 
+from random import Random
+
 import pytest
 
 from dl2c.options import Options
+from dl2c.parse.printer import print_formula
 from dl2c.source import Source
 from dl2c.verify.prove import Limits, prove
 from dl2c.verify.report import Report
+from dl2c.verify.stability.guesses import guesses
+from dl2c.verify.theorem import theorem_in
 
 STABLE = (
     r"\forall eps (eps > 0 -> \exists del (del > 0 & \forall x \forall y"
@@ -173,3 +178,38 @@ def test_strange_norms_have_an_answer(norm: str) -> None:
     for claim in (STABLE, ATTRACTED):
         problem = (claim % FALLING).replace("x^2 + y^2", norm)
         assert answer(problem, "", 1.5).answer in ("proved", "refuted", "unknown")
+
+
+def random_term(rng: Random, depth: int) -> str:
+    if not depth:
+        return rng.choice(["x", "y", "s", "1", "2", "0", "(1/2)"])
+    if rng.random() < 0.2:
+        return f"({random_term(rng, depth - 1)})^{rng.choice('23')}"
+    return f"({random_term(rng, depth - 1)} {rng.choice('+-**/')} {random_term(rng, depth - 1)})"
+
+
+def random_claim(rng: Random) -> str:
+    def mode() -> str:
+        limit = rng.choice(["", " & s <= 1", " & x >= 0", " & s <= 1/0", f" & {random_term(rng, 1)} >= 0"])
+        x, y = (random_term(rng, rng.randint(0, 2)) for _ in "xy")
+        return f"{{x' = {x}, y' = {y}, s' = 1, t' = 1{limit}}}"
+
+    waits = [rng.choice(["1", "0.5", "-1", "3/2"]) for _ in range(2)]
+    jumps = [f"{{?s >= {w}; s := 0; u := {u}; ++ u := u;}}" for w, u in zip(waits, "21", strict=True)]
+    timed = f"{{?u = 1; {jumps[0]} ++ ?u = 2; {jumps[1]}}} {{?u = 1; {mode()} ++ ?u = 2; {mode()}}}"
+    norm = rng.choice(["x^2 + y^2", random_term(rng, 2), "x^4 + y^2", "x^2", "x^2 - y^2"])
+    claim = rng.choice([STABLE, ATTRACTED]).replace("x^2 + y^2", norm)
+    return claim % rng.choice([mode(), f"{mode()} ++ {mode()}", timed])
+
+
+def test_random_claims_have_guesses_that_can_be_written() -> None:
+    """Whatever a claim is about, numbers are estimated or not, without a failure."""
+    rng = Random(20261126)
+    count = 0
+    for _ in range(200):
+        function = random_term(rng, 2).replace("s", "x")
+        head = f'ArchiveEntry "S" Definitions Real f(Real x, Real y) = {function}; End.'
+        text = f"{head} ProgramVariables Real x, y, t, s, u; End. Problem {random_claim(rng)} End. End."
+        for guess in guesses(theorem_in(Source("s.kyx", text), Options())):
+            count += len([print_formula(f) for parts in guess.values() for f in parts])
+    assert count > 20
