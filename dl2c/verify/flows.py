@@ -87,10 +87,13 @@ class Flows:
         if motion is None:
             return
         curves = self.curves(motion)
-        written = (*ode.invariants, *self.guessed.get(ode.span, ()))
-        needed = len(curves) < len(motion.rates) or self.effort > 0 or written
+        needed = len(curves) < len(motion.rates) or self.effort > 0 or self._given(ode)
         cuts = self._cuts(ode, motion, curves, names) if needed else ()
         yield from self.ended(motion, curves, cuts)
+
+    def _given(self, ode: tree.ODESystem) -> tuple[tree.Formula, ...]:
+        """The cuts that the text and guesses give."""
+        return (*ode.invariants, *self.guessed.get(ode.span, ()))
 
     def ended(self, motion: Motion, curves: Curves, cuts: Sequence[Formula] = ()) -> Iterator[State]:
         """The state after any duration, of which the domain and cuts hold."""
@@ -155,7 +158,7 @@ class Flows:
                     raise Unsupported("a differential equation that may begin without a value", ode.span)
                 return ()
         search = _Search(self, motion, curves, names)
-        for written in (*ode.invariants, *self.guessed.get(ode.span, ())):
+        for written in self._given(ode):
             search.each(motion_formula(written, motion), SHARES[0])
         if self.effort >= 1:
             for hint in self.hints:
