@@ -3,7 +3,7 @@ without using them in its problem, as candidates for Lyapunov functions. They pr
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
@@ -48,11 +48,11 @@ def hints_of(entry: tree.Entry, read: Callable[[tree.Formula], tree.Formula | No
     loops: dict[tree.Formula, None] = {}
     flows: dict[tree.Formula, None] = {}
     names = frozenset(d.name for d in entry.variables)
-    for tactic, text in _calls(entry.span.text):
-        for formula in _formulas(text):
-            expanded = read(_unchanged(formula))
-            if expanded is not None and len(loops) + len(flows) < MOST:
-                (loops if tactic == "loop" else flows).setdefault(expanded)
+    named = [(tactic, f) for tactic, text in _calls(entry.span.text) for f in _formulas(text)]
+    for tactic, formula in named:
+        expanded = read(_unchanged(formula))
+        if expanded is not None and len(loops) + len(flows) < MOST:
+            (loops if tactic == "loop" else flows).setdefault(expanded)
     for comment in islice(_COMMENT.finditer(entry.span.text), MOST):
         written = islice(_listed(comment.group(1)), MOST - len(loops) - len(flows))
         parts = [p for f in written if (p := read(_begun(f, names))) is not None]
@@ -60,20 +60,22 @@ def hints_of(entry: tree.Entry, read: Callable[[tree.Formula], tree.Formula | No
             flows |= dict.fromkeys(parts)
         elif parts:
             loops.setdefault(reduce(tree.And, parts))
-    return Hints(tuple(loops), tuple(flows), tuple(dict.fromkeys(_functions(entry, read))))
+    return Hints(
+        tuple(loops), tuple(flows), tuple(dict.fromkeys(_functions(entry, [f for _, f in named], read)))
+    )
 
 
 def _functions(
-    entry: tree.Entry, read: Callable[[tree.Formula], tree.Formula | None]
+    entry: tree.Entry, named: Sequence[tree.Formula], read: Callable[[tree.Formula], tree.Formula | None]
 ) -> Iterator[tuple[tree.Term, ...]]:
     """Arguments of tactics that are terms, alone or in a list, functions that are only defined, and terms
-    that a tactic compares with a variable, such as `x^2+y^2 >= k`.
+    that the formulas of tactics compare with a variable, such as `x^2+y^2 >= k`.
     """
     unused = tuple(_unused(entry))
     found = [(body,) for body in unused] + [unused] * (len(unused) > 1)
     tactics = "".join(tactic.group(1) for tactic in _TACTIC.finditer(entry.span.text))
     found += map(_terms, dict.fromkeys(_ARGUMENT.findall(tactics[:LONGEST])))
-    found += (sides for _, text in _calls(entry.span.text) for f in _formulas(text) for sides in _compared(f))
+    found += (sides for formula in named for sides in _compared(formula))
     for terms in dict.fromkeys(found[:MOST]):
         known = [read(tree.Compare("=", term, tree.Number(Fraction(0)))) for term in terms]
         if known and all(isinstance(k, tree.Compare) for k in known):

@@ -13,15 +13,13 @@ from math import exp, inf, log
 
 from dl2c.parse import tree
 from dl2c.verify.stability.lyapunov import above, below
-from dl2c.verify.stability.switching import Mode, Switching
+from dl2c.verify.stability.switching import ONE, Mode, Switching
 
 ORDERS = (1, 2, 3, 4, 6, 8, 12)
 """Degrees of weights, the simplest first."""
 
 SPARE = 0.02
 """By which logarithms are better than needed, since scales are rounded."""
-
-ONE = tree.Number(Fraction(1))
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,6 +37,7 @@ from dl2c.verify.stability.lyapunov import (
     below,
     candidates,
 )
+from dl2c.verify.stability.switching import ONE, ZERO
 from dl2c.verify.theorem import Theorem
 
 SLACKS = tuple(map(Fraction, ("0.5", "0.2", "0.1", "0.05", "0.02", "0.01", "0.005", "0.002")))
@@ -60,9 +61,6 @@ Guess: TypeAlias = Mapping[Span, tuple[tree.Formula, ...]]
 """Invariants of loops and differential equations, and an equation for each existential quantifier, by their
 places.
 """
-
-ONE = tree.Number(Fraction(1))
-ZERO = tree.Number(Fraction(0))
 
 
 def guesses(theorem: Theorem) -> Iterator[Guess]:

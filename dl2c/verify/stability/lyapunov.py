@@ -24,7 +24,7 @@ from dl2c.resolve.symbols import free_variables, nodes
 from dl2c.verify.arithmetic.polynomials import NotPolynomial, TooLarge
 from dl2c.verify.field import Field
 from dl2c.verify.stability.claim import Claim
-from dl2c.verify.stability.switching import Mode
+from dl2c.verify.stability.switching import ZERO, Mode
 from dl2c.verify.states import Names
 
 DIRECTIONS = 4000
@@ -223,7 +223,7 @@ def quadratic(matrix: Numbers, names: Sequence[str], slower: float) -> tree.Term
     kron, solve = cast(Any, np.kron), cast(Any, np.linalg.solve)
     form = solve(kron(shifted.T, identity) + kron(identity, shifted.T), -identity.ravel()).reshape(size, size)
     form /= abs(form).max()
-    result: tree.Term = tree.Number(Fraction(0))
+    result: tree.Term = ZERO
     for (i, a), (j, b) in combinations_with_replacement(enumerate(names), 2):
         entry = Fraction(round(float(form[i, j] * (1 if i == j else 2)), DIGITS)).limit_denominator(
             10**DIGITS
@@ -233,7 +233,7 @@ def quadratic(matrix: Numbers, names: Sequence[str], slower: float) -> tree.Term
             product = tree.Times(one, other) if a != b else tree.Power(one, tree.Number(Fraction(2)))
             part = product if abs(entry) == 1 else tree.Times(tree.Number(abs(entry)), product)
             sign: Callable[..., tree.Term] = tree.Plus if entry > 0 else tree.Minus
-            result = part if result == tree.Number(Fraction(0)) else sign(result, part)
+            result = part if result == ZERO else sign(result, part)
     return result
 
 

@@ -11,17 +11,17 @@ from fractions import Fraction
 from itertools import product, takewhile
 from typing import TypeGuard
 
-from dl2c.ir.logic import COMPARISONS
+from dl2c.ir.logic import COMPARISONS, NEGATED
 from dl2c.parse import tree
 from dl2c.resolve.shape import conjuncts, statements
 from dl2c.resolve.symbols import nodes
+from dl2c.verify.arithmetic.exact import Inexact, Undefined, term_value
 
 MAX_RUNS = 500
 """Runs of a body that are looked at."""
 
 ZERO = tree.Number(Fraction(0))
 ONE = tree.Number(Fraction(1))
-OPPOSITE: Mapping[str, tree.Comparison] = {">=": "<", ">": "<=", "<=": ">", "<": ">=", "=": "!=", "!=": "="}
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,16 +129,10 @@ def _is_discrete(part: tree.Formula, moving: set[str]) -> TypeGuard[tree.Compare
 
 def number(term: tree.Term) -> Fraction | None:
     """The value of a term without names."""
-    match term:
-        case tree.Number(value):
-            return value
-        case tree.Neg(child) if (value := number(child)) is not None:
-            return -value
-        case tree.Divide(above, below):
-            a, b = number(above), number(below)
-            return a / b if a is not None and b else None
-        case _:
-            return None
+    try:
+        return term_value(term, {})
+    except (Undefined, Inexact):
+        return None
 
 
 def _longest(domain: tree.Formula, timer: str | None) -> Fraction | None:
@@ -211,7 +205,7 @@ class _Followed:
         """What is known where a test holds too."""
         match test:
             case tree.Not(tree.Compare(op, left, right)):
-                return self.where(tree.Compare(OPPOSITE[op], left, right))
+                return self.where(tree.Compare(NEGATED[op], left, right))
             case tree.Truth(False):
                 return None
             case tree.Compare(op, tree.Variable(name), term) if (value := number(term)) is not None:
