@@ -27,7 +27,6 @@ from dl2c.parse.annotations import (
     Trigger,
     VariableAnnotation,
 )
-from dl2c.parse.scan import scan
 from dl2c.resolve.errors import suggestion
 from dl2c.resolve.predicates import AnnotatedPredicate, ValueTerm
 from dl2c.resolve.problem import Problem
@@ -43,9 +42,9 @@ def lower(problem: Problem, options: Options) -> ir.Model:
     scope = scope_of(problem)
     shape = problem.shape
     found: list[Diagnostic] = []
-    code = scan(problem.entry.span.source).text
+    annotations = {a.span: a for a in problem.program_annotations}
     loops = shape.loop is not None
-    lowering = ProgramLowering(scope, _roles(problem), problem.program_annotations, code, options, not loops)
+    lowering = ProgramLowering(scope, _roles(problem), annotations, options, not loops)
     step = lowering.sequence(shape.body)
     lead, body = leading(step)
     prefix = replace(lowering, resets=True, choices=0, loops=0, assigned={}).sequence(shape.prefix)

@@ -5,9 +5,9 @@ are complementary is an `If`; nested choices flatten to one; `{?P;a}*; ?!P` is a
 other loop a `Repeat` (semantics 2).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import assert_never
+from typing import TypeVar, assert_never
 
 from dl2c.ir import model as ir
 from dl2c.ir.logic import negation, oriented
@@ -16,11 +16,10 @@ from dl2c.lower.terms import Scope, lower_formula, lower_term
 from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.annotations import ChoiceAnnotation, FallbackAnnotation, ProgramAnnotation
-from dl2c.resolve.shape import alternatives, statements
+from dl2c.resolve.shape import alternatives, first_statement, statements
 from dl2c.source import Span
 
-SPACE = " \t\r\n{"
-"""What may stand between an annotation and the construct it belongs to."""
+P = TypeVar("P", ChoiceAnnotation, FallbackAnnotation)
 
 
 @dataclass(slots=True)
@@ -28,15 +27,14 @@ class ProgramLowering:
     """One program being lowered: what it reads, and the flows and keys found so far.
 
     `roles` are those that variables are annotated with; else the agent decides, and for the other player
-    of a game chance does. `code` is the text of the model with blank comments. `placed` holds for every
-    annotation met where the construct that it belongs to begins. `once` in a problem without a loop.
+    of a game chance does. `annotations` are those inside programs, by their places. `placed` holds for every
+    annotation met the choice or alternative that it belongs to. `once` in a problem without a loop.
     Where `resets`, chance makes all decisions, under keys of their own.
     """
 
     scope: Scope
     roles: dict[str, ir.Role]
-    annotations: Sequence[ProgramAnnotation]
-    code: str
+    annotations: Mapping[Span, ProgramAnnotation]
     options: Options
     once: bool = False
     resets: bool = False
@@ -104,8 +102,8 @@ class ProgramLowering:
             return branch
         key = self._key(f"choice_{self.choices}")
         self.choices += 1
-        annotation = self._annotation_at(program.span)
-        marks = [self._is_fallback(a.span) for a in found]
+        annotation = self._annotation_at(program)
+        marks = [self._is_fallback(a) for a in found]
         lowered = tuple(
             ir.Alternative(self.block(a), mark, span=a.span) for a, mark in zip(found, marks, strict=True)
         )
@@ -155,25 +153,22 @@ class ProgramLowering:
         then, orelse = (self.block(side)[1:] for side in sides)
         return ir.If(*conditions, then, orelse, span=span)
 
-    def _annotation_at(self, span: Span) -> ChoiceAnnotation | None:
+    def _annotation_at(self, choice: tree.Choice) -> ChoiceAnnotation | None:
         """The `@choice` in front of a choice. It belongs to the outermost that begins there."""
-        for annotation in self.annotations:
-            if isinstance(annotation, ChoiceAnnotation) and self._precedes(annotation, span):
-                return annotation
-        return None
+        return next(self._before(choice, ChoiceAnnotation), None)
 
-    def _is_fallback(self, span: Span) -> bool:
-        return any(isinstance(a, FallbackAnnotation) and self._precedes(a, span) for a in self.annotations)
+    def _is_fallback(self, alternative: tree.Program) -> bool:
+        return next(self._before(alternative, FallbackAnnotation), None) is not None
 
-    def _precedes(self, annotation: ProgramAnnotation, node: Span) -> bool:
-        """Whether only blanks, comments, braces and `++` stand between an annotation and a node's text."""
-        begin = node.start
-        while self.code[begin] in SPACE:
-            begin += 1
-        end = annotation.span.end
-        if end > begin or self.code[end:begin].strip(f"{SPACE}+"):
-            return False
-        return self.placed.setdefault(annotation, node) == node
+    def _before(self, program: tree.Program, kind: type[P]) -> Iterator[P]:
+        """The annotations of a kind before a program, but those of another one that begins there."""
+        for written in first_statement(program).annotations:
+            annotation = self.annotations[written.span]
+            if (
+                isinstance(annotation, kind)
+                and self.placed.setdefault(annotation, program.span) == program.span
+            ):
+                yield annotation
 
 
 def _first(program: tree.Program) -> tree.Program:

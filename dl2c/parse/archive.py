@@ -85,8 +85,9 @@ def read_archive(source: Source) -> tuple[Archive, tuple[Diagnostic, ...]]:
     if old := sign_of_old_dialect(code):
         warnings.append(old)
     recovery = Recovery()
-    read = Reading(source, warnings, recovery=recovery)
-    work = Work(code, read, comments.read_annotations(code, problems), problems, recovery)
+    annotations = comments.read_annotations(code, problems)
+    read = Reading(source, warnings, placement.by_statement(annotations, code), recovery=recovery)
+    work = Work(code, read, annotations, problems, recovery)
     _check_count("annotations", [a.span for a in work.annotations], MAX_ANNOTATIONS)
     sections = find_sections(code, problems)
     _check_count("sections", [code.span(s.start, s.begin) for s in sections], MAX_SECTIONS)
@@ -198,7 +199,7 @@ def _head(section: Section, start: int, end: int, work: Work) -> tuple[Declarati
     headed = replace(work.code, text=f"{text[: sign.start()]};{text[sign.start() + 1 :]}")
     try:
         declared = declarations.read_definition(
-            headed, start, sign.start() + 1, Reading(work.read.source, [])
+            headed, start, sign.start() + 1, Reading(work.read.source, [], {})
         )
     except CompileError:
         return ()

@@ -7,7 +7,7 @@ and repetition, and tuples of arguments are resolved, as KeYmaera X does while p
 Assumes trees no deeper than `syntax.MAX_DEPTH`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TypeAlias, cast
@@ -35,17 +35,23 @@ class Reading:
     """One text being read, and the warnings found so far (appended to while reading). With a `recovery`
     reading goes on behind mistakes.
 
+    `annotations` are those inside programs, by the place of the statement that they stand before.
     `anonymous` are the names given to the parameters without name that `.`, `._0`, `._1` mean.
     """
 
     source: Source
     warnings: list[Diagnostic]
+    annotations: Mapping[int, tuple[ast.Annotation, ...]]
     anonymous: tuple[str, ...] = ()
     recovery: Recovery | None = None
 
     def stands_in(self, span: Span) -> bool:
         """Whether this is not a text of the user, but stands in for a mistake."""
         return self.recovery is not None and any(a <= span.start < b for a, b in self.recovery.gaps)
+
+    def before(self, statement: Span) -> tuple[ast.Annotation, ...]:
+        """The annotations that stand before a statement."""
+        return self.annotations.get(statement.start, ())
 
     def span(self, part: Node | Token) -> Span:
         match part:
@@ -288,6 +294,7 @@ def program(node: Node, read: Reading) -> ast.Program:
     """Read `node` as a program."""
     spend()
     span = read.span(node)
+    notes = read.before(span)
     match str(node.data), parts(node):
         case "choice", alternatives:
             return _choice(alternatives, read)
@@ -306,15 +313,16 @@ def program(node: Node, read: Reading) -> ast.Program:
         case "if", [_, Tree() as condition, Tree() as then, _, otherwise]:
             return _if(condition, then, otherwise, read, span)
         case "assign", [Token() as name, prime, Token()]:
-            return ast.AssignAny(str(name), prime is not None, span=span)
+            return ast.AssignAny(str(name), prime is not None, annotations=notes, span=span)
         case "assign", [Token() as name, prime, Tree() as value]:
-            return ast.Assign(str(name), term(value, read), prime is not None, span=span)
+            return ast.Assign(str(name), term(value, read), prime is not None, annotations=notes, span=span)
         case "test", [Tree() as condition]:
-            return ast.Test(formula(condition, read), span=span)
+            return ast.Test(formula(condition, read), annotations=notes, span=span)
         case "call_program", [Token() as name, *dual]:
             if read.stands_in(span):
                 return ast.Test(ast.Truth(True), span=span)
-            call = ast.ProgramConst("exerciseS_" if name.type == "HOLE" else str(name), span=span)
+            called = "exerciseS_" if name.type == "HOLE" else str(name)
+            call = ast.ProgramConst(called, annotations=notes, span=span)
             return ast.Dual(call, span=span) if dual else call
         case "ode", [Tree() as flow]:
             return _ode(flow, (), read, span)
@@ -357,12 +365,12 @@ def _loop(
 def _if(condition: Node, then: Node, otherwise: Child, read: Reading, span: Span) -> ast.Program:
     """`if (c) {a} else {b}` is `{?c; {a}} ++ {?!c; {b}}`; without else the second branch is `?!c;`."""
     holds = formula(condition, read)
-    fails = ast.Test(ast.Not(holds, span=holds.span), span=holds.span)
-    first = ast.Compose(ast.Test(holds, span=holds.span), program(then, read), span=span)
-    if otherwise is None:
-        return ast.Choice(first, fails, span=span)
-    assert isinstance(otherwise, Tree)
-    return ast.Choice(first, ast.Compose(fails, program(otherwise, read), span=span), span=span)
+    notes = read.before(span)
+    marks = tuple(note for note in notes if note.name == "fallback")  # a choice begins but once
+    fails = ast.Test(ast.Not(holds, span=holds.span), annotations=marks, span=holds.span)
+    first = ast.Compose(ast.Test(holds, annotations=notes, span=holds.span), program(then, read), span=span)
+    last = ast.Compose(fails, program(otherwise, read), span=span) if isinstance(otherwise, Tree) else fails
+    return ast.Choice(first, last, span=span)
 
 
 def _ode(flow: Node, invariants: tuple[ast.Formula, ...], read: Reading, span: Span) -> ast.ODESystem:
@@ -370,9 +378,8 @@ def _ode(flow: Node, invariants: tuple[ast.Formula, ...], read: Reading, span: S
     if isinstance(conjunction, Token) and conjunction == "&&":
         read.warnings.append(errors.doubled_connective(read.span(conjunction)))
     constraint = formula(domain, read) if isinstance(domain, Tree) else ast.Truth(True, span=span)
-    return ast.ODESystem(
-        tuple(_equation(equation, read) for equation in nodes(equations)), constraint, invariants, span=span
-    )
+    rates = tuple(_equation(equation, read) for equation in nodes(equations))
+    return ast.ODESystem(rates, constraint, invariants, annotations=read.before(rates[0].span), span=span)
 
 
 def _equation(node: Node, read: Reading) -> ast.AtomicODE | ast.DifferentialProgramConst:

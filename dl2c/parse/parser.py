@@ -51,14 +51,14 @@ def parse_annotated(span: Span) -> Term | Formula:
     text = span.source.text
     view = scan(Source("", comments.visible(span))).text
     code = Code(span.source, text[: span.start] + view + text[span.end :], ())
-    read = build.Reading(span.source, [])
+    read = build.Reading(span.source, [], {})
     node = build.nodes(build.parts(parse_tree(code, span.start, span.end, "start_value")))[0]
     return build.value(node, read)
 
 
 def _parsed(text: Text, symbol: str, read_node: Callable[[Node, build.Reading], _T], strict: bool) -> _T:
     code, start, end = _code(text)
-    read = build.Reading(code.source, [])
+    read = build.Reading(code.source, [], {})
     if strict:
         read.warnings.extend(errors.line_comment(c.span) for c in code.comments if c.line)
     root = parse_tree(code, start, end, symbol)

@@ -4,8 +4,9 @@ In: the annotations of a file and the ranges of its declarations and sections. O
 annotation at its place. An annotation that stands nowhere useful is an error.
 """
 
+import re
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dl2c.diagnostics import Diagnostic
@@ -24,6 +25,7 @@ _PLACES = {
     "choice": "inside a program, before a choice",
     "fallback": "inside a program, before an alternative of a choice",
 }
+_STATEMENT = re.compile(r"[^\s{+∪]")
 _ABOVE_PREDICATE = "above a `Bool` definition"
 _ABOVE_CONCLUSION = f"{_ABOVE_PREDICATE}, or above Problem"
 
@@ -89,6 +91,19 @@ def inside_programs(
             else:
                 problems.append(misplaced(annotation))
     return tuple(found)
+
+
+def by_statement(annotations: Sequence[Annotation], code: Code) -> Mapping[int, tuple[Annotation, ...]]:
+    """The annotations inside programs, by the place of the statement before which they stand: only blanks,
+    comments, opening braces and signs of choice are between.
+    """
+    found: dict[int, tuple[Annotation, ...]] = {}
+    for annotation in annotations:
+        if annotation.name in INSIDE_PROGRAMS and (
+            statement := _STATEMENT.search(code.text, annotation.span.end)
+        ):
+            found[statement.start()] = (*found.get(statement.start(), ()), annotation)
+    return found
 
 
 def above_problem(

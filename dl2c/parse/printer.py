@@ -13,7 +13,6 @@ from dl2c.ir.printer import decimal_places
 from dl2c.parse import tree
 from dl2c.parse.archive import read_archive
 from dl2c.parse.comments import read_annotations
-from dl2c.parse.notes import with_notes
 from dl2c.parse.scan import scan
 from dl2c.source import Source
 
@@ -178,12 +177,22 @@ def _program(program: tree.Program, level: int) -> str:
     return text if own >= level else f"{{{text}}}"
 
 
+def _notes(program: tree.Program) -> str:
+    """The annotations before a statement."""
+    notes = program.annotations if isinstance(program, tree.Statement) else ()
+    return "".join(f"{_annotation(note)} " for note in notes)
+
+
 def _bare_program(program: tree.Program) -> str:
+    return _notes(program) + _plain_program(program)
+
+
+def _plain_program(program: tree.Program) -> str:
     match program:
         case tree.Assign(name, term, differential):
             return f"{name}{_prime(differential)} := {print_term(term)};"
         case tree.AssignAny(dual=True) | tree.ODESystem(dual=True):
-            return _bare_program(tree.Dual(replace(program, dual=False)))
+            return _plain_program(tree.Dual(replace(program, dual=False, annotations=())))
         case tree.AssignAny(name=name, differential=differential):
             return f"{name}{_prime(differential)} := *;"
         case tree.Test(formula):
@@ -288,7 +297,7 @@ def _program_lines(program: tree.Program, level: int) -> list[str]:
         case tree.ODESystem(dual=False, domain=domain, invariants=invariants) if domain != tree.Truth(True):
             equations = ", ".join(map(_equation, program.equations))
             first, *rest = _formula_lines(domain, EQUIV)
-            lines = [f"{{{equations}", f"  & {first}", *(f"    {line}" for line in rest)]
+            lines = [f"{_notes(program)}{{{equations}", f"  & {first}", *(f"    {line}" for line in rest)]
             return [*lines[:-1], f"{lines[-1]}}}{_invariants(invariants)}"]
         case _:
             return [text]
@@ -338,10 +347,7 @@ def print_entry(entry: tree.Entry) -> str:
         lines += ["End.", ""]
     lines += [_annotation(annotation) for annotation in entry.problem_annotations]
     lines += ["Problem", *_indented(_formula_lines(entry.problem, EQUIV)), "End.", "", "End.", ""]
-    text = "\n".join(lines)
-    if not entry.program_annotations:
-        return text
-    return with_notes(text, entry, read_archive(Source("", text))[0].entries[0], _annotation)
+    return "\n".join(lines)
 
 
 def _together(declarations: Sequence[tree.Declaration]) -> list[list[tree.Declaration]]:

@@ -7,6 +7,8 @@ KeYmaera X does, so no node stands for them.
 
 What a player of a hybrid game decides is `dual` where that is the other player. The parser makes
 `Dual` nodes and leaves it False; `resolve.players` does away with the one and sets the other.
+
+Annotations inside programs (`@choice`, `@fallback`) are kept at the statement before which they stand.
 """
 
 from dataclasses import dataclass, field
@@ -18,6 +20,10 @@ from dl2c.source import NOWHERE, Span
 
 def _span() -> Span:
     return field(default=NOWHERE, compare=False, repr=False, kw_only=True)  # pyright: ignore[reportReturnType]
+
+
+def _annotations() -> tuple["Annotation", ...]:
+    return field(default=(), compare=False, repr=False, kw_only=True)  # pyright: ignore[reportReturnType]
 
 
 def _dual() -> bool:
@@ -269,6 +275,7 @@ class Assign:
     name: str
     term: Term
     differential: bool = False
+    annotations: tuple["Annotation", ...] = _annotations()
     span: Span = _span()
 
 
@@ -279,6 +286,7 @@ class AssignAny:
     name: str
     differential: bool = False
     dual: bool = _dual()
+    annotations: tuple["Annotation", ...] = _annotations()
     span: Span = _span()
 
 
@@ -289,6 +297,7 @@ class Test:
     __test__ = False  # not a test case, whatever its name suggests to pytest
 
     formula: Formula
+    annotations: tuple["Annotation", ...] = _annotations()
     span: Span = _span()
 
 
@@ -297,6 +306,7 @@ class ProgramConst:
     """`a;`: a call of a defined program, or a program symbol."""
 
     name: str
+    annotations: tuple["Annotation", ...] = _annotations()
     span: Span = _span()
 
 
@@ -330,6 +340,7 @@ class ODESystem:
     domain: Formula
     invariants: tuple[Formula, ...] = field(default=(), compare=False)
     dual: bool = _dual()
+    annotations: tuple["Annotation", ...] = _annotations()
     span: Span = _span()
 
 
@@ -370,7 +381,8 @@ class Dual:
     span: Span = _span()
 
 
-Program: TypeAlias = Assign | AssignAny | Test | ProgramConst | ODESystem | Compose | Choice | Loop | Dual
+Statement: TypeAlias = Assign | AssignAny | Test | ProgramConst | ODESystem
+Program: TypeAlias = Statement | Compose | Choice | Loop | Dual
 
 Expression: TypeAlias = Term | Formula | Program
 
@@ -427,7 +439,8 @@ class Entry:
     """One archive entry: a problem with everything declared for it.
 
     `program_annotations` are the annotations that stand inside programs (`@choice`,
-    `@fallback`), in source order; `problem_annotations` stand above `Problem`.
+    `@fallback`), in source order, those before no statement too; `problem_annotations`
+    stand above `Problem`.
     `imports` are the library names imported, in full (`kyx.math.abs`).
     """
 

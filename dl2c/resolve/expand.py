@@ -212,7 +212,9 @@ class Expander:
                 return replace(program, formula=self.formula(formula, values, bound)), NONE
             case tree.ProgramConst(name):
                 body = _program_body(self.symbols.declarations[name])
-                return (program, NONE) if body is None else self.program(body, {}, bound)
+                if body is None:
+                    return program, NONE
+                return self.program(_noted(body, program.annotations), {}, bound)
             case tree.ODESystem():
                 return self._ode(program, values, bound)
             case tree.Compose(left, right):
@@ -352,6 +354,19 @@ def _formula_body(declaration: tree.Declaration) -> tree.Formula:
     body = declaration.body
     assert isinstance(body, tree.Formula), "bind checks sorts"
     return body
+
+
+def _noted(program: tree.Program, notes: tuple[tree.Annotation, ...]) -> tree.Program:
+    """The program with annotations before the statement with which it begins."""
+    match program:
+        case _ if not notes:
+            return program
+        case tree.Compose(left=first) | tree.Choice(left=first):
+            return replace(program, left=_noted(first, notes))
+        case tree.Loop(child) | tree.Dual(child):
+            return replace(program, child=_noted(child, notes))
+        case _:
+            return replace(program, annotations=(*program.annotations, *notes))
 
 
 def _program_body(declaration: tree.Declaration) -> tree.Program | None:

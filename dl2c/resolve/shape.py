@@ -82,6 +82,15 @@ def statements(program: tree.Program) -> tuple[tree.Program, ...]:
     return (program,)
 
 
+def first_statement(program: tree.Program) -> tree.Statement:
+    """The statement with which the text of a program begins."""
+    match program:
+        case tree.Compose(left=first) | tree.Choice(left=first) | tree.Loop(first) | tree.Dual(first):
+            return first_statement(first)
+        case _:
+            return program
+
+
 def alternatives(program: tree.Program) -> tuple[tree.Program, ...]:
     """The alternatives of a choice, nested choices of the same player flattened."""
     if not isinstance(program, tree.Choice):

@@ -20,7 +20,7 @@ KINDS = ("guard", "sign", "constant", "strictness", "domain", "missing assignmen
 
 OTHER: dict[str, tree.Comparison] = {"<": "<=", "<=": "<", ">": ">=", ">=": ">"}
 TRUE = tree.Truth(True)
-HINTS = {"invariants", "span", "dual"}
+HINTS = {"invariants", "annotations", "span", "dual"}
 """Fields that are no part of what is proved, or no nodes."""
 
 Change = tuple[str, Any]

@@ -270,6 +270,20 @@ def test_fallback_marks_the_alternative_that_follows() -> None:
         assert [a.fallback for a in choice.alternatives] == [False, True, False]
 
 
+def test_annotations_before_a_call_are_before_what_is_called() -> None:
+    calls = '/* @choice: name="gear" */ { c; ++ /* @fallback */ { {d;} x := 3; } }'
+    choice = only_choice(calls, "HP c ::= { x := 1; }; HP d ::= { x := 2; };")
+    assert (choice.name, [a.fallback for a in choice.alternatives]) == ("gear", [False, True])
+    chosen, plain = step('{ /* @choice: name="gear" */ c; } c;', "HP c ::= { { x := 1; ++ x := 2; } };")
+    assert isinstance(chosen, Choice) and isinstance(plain, Choice)
+    assert (chosen.name, plain.name) == ("gear", "")
+
+
+def test_fallback_before_a_branch_marks_both_ways() -> None:
+    choice = only_choice(f"x := 1; ++ /* @fallback */ {IF} ++ x := 3;")
+    assert [a.fallback for a in choice.alternatives] == [False, True, True, False]
+
+
 @pytest.mark.parametrize(
     "program",
     ['/* @choice: name="a" */ x := 1;', f'/* @choice: name="a" */ {IF}', "/* @fallback */ x := 1; v := 2;"],

@@ -1,13 +1,15 @@
 """What printing, expanding and annotating keep."""
 
+import re
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
 from generators.random_texts import random_text, without_definitions
 from generators.syntax_strategies import archives, programs
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from lint.test_annotate import MODELS, annotated, without
 
@@ -143,6 +145,29 @@ def test_printing_keeps_the_annotations_inside_programs() -> None:
     found = [step_model(s, Options()) for s in (source, again)]
     assert print_model(found[0][0]) == print_model(found[1][0])
     assert [p.marks for p in found[0][1].paths] == [p.marks for p in found[1][1].paths]
+
+
+@given(SEEDS, st.randoms(use_true_random=False))
+@settings(max_examples=60)
+def test_annotations_inside_programs_survive_printing(seed: int, random: Random) -> None:
+    """Wherever they stand, where the model can be run with them."""
+    text = random_text(seed)
+    places = [match.end() for match in re.finditer(r"\+\+ |::= \{ ", text)]
+    for at in sorted(random.sample(places, min(2, len(places))), reverse=True):
+        note = "@fallback" if text[:at].endswith("++ ") else f'@choice: name="at {at}"'
+        text = f"{text[:at]}/* {note} */ {text[at:]}"
+    source = Source("random.kyx", text)
+    try:
+        model, paths = step_model(source, Options())
+    except CompileError:
+        assume(False)
+        raise
+    printed = Source("random.kyx", emit(source, "tree", Options()))
+    notes = [told(parse_archive(s)[0].entries[0].program_annotations) for s in (source, printed)]
+    assert set(map(str, notes[0])) == set(map(str, notes[1]))  # one before an `if` is printed twice
+    again, found = step_model(printed, Options())
+    assert print_model(again) == print_model(model)
+    assert [p.marks for p in found.paths] == [p.marks for p in paths.paths]
 
 
 @given(SEEDS, st.sampled_from([b"\n", b"\r\n"]))
