@@ -2,10 +2,14 @@
 /*
  * policy.h -- what an exported policy does with observations and with the outputs of its network.
  *
- * Exported policies contain copies of the functions they need, below the definition of `real`, with words
- * of their own for MODEL, RUNS (how many vectors of alternatives TAKEN has, one for each control path; -1 for
- * a choice that is not met), CHOICES, ALTERNATIVES (of all choices; those of choice c begin at START[c]),
- * POLICY_PATHS (how many paths an output stands for, in PATHS) and MADE (choices that `asks` makes).
+ * An exported policy contains copies of the functions that it needs, below the definition of `real`. In the
+ * copies these words are replaced:
+ *   MODEL         the name of the model;
+ *   RUNS          rows of TAKEN: each is the alternatives that control paths take, -1 for a choice not met;
+ *   CHOICES       how many choices there are;
+ *   ALTERNATIVES  of all choices together; those of choice c begin at START[c];
+ *   POLICY_PATHS  rows of PATHS: the paths that have an output each;
+ *   MADE          the length of the array of choices that `asks` makes.
  */
 #ifndef DL2C_MONITOR_POLICY_H
 #define DL2C_MONITOR_POLICY_H
@@ -15,7 +19,7 @@ static inline real clipped(real value, real low, real high)
   return value > low ? (value < high ? value : high) : low;
 }
 
-/* The first of the largest numbers that are open; all are where `open` is null. */
+/* The index of the largest value that is open, the first of equals; 0 if none is. Without `open` all are. */
 static int largest(const real *values, const bool *open, int count)
 {
   int best = -1;
@@ -27,7 +31,7 @@ static int largest(const real *values, const bool *open, int count)
   return best < 0 ? 0 : best;
 }
 
-/* Which alternatives are possible; all of a choice that no possible path meets. */
+/* Marks the alternatives that some possible path takes; for a choice that no such path meets, all. */
 static void mask(MODEL_state curr, const MODEL_parameters *params, const MODEL_input *input,
                  bool open[ALTERNATIVES])
 {
@@ -49,7 +53,7 @@ static void mask(MODEL_state curr, const MODEL_parameters *params, const MODEL_i
       open[k] = open[k] || !met[c];
 }
 
-/* Which paths are possible: those of which all alternatives are. */
+/* Marks the paths whose alternatives are all open. */
 static void mask_paths(const bool open[ALTERNATIVES], bool whole[POLICY_PATHS])
 {
   for (int r = 0; r < POLICY_PATHS; r++) {

@@ -8,7 +8,7 @@
 #ifndef DL2C_MONITOR_SOUND_CHECK_H
 #define DL2C_MONITOR_SOUND_CHECK_H
 
-/* The first of a case's conditions that does not hold, else the first that may not, 0 for none. */
+/* The first of a case's conditions that is false, else the first that is unknown, 0 if all hold. */
 static MODEL_verdict KIND_case(int first, int end, STATES)
 {
   MODEL_verdict verdict = {0, false};

@@ -11,14 +11,17 @@
 
 typedef double real;
 
-/* Conditions use & and | on purpose, also between calls: no branch, so that loops over lanes vectorise. */
+/* Conditions use & and | where && and || would do: loops over lanes vectorise if they have no branches. */
 #if defined(__clang__)
 #if __has_warning("-Wbitwise-instead-of-logical")
 #pragma clang diagnostic ignored "-Wbitwise-instead-of-logical"
 #endif
 #endif
 
-/* For loops over variables inside loops over lanes, and for those over paths, of which there may be many. */
+/*
+ * DL2C_UNROLL: for loops over variables inside loops over lanes. DL2C_UNROLL_PATHS: for loops over paths;
+ * there may be many, so that only 16 are unrolled.
+ */
 #if defined(__clang__)
 #define DL2C_UNROLL _Pragma("unroll")
 #define DL2C_UNROLL_PATHS _Pragma("unroll 16")
@@ -41,7 +44,7 @@ typedef double real;
 #endif
 
 /*
- * Functions over full blocks exist several times, for AVX-512, AVX2 and every x86-64; all
+ * Functions over full blocks exist several times, for AVX-512 (from GCC 12 on), AVX2 and every x86-64; all
  * compute the same bits. DL2C_NO_TARGET_CLONES leaves one, for linkers and C libraries
  * without indirect functions.
  */
@@ -70,10 +73,10 @@ typedef double real;
 /* Inlined into each clone of its caller, so that it is compiled for the same instructions. */
 #define DL2C_INLINE static inline __attribute__((always_inline))
 
-/* Of functions into which all that they call is inlined. */
+/* For a function: inlines all that it calls. */
 #define DL2C_FLAT __attribute__((flatten))
 
-/* Of functions that few steps call: they are compiled small, in half the time. */
+/* For a function that few steps call: optimised for size, which takes half the time to compile. */
 #ifndef DL2C_COLD
 #define DL2C_COLD __attribute__((cold))
 #endif
@@ -108,7 +111,7 @@ static inline int64_t dl2c_next(const uint8_t *flags, int64_t i, int64_t count)
   return i;
 }
 
-/* dL's min and max: the second where neither is smaller (greater). */
+/* dL's min and max; b where the two are equal or one is NaN. */
 static inline real dl2c_min(real a, real b) { return a < b ? a : b; }
 static inline real dl2c_max(real a, real b) { return a > b ? a : b; }
 
@@ -122,7 +125,7 @@ static inline void dl2c_copy(const real *x, int n, real *y)
 /* State values beyond this magnitude count as infinite. */
 #define DL2C_LARGEST_STATE 1e100
 
-/* Whether every value is a number of that range.   x: (n) */
+/* Whether no value is NaN, or larger than that in magnitude.   x: (n) */
 static inline bool dl2c_all_finite(const real *x, int n)
 {
   bool finite = true;
@@ -131,7 +134,7 @@ static inline bool dl2c_all_finite(const real *x, int n)
   return finite;
 }
 
-/* A number that does not change along a flow: one without a value, or out of range, counts as 0. */
+/* A value that stays constant along a flow; NaN and values out of range become 0. */
 static inline real dl2c_frozen(real value) { return fabs(value) <= DL2C_LARGEST_STATE ? value : 0.0; }
 
 /* -1, 0 or 1. */
@@ -155,7 +158,7 @@ static inline int64_t dl2c_ordinal(real a)
   return bits >= 0 ? bits : -(bits & INT64_MAX);
 }
 
-/* The double of that number. */
+/* The double with this ordinal. */
 static inline real dl2c_from_ordinal(int64_t number)
 {
   const int64_t bits = number >= 0 ? number : -number;
@@ -164,10 +167,10 @@ static inline real dl2c_from_ordinal(int64_t number)
   return number >= 0 ? a : -a;
 }
 
-/* The largest float: what is observed stays finite where a limit is not. */
+/* The largest finite float: the limit of observations whose own limit is infinite. */
 #define DL2C_LARGEST_FLOAT 0x1.fffffep+127f
 
-/* An observation entry, saturated to its bounds; notes in *saturated that it was. */
+/* An observation entry, clipped to its bounds; sets *saturated to 1 if it was outside of them. */
 static inline float dl2c_observe_float(real a, float low, float high, int32_t *saturated)
 {
   const float narrow = (float)a;
@@ -185,13 +188,13 @@ static inline double dl2c_observe_double(real a, double low, double high, int32_
   return raised > high ? high : raised;
 }
 
-/* The distance of two doubles by number; it may exceed the range of int64_t. */
+/* The distance of two ordinals; it may exceed the range of int64_t. */
 static inline uint64_t dl2c_distance(int64_t a, int64_t b)
 {
   return a > b ? (uint64_t)a - (uint64_t)b : (uint64_t)b - (uint64_t)a;
 }
 
-/* The number so many steps up (direction 1) or down (-1); stays inside the doubles. */
+/* The ordinal `steps` above (direction 1) or below (-1) a number; callers stay in the range of doubles. */
 static inline int64_t dl2c_moved(int64_t number, int direction, uint64_t steps)
 {
   const uint64_t moved = direction > 0 ? (uint64_t)number + steps : (uint64_t)number - steps;

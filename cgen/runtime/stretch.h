@@ -10,7 +10,7 @@
  * other side than rounding can take it. So a condition is judged wrongly at most where the term
  * that it is written with is within rounding of its boundary.
  *
- * The same operations in the same order as dl2c/flows/search.py.
+ * The same operations in the same order as dl2c/flows/stretch.py.
  */
 #ifndef DL2C_STRETCH_H
 #define DL2C_STRETCH_H

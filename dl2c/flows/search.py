@@ -1,6 +1,6 @@
 """The search along a track for where a flow ends, stretch by stretch.
 
-cgen/runtime/search.h operation for operation, for motions that are polynomials of time.
+The same operations in the same order as cgen/runtime/search.h, for motions that are polynomials of time.
 """
 
 import math
@@ -18,7 +18,7 @@ from dl2c.ir.margins import margin_of
 from dl2c.ir.model import Compare, Formula, Symbol
 
 LOOKS = 1 << 14
-"""A track that needs more looks counts as one whose events cannot be found."""
+"""Stretches of a track; where more are needed, its events count as not found."""
 
 
 class TooManyLooks(Undefined):
@@ -27,7 +27,9 @@ class TooManyLooks(Undefined):
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """Where on a track a motion ends, by its domain or cut by a violation; the signs of margins there."""
+    """Where a motion ends: at `place` on its track, from 0 to 1, `cut` by a violation or else by its domain;
+    `signs` are those of the margins there.
+    """
 
     place: float
     cut: bool
@@ -36,8 +38,9 @@ class Halt:
 
 @dataclass(slots=True)
 class Search:
-    """A look along the track of a stretch, from its start. `waiting` are the watches still open; `failed`
-    and `met` collect what became of the others."""
+    """The search for the end of a motion along the track of `stretch`. `waiting` are the watches still open;
+    `failed` and `met` collect what became of the others.
+    """
 
     stretch: Stretch
     waiting: Sequence[int]
@@ -45,8 +48,9 @@ class Search:
     met: list[int] = field(default_factory=list[int])
 
     def along(self, bounded: bool) -> Halt | Sequence[int]:
-        """Where the motion ends; the signs at the end of the track if it does not. `bounded`: the domain is
-        looked at too. Raises `TooManyLooks`."""
+        """Where the motion ends; the signs at the end of the track if it does not. With `bounded` the domain
+        may end it too, not only a violation. Raises `TooManyLooks`.
+        """
         stretch, plan = self.stretch, self.stretch.plan
         plain: Sequence[int] = [1] * len(plan.margins)
         if not plan.margins or self._calm(stretch.track.hulls(), bounded):
@@ -79,7 +83,7 @@ class Search:
         return signs
 
     def _ending(self, events: Events, bounded: bool) -> Halt | Sequence[int]:
-        """How a stretch ends on which these events happen."""
+        """Where these events end the motion on a stretch; the signs at its end if they do not."""
         stretch, plan = self.stretch, self.stretch.plan
         found = exit_of(plan.domain, plan.margins, events)
         leaves = bounded and found.found
@@ -101,7 +105,7 @@ class Search:
         return signs
 
     def _calm(self, state: Mapping[Symbol, Hull], bounded: bool) -> bool:
-        """Whether nothing happens: conditions hold in every state within hulls."""
+        """Whether waiting watches, and with `bounded` the domain, surely hold in all states within hulls."""
         env, moves = self.stretch.env, self.stretch.moves
         terms = Enclosed(hull.FUNCTIONS, lambda a: hull.hull_of(a, a), state, env, moves)
         domain, *stays = self.stretch.plan.written
@@ -115,7 +119,7 @@ class Search:
 
 
 def _plainly(formula: Formula, terms: Enclosed[Hull]) -> bool:
-    """Whether a formula holds in every state; a margin that gets to zero is not plain."""
+    """Whether a formula surely holds in all enclosed states, inequalities with margins that are not 0."""
 
     def plainly(atom: Compare) -> bool:
         low, high = terms.term(margin_of(atom))

@@ -1,10 +1,9 @@
-"""What is computed once where a flow begins, because it does not change along it.
+"""Values that are computed once where a flow begins, because they do not change along it.
 
-Slacks of predicates are by definition what they are there (`slack.py`). A flow conserves some terms: their
-Lie derivative is identically zero. Where a flow is followed numerically such terms are replaced
-by their values at its start, so that what the solver is off by fails no watch and gives no
-events; and equalities of P, Q and predicates that hold there and stay true are what its end is projected
-onto.
+The slack of a predicate keeps the value that it has there, by definition (`slack.py`). A flow conserves some
+terms: their Lie derivative is identically zero. Where a flow is followed numerically, such terms are replaced
+by their values at its start, so that errors of the solver neither fail a watch nor cause events. The end of
+the flow is projected onto equalities of its domain, P, Q and predicates that hold at its start and stay true.
 """
 
 from collections.abc import Sequence
@@ -31,7 +30,9 @@ from dl2c.ir.slack import slack_of, widened
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """A symbol and the term whose value it has from where a flow begins. No value counts as 0."""
+    """A symbol that keeps, along a flow, the value of a term where the flow begins; 0 if that is undefined or
+    out of range.
+    """
 
     symbol: Symbol
     value: Term
@@ -39,8 +40,9 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class Projection:
-    """An equality that a flow conserves, and when its end is moved onto it: where the flow begins it held,
-    which `held`, a symbol that is 1 or 0, notes; None where a flow does not begin else.
+    """An equality that a flow conserves. The end of the flow is moved onto it if `holds` is true where the
+    flow begins, which the symbol `held` keeps as 1 or 0. Both are None for equalities of the domain, without
+    which the flow does not begin.
     """
 
     equality: Compare
@@ -50,7 +52,7 @@ class Projection:
 
 @dataclass(frozen=True, slots=True)
 class Steady:
-    """Watches over what a flow changes, and over values from its start: `starts` says which."""
+    """Watches over what a flow changes and over symbols for values at its start, which `starts` defines."""
 
     watches: tuple[Watch, ...]
     starts: tuple[Start, ...]
@@ -86,13 +88,13 @@ def merged(watches: Sequence[Watch]) -> tuple[Watch, ...]:
 
 
 def used(starts: Sequence[Start], parts: Sequence[Term | Formula]) -> tuple[Start, ...]:
-    """Those that occur."""
+    """The starts whose symbols occur in `parts`."""
     names = symbols(*parts)
     return tuple(s for s in starts if s.symbol in names)
 
 
 def begun(starts: Sequence[Start], env: Valuation, exact: bool) -> Valuation:
-    """The environment where a flow begins, with the values of its start."""
+    """The valuation where a flow begins, extended by the values of `starts`."""
     values: dict[Symbol, Value | None] = dict(env)
     for start in starts:
         value = value_of(start.value, env, exact)
@@ -101,13 +103,13 @@ def begun(starts: Sequence[Start], env: Valuation, exact: bool) -> Valuation:
 
 
 def conserved(term: Term, flow: Flow) -> bool:
-    """Whether a term over variables that move does not change along the flow."""
+    """Whether a term has variables that move and yet does not change along the flow."""
     rates = dict(flow.equations)
     return bool(moving(term, rates)) and is_invariant(term, rates)
 
 
 def steady(flow: Flow, watches: Sequence[Watch]) -> Steady:
-    """The watches with every largest conserved part replaced by a symbol."""
+    """The watches with conserved parts, as large as possible, replaced by symbols."""
     found: dict[Term, Symbol] = {}
 
     def frozen(atom: Compare) -> Compare:
@@ -148,7 +150,7 @@ def _conserved_parts(term: Term, flow: Flow) -> list[Term]:
 
 
 def _stays(flow: Flow, equality: Compare, known: Sequence[Compare]) -> bool:
-    """Whether an equality over variables that move stays true along the flow, as those known do."""
+    """Whether an equality over variables that move stays true along the flow, if those `known` do."""
     rates = dict(flow.equations)
     term = Sub(equality.left, equality.right)
     if not moving(term, rates):
@@ -157,8 +159,8 @@ def _stays(flow: Flow, equality: Compare, known: Sequence[Compare]) -> bool:
 
 
 def projections(flow: Flow, equalities: Sequence[Compare], tolerance: Fraction) -> tuple[Projection, ...]:
-    """What the end of a flow is moved onto: equalities of its domain, then others that it conserves, alone
-    or together with those before.
+    """What the end of a flow is moved onto: equalities of its domain, then those of `equalities` that stay
+    true by themselves, then those that stay true if the ones before do.
     """
     found = [Projection(invariant) for invariant in flow.invariants]
     left = [e for e in dict.fromkeys(equalities) if e not in flow.invariants]
@@ -174,7 +176,7 @@ def projections(flow: Flow, equalities: Sequence[Compare], tolerance: Fraction) 
 
 
 def equalities_of(model: Model) -> tuple[Compare, ...]:
-    """Equalities that the precondition grants, or predicates or the postcondition ask for."""
+    """All equalities in the precondition, the predicates and the postcondition."""
     formulas = [model.precondition, *(p.formula for p in model.predicates)]
     formulas += [] if model.postcondition is None else [model.postcondition]
     return tuple(a for f in formulas for a in atoms(f) if a.op == "=")

@@ -1,6 +1,6 @@
 """What the margins of a flow do on a stretch of a track: every change of sign is bracketed.
 
-cgen/runtime/stretch.h operation for operation; that file says what is certain.
+The same operations in the same order as cgen/runtime/stretch.h, which says what is certain.
 """
 
 import math

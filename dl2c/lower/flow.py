@@ -10,8 +10,8 @@ from dl2c.parse import tree
 
 
 def lower_flow(ode: tree.ODESystem, scope: Scope, options: Options, once: bool = False) -> ir.Flow:
-    """The flow of an ODE. Where no clock limits it, it lasts `dt`; in a program that runs `once`, and
-    without a `dt`, to the end of its domain if that is met in time.
+    """The flow of an ODE, limited by its clocks, and by `dt` if that is given. With neither, it lasts
+    `DEFAULT_DT`; in a program that runs `once`, to the end of its domain if that comes within `max_flow`.
     """
     equations = tuple(
         (e.name, lower_term(e.term, scope)) for e in ode.equations if isinstance(e, tree.AtomicODE)
@@ -47,7 +47,7 @@ def lower_flow(ode: tree.ODESystem, scope: Scope, options: Options, once: bool =
 
 
 def _is_invariant(part: ir.Compare, rates: dict[str, ir.Term]) -> bool:
-    """An equality that the flow moves through states that all satisfy it."""
+    """Whether the atom is an equality whose sides change along the flow, but not their difference."""
     difference = ir.Sub(part.left, part.right)
     return part.op == "=" and _changes(difference, rates) and is_invariant(difference, rates)
 

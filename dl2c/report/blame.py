@@ -1,4 +1,4 @@
-"""Which condition of the model an episode violated: where it stands and what its sides were."""
+"""The conditions of the model that an episode violated, with their places in its text and their values."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from dl2c.ir.printer import print_formula
 from dl2c.report.episode import Episode, Moment
 
 PRECISION = 9
-"""Digits of numbers in messages."""
+"""Significant digits of numbers in messages."""
 
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """A condition that failed at the end of a step, counted from 1."""
+    """A condition that failed in a step; `step` counts from 1."""
 
     what: str
     formula: Formula
@@ -28,12 +28,12 @@ class Violation:
 
 
 def model_of(episode: Episode) -> Model:
-    """What a step of the episode's model does. Raises `CompileError`."""
+    """The model of an episode; its names need no bounds. Raises `CompileError`."""
     return compilation_of(episode.source, episode.options).unbounded
 
 
 def columns_of(model: Model, state: Mapping[str, float]) -> dict[Symbol, float]:
-    """A state by symbol."""
+    """The values of a state, which is given by names, by symbols."""
     constants = {Symbol(c.name, "constant"): state[c.name] for c in model.constants}
     return {Symbol(v.name, "variable"): state[v.name] for v in model.variables} | constants
 
@@ -44,8 +44,8 @@ def blamed(episode: Episode, model: Model) -> tuple[Diagnostic, ...]:
 
 
 def violations(episode: Episode, model: Model) -> Iterator[Violation]:
-    """What ended the episode in failure; else the first @safety predicates, else the postcondition,
-    that failed.
+    """The predicate that ended the episode in failure; else the @safety predicates that failed in the first
+    step in which some did; else the postcondition, in the first step after which it is false.
     """
     last = len(episode.moments)
     ending = [p for p in model.predicates if p.name == episode.reason and episode.status == "failure"]
@@ -66,7 +66,7 @@ def violations(episode: Episode, model: Model) -> Iterator[Violation]:
 
 
 def _unsafe(model: Model, m: Moment, step: int) -> Iterator[Violation]:
-    """As many @safety predicates as the step's cost says: those that are worst off after it."""
+    """The @safety predicates with the least margins after the step, as many as its cost counts."""
     columns = columns_of(model, m.state)
     safety = [p for p in model.predicates if p.category == "safety"]
     for p in sorted(safety, key=lambda p: float(margins(p.formula, columns)))[: m.cost]:
@@ -89,11 +89,11 @@ def _diagnostics(violation: Violation, episode: Episode, model: Model) -> Iterat
 
 
 def critical(formula: Formula, before: Columns, after: Columns) -> tuple[Compare, ...]:
-    """The atoms to blame for a formula that holds no more: of a conjunction its false parts, of a
-    disjunction those that held before, else the one that is nearest to holding.
+    """The atoms that made a formula false: in a conjunction those of its false parts; in a disjunction those
+    of the parts that held before the step or, if none did, of the part that is nearest to holding.
 
-    Where the formula is not quite false after the step (it failed on the way, or by its last bits), the
-    atoms nearest to their boundary.
+    If no part of a conjunction is false after the step, since it failed along a flow or by rounding, the part
+    with the least margin is taken.
     """
     match formula:
         case Truth():
@@ -115,7 +115,7 @@ def _label(atom: Compare, after: Columns) -> str:
     left, right = (float(values(side, after)) for side in (atom.left, atom.right))
     digits = next((n for n in range(PRECISION, 17) if f"{left:.{n}g}" != f"{right:.{n}g}"), 17)
     sides = f"{left:.{digits}g} {atom.op} {right:.{digits}g}"
-    return f"{sides} is false" if not truths(atom, after) else f"{sides} is about to fail"
+    return f"{sides} is false" if not truths(atom, after) else f"{sides} is closest to failing"
 
 
 def _state_note(model: Model, atom: Compare, before: Columns, after: Columns) -> str:

@@ -47,7 +47,7 @@ class SceneShape:
 
 
 def scene_of(annotations: Sequence[tree.Annotation], symbols: Symbols) -> tuple[SceneShape, ...] | None:
-    """The shapes of the one `@scene` among annotations above Problem; None where there is none."""
+    """The shapes of the one `@scene` above Problem; None where there is none. Raises `CompileError`."""
     given = [a for a in annotations if a.name == "scene"]
     if not given:
         return None
@@ -61,7 +61,7 @@ def scene_of(annotations: Sequence[tree.Annotation], symbols: Symbols) -> tuple[
 
 
 def written_terms(span: Span) -> Iterator[tree.Expression]:
-    """The terms of a shape as they stand there; what cannot be read is left out."""
+    """The terms in the text of a shape, definitions not expanded; what cannot be read is left out."""
     shape = _SHAPE.fullmatch(visible(span))
     for part in parts_of(_within(span, shape, 2)) if shape else ():
         named = _NAMED.fullmatch(visible(part))
@@ -82,7 +82,7 @@ class _Reader:
     found: list[Diagnostic]
 
     def shape(self, span: Span) -> SceneShape | None:
-        """The shape that is written there, None for none."""
+        """The shape written at `span`; None if the text is not that of a shape."""
         parts = _SHAPE.fullmatch(visible(span))
         if parts is None:
             self.found.append(errors.not_a_shape(span))
@@ -103,7 +103,7 @@ class _Reader:
         return SceneShape(kind, cast("SceneRole", role), name, tuple(arguments.items()), span)
 
     def _sorted(self, kind: str, form: Form, parts: Sequence[Span]) -> tuple[list[Span], dict[str, Span]]:
-        """What is given by place, and what by name."""
+        """The positional arguments in their order, and the others by name."""
         places: list[Span] = []
         named: dict[str, Span] = {}
         for part in parts:
@@ -122,7 +122,7 @@ class _Reader:
         return places, named
 
     def _placed(self, kind: str, form: Form, places: Sequence[Span], span: Span) -> dict[str, Terms]:
-        """The arguments that are given by place."""
+        """The terms of the positional arguments, by the names that the form gives them."""
         if form.many:
             if len(places) < 2 * LEAST_POINTS or len(places) % 2:
                 wanted = f"x and y of at least {LEAST_POINTS} points"
@@ -134,7 +134,7 @@ class _Reader:
         return {name: self._term(place) for name, place in zip(form.places, places, strict=False)}
 
     def _pair(self, span: Span) -> Terms:
-        """`(dx, dy)`."""
+        """The two terms of a pair `(dx, dy)`; fewer where one has a mistake."""
         inside = _PAIR.fullmatch(visible(span))
         parts = () if inside is None else parts_of(_within(span, inside, 1))
         if len(parts) != 2:
@@ -142,7 +142,7 @@ class _Reader:
         return tuple(t for part in parts for t in self._term(part))
 
     def _term(self, span: Span) -> Terms:
-        """One term without definitions; none where something is wrong with it."""
+        """A term with its definitions expanded, alone in a tuple; an empty tuple if it has a mistake."""
         try:
             read = parse_annotated(span)
         except CompileError as wrong:
@@ -173,6 +173,6 @@ class _Reader:
 
 
 def _within(span: Span, found: re.Match[str], group: int) -> Span:
-    """The span of a group of a match with the text of a span."""
+    """The span of a group of `found`, which is a match in the text of `span`."""
     start, end = found.span(group)
     return Span(span.source, span.start + start, span.start + end)

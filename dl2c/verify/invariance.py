@@ -1,8 +1,9 @@
-"""Whether a formula stays true along a differential equation, once it is true where that begins.
+"""Whether a formula that is true where a flow begins stays true along it.
 
 Rules, by their names in dL: differential invariants (dI), Darboux invariants (dbx), barrier certificates
-(barrier), and for whole sets the chains of Lie derivatives of Liu, Zhan and Zhao (EMSOFT 2011), which Platzer
-and Tan (JACM 2020) prove complete. A condition of a rule is a formula over all points, which solvers decide.
+(barrier), and for whole sets (sAI) the chains of Lie derivatives of Liu, Zhan and Zhao (EMSOFT 2011), which
+Platzer and Tan (JACM 2020) prove complete. The premises of a rule are formulas that must hold at every point;
+solvers decide them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,8 +31,8 @@ MAX_RANK = 7
 
 @dataclass(slots=True)
 class Invariance:
-    """Proves invariance along `vectors` within its `domain`; `known` are the values of
-    symbols whose solution is a polynomial of time. `share` is how long each question may take, as a part of
+    """Proves invariance along the field `vectors` within `domain`. `known` has symbols whose solution is a
+    polynomial of time, as terms over a clock. `share` is how long each question may take, as a part of
     the prover's limit. `rules` notes which proved something.
     """
 
@@ -71,13 +72,13 @@ class Invariance:
                 return all(self._single(c, context) for c in children) or self._set(formula, context)
 
     def _single(self, formula: Formula, context: list[Formula]) -> bool:
-        """A disjunct, by the rules for atoms."""
+        """Whether a part of a conjunction or disjunction stays true, without the rule for whole sets."""
         if isinstance(formula, Compare):
             return self._atom(formula, context)
         return isinstance(formula, And) and self._together(formula.children, context, whole=False)
 
     def _together(self, parts: Sequence[Formula], context: list[Formula], whole: bool = True) -> bool:
-        """Conjuncts, each under those that are proved already; what is left jointly."""
+        """Whether all conjuncts stay true: each if those proved before it do, the rest together."""
         left = list(parts)
         known = list(context)
         progress = True
@@ -115,7 +116,7 @@ class Invariance:
     def _differential(
         self, p: Term, op: str, context: list[Formula], change: Term, constant: bool = False
     ) -> bool:
-        """dI: along the equation, p does not fall, or does not change."""
+        """dI: along the equation p never decreases or, in an equality, never changes."""
         if constant:
             return self._noted("dI", True)
         wanted = Compare("=" if op == "=" else ">=", change, ZERO)
@@ -138,7 +139,7 @@ class Invariance:
         return False
 
     def _barriers(self, parts: Sequence[Formula], context: list[Formula]) -> bool:
-        """barrier: on the border of each part p rises, while the others hold or are at their own border."""
+        """barrier: for each part, its margin p increases where it is 0 and those of the others are >= 0."""
         if not all(isinstance(a, Compare) and _sense(a) != "=" and a.op != "!=" for a in parts):
             return False
         margins = [_oriented(a) for a in parts if isinstance(a, Compare)]
@@ -199,7 +200,7 @@ class Invariance:
 
 
 def _oriented(atom: Compare) -> Term:
-    """p of `p >= 0`, `p > 0` or `p = 0`."""
+    """The term p with which the atom is p >= 0, p > 0, p = 0 or p != 0."""
     assert atom.right == ZERO
     return Neg(atom.left) if atom.op in ("<", "<=") else atom.left
 
@@ -209,7 +210,7 @@ def _sense(atom: Compare) -> str:
 
 
 def _remainders(field: Field, ring: Ring, p: Polynomial, change: Polynomial) -> Iterator[Polynomial]:
-    """p' - g p, for polynomials g found by division in several orders of monomials, and for some numbers."""
+    """p' - g p, for polynomials g that division finds in some orders of monomials, and for some numbers g."""
     yield divmod(change, p)[1]
     for ordering in ("lex", "deglex"):
         other = field.ring(ring.term(p), ring.term(change), ordering=ordering)
@@ -221,7 +222,7 @@ def _remainders(field: Field, ring: Ring, p: Polynomial, change: Polynomial) -> 
 
 @dataclass(slots=True)
 class Chains:
-    """Formulas that say that a motion stays in a set for a while, from the Lie derivatives of its atoms."""
+    """Formulas that a motion is in a set for some time > 0 after now, from Lie derivatives of its atoms."""
 
     vectors: Field
     ring: Ring
@@ -230,8 +231,8 @@ class Chains:
     )
 
     def entered(self, formula: Formula, direction: int, over: bool) -> Formula:
-        """In of f (`direction` 1) or -f (-1). Where the rank of a chain is not known, the formula says too
-        little (`over`) or too much.
+        """That the motion along f (`direction` 1) or -f (-1) is in the set for some time > 0 from here on.
+        Where the rank of a chain is not known, the formula is weaker (`over`) or stronger than that.
         """
         return fold(formula, Truth, lambda a: self._atom(a, direction, over), conjunction, disjunction)
 

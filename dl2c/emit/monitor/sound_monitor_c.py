@@ -1,7 +1,7 @@
-"""A sound exported monitor: its verdicts hold over the reals, or say that they are not known.
+"""A sound exported monitor: a verdict is right over the reals, or says that the truth is not known.
 
-Every condition is evaluated in intervals (interval_c.py), its truth is one of three. A case is false
-where a condition is false, else not known where one is not known.
+Every condition is evaluated in interval arithmetic (interval_c.py): it is true, false or unknown. A case is
+false where a condition is false, else unknown where one is unknown.
 """
 
 import re
@@ -61,7 +61,7 @@ def sound_monitor_c(unit: Unit) -> str:
 
 
 LIBRARY = rf"\b({MATH}|ldexp|frexp)f?\b|\bisfinite\("
-"""What is of <math.h>."""
+"""Names that <math.h> declares."""
 
 
 def _condition(unit: Unit, condition: Condition) -> str:
@@ -70,7 +70,7 @@ def _condition(unit: Unit, condition: Condition) -> str:
 
 
 def _truth(unit: Unit, name: str, formula: Formula, about: str) -> str:
-    """The truth of a formula as a function of the numbers in it."""
+    """A C function that computes the truth of a formula from the values of its symbols."""
     formula = with_fixed(unit, formula)
     statements = Statements(lambda s: names.local(s.name), unit.single)
     result = statements.condition(formula)
@@ -90,7 +90,7 @@ def _call(unit: Unit, name: str, formula: Formula, read: Place) -> str:
 
 
 def _surely(unit: Unit, texts: list[str]) -> Holds:
-    """What judges tests of inputs: only what surely holds is chosen."""
+    """Adds functions for tests of inputs to `texts`; a value passes only where its tests surely hold."""
 
     def holds(name: str, formula: Formula, about: str, read: Place) -> str:
         texts.append(_truth(unit, name, formula, about))
@@ -112,10 +112,10 @@ def _case(unit: Unit, check: Check) -> str:
     return function(
         f"static {unit.stem}_verdict {check.kind}_case(int first, int end, {arguments(unit, check)}",
         copied_body("sound_check.h", "KIND_case", words(unit, check)),
-        "The first of a case's conditions that does not hold, else the first that may not, 0 for none.",
+        "The first of a case's conditions that is false, else the first that is unknown, 0 if all hold.",
     )
 
 
 def _check(unit: Unit, check: Check) -> str:
-    """A check, as the header declares it: a case that may hold comes before those that do not."""
+    """The C function of a check. If none holds, a case that is unknown is told before a false one."""
     return function(head(unit, check), checking(unit, check, "sound_check.h"))

@@ -1,4 +1,4 @@
-"""A study as a page in Markdown, and as data: the model's own words, its annotations, tables, curves."""
+"""A study as a page in Markdown, and as data: the model's problem and annotations, tables, curves."""
 
 import math
 import re
@@ -21,7 +21,7 @@ ANNOTATED = re.compile(r"[^\S\n]*/\* @.*?\*/[^\S\n]*\n?[^\n]*", re.DOTALL)
 """An annotation and the line that it belongs to."""
 
 SCENE = re.compile(r"[^\S\n]*/\* @scene.*?\*/[^\S\n]*\n", re.DOTALL)
-"""What pictures show, which learning does not depend on."""
+"""A `@scene` annotation: it is for pictures, learning does not depend on it."""
 
 
 SHOWN = 4
@@ -29,7 +29,7 @@ SHOWN = 4
 
 
 def write_page(result: Result, folder: Path) -> Path:
-    """Write page.md, curves.png and episodes.png to the folder."""
+    """Write page.md, curves.png and episodes.png to the folder; the path of the page. Raises `OSError`."""
     study = result.study
     plot_curves({name: [run.curve] for name, run in result.runs.items()}, folder / "curves.png")
     policy = result.runs["with guards"].policy
@@ -52,7 +52,7 @@ def _page(result: Result) -> Iterator[str]:
     yield f"```text\n{annotations(text)}\n```\n"
     yield "## What guards cost and buy\n"
     yield f"The guard is\n\n```text\n{study.guard}\n```\n"
-    yield f"and the model without guards is the same with `{study.instead}` in its place.\n"
+    yield f"and the model without guards has `{study.instead}` in place of it; all else is the same.\n"
     yield _table(result)
     yield f"{study.found}\n"
     yield READING.format(
@@ -60,15 +60,16 @@ def _page(result: Result) -> Iterator[str]:
     )
     yield "![Learning curves of both trainings](curves.png)\n"
     yield "## What the policy does\n"
-    yield "The policy learned with guards, in four episodes, of which the first is explained.\n"
+    yield "Four episodes of the policy learned with guards; events of the first are marked, others faint.\n"
     yield "![Episodes of the policy learned with guards](episodes.png)\n"
-    yield f"Again: `dl2c study {study.example}`\n"
+    yield f"To repeat this study: `dl2c study {study.example}`\n"
 
 
 READING = """\
-All rows are of the same initial states, with 95 % intervals; a violation is an episode in which a safety
-predicate failed. Both policies were trained for {steps} steps with the same settings. In {endured} steps of
-the policy learned with guards, in the model with its guards, a safety predicate failed {n} times.
+All rows were measured from the same initial states; brackets hold 95 % intervals. A violation is an episode
+in which a safety predicate failed. Both policies were trained for {steps} steps with the same settings. The
+policy learned with guards was followed for {endured} steps in the model with its guards: safety predicates
+failed in {n} of them.
 """
 
 
@@ -79,12 +80,12 @@ def _first_comment(text: str) -> str:
 
 
 def problem(text: str) -> str:
-    """What is proved, as the model says it."""
+    """The text of the model from `Problem` to its `End.`"""
     return text[text.index("\nProblem") :].split("\nEnd.", maxsplit=1)[0].strip()
 
 
 def annotations(text: str) -> str:
-    """Every annotation of a model that learning depends on, each with the line that it belongs to."""
+    """All annotations of a model but `@scene`, each with the line that it belongs to."""
     return "\n".join(dedent(found) for found in ANNOTATED.findall(SCENE.sub("", text)))
 
 
@@ -112,7 +113,7 @@ def _number(e: Estimate) -> str:
 
 
 def data(result: Result) -> dict[str, Any]:
-    """The same for programs."""
+    """What a study measured, for JSON: rows, the long run with guards, and the seconds of each training."""
     return {
         "example": result.study.example,
         "rows": [asdict(row) for row in result.rows],
