@@ -95,14 +95,16 @@ def inside_programs(
 
 def by_statement(annotations: Sequence[Annotation], code: Code) -> Mapping[int, tuple[Annotation, ...]]:
     """The annotations inside programs, by the place of the statement before which they stand: only blanks,
-    comments, opening braces and signs of choice are between.
+    comments, opening braces and signs of choice are between. `annotations` are in source order.
     """
     found: dict[int, tuple[Annotation, ...]] = {}
-    for annotation in annotations:
-        if annotation.name in INSIDE_PROGRAMS and (
-            statement := _STATEMENT.search(code.text, annotation.span.end)
-        ):
-            found[statement.start()] = (*found.get(statement.start(), ()), annotation)
+    place, following = len(code.text), len(code.text)
+    for annotation in reversed(annotations):
+        if statement := _STATEMENT.search(code.text, annotation.span.end, following):
+            place = statement.start()
+        following = annotation.span.start
+        if annotation.name in INSIDE_PROGRAMS:
+            found[place] = (annotation, *found.get(place, ()))
     return found
 
 
