@@ -58,7 +58,7 @@ class Modality:
         match first:
             case tree.Compose():
                 return self.after((*statements(first), *rest), scope)
-            case tree.Assign(name, term):
+            case tree.Assign(name, term, False):
                 value = self.term(term, scope)
                 if _size(value) > MAX_SIZE:
                     raise CompileError([errors.modality(self.span, f"the value of `{name}` is too long")])
@@ -68,11 +68,13 @@ class Modality:
             case tree.Choice(left, right):
                 sides = [self.after((side, *rest), scope) for side in (left, right)]
                 return conjunction(sides) if self.everything else disjunction(sides)
-            case tree.AssignAny(name):
+            case tree.AssignAny(name, False):
                 value = _fresh(scope)
                 return self._quantified(value, self.after(rest, {**scope, name: value}), self.everything)
             case tree.ODESystem():
                 return self._flow(first, rest, scope)
+            case tree.Assign() | tree.AssignAny():
+                raise CompileError([errors.modality(first.span, "it assigns to a differential")])
             case tree.Loop() | tree.Dual() | tree.ProgramConst():
                 raise AssertionError("check_executable refuses these here")
 
@@ -101,6 +103,8 @@ class Modality:
     def _curves(self, ode: tree.ODESystem, scope: Scope) -> dict[str, Coefficients]:
         """The coefficients of each variable in the time since the motion began."""
         equations = [e for e in ode.equations if isinstance(e, tree.AtomicODE)]
+        if len(equations) < len(ode.equations):
+            raise CompileError([errors.modality(ode.span, "it has an equation without definition")])
         begun = {ir.Symbol(f"moving {e.name}", "variable"): scope[e.name] for e in equations}
         moving = {**scope, **{e.name: ir.Symbol(f"moving {e.name}", "variable") for e in equations}}
         rates = tuple((f"moving {e.name}", self.term(e.term, moving)) for e in equations)

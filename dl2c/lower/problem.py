@@ -27,7 +27,7 @@ from dl2c.parse.annotations import (
     Trigger,
     VariableAnnotation,
 )
-from dl2c.resolve.errors import suggestion
+from dl2c.resolve.errors import unknown_constants
 from dl2c.resolve.predicates import AnnotatedPredicate, ValueTerm
 from dl2c.resolve.problem import Problem
 from dl2c.resolve.shape import written_variables
@@ -175,8 +175,8 @@ def _constants(
     """Every constant with its bound or value; `found` gets those that have neither."""
     given = dict(options.constants)
     used = {s.name for s in symbols(precondition) if s.kind == "constant"}
-    unknown = sorted(given.keys() - {d.name for d, _ in problem.constants})
-    found += [_unknown_constant(name, problem) for name in unknown]
+    known = [d.name for d, _ in problem.constants]
+    found += unknown_constants(given, known, problem.symbols.declarations, problem.entry.span)
     constants: list[ir.Constant] = []
     for declaration, annotation in problem.constants:
         constant = _constant(declaration, annotation, given.get(declaration.name))
@@ -202,24 +202,6 @@ def _constant(
         unit=annotation.unit,
         plot=annotation.plot,
         span=declaration.span,
-    )
-
-
-def _unknown_constant(name: str, problem: Problem) -> Diagnostic:
-    declaration = problem.symbols.declarations.get(name)
-    known = [d.name for d, _ in problem.constants]
-    if declaration is None:
-        label = f"the model declares no `{name}`"
-    elif declaration.body is not None:
-        label = f"`{name}` has a definition, which cannot be replaced"
-    else:
-        label = f"`{name}` is a program variable"
-    return error(
-        "unknown-constant",
-        f"there is no undefined constant `{name}` to set",
-        problem.entry.span if declaration is None else declaration.span,
-        label,
-        suggestion(name, known) or f"constants without definition: {', '.join(known) or 'none'}",
     )
 
 

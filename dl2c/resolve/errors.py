@@ -1,10 +1,11 @@
 """Diagnostics of name resolution and of the executable fragment."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 
 from dl2c.diagnostics import Diagnostic, error, warning
+from dl2c.parse.tree import Declaration
 from dl2c.source import Span
 
 ELSEWHERE = {
@@ -221,6 +222,31 @@ def undefined_equation(name: str, span: Span, programs: Iterable[str]) -> Diagno
 def not_executable(code: str, construct: str, span: Span, advice: str = "") -> Diagnostic:
     """A construct that dL allows and no environment can execute."""
     return error(code, f"{construct} cannot be executed", span, help=advice)
+
+
+def unknown_constants(
+    given: Iterable[str], known: Sequence[str], declarations: Mapping[str, Declaration], entry: Span
+) -> list[Diagnostic]:
+    """Names that `--set` gives a value, of which the model has no constants without definition."""
+    return [_unknown_constant(n, known, declarations.get(n), entry) for n in sorted({*given} - {*known})]
+
+
+def _unknown_constant(
+    name: str, known: Sequence[str], declaration: Declaration | None, entry: Span
+) -> Diagnostic:
+    if declaration is None:
+        label = f"the model declares no `{name}`"
+    elif declaration.body is not None:
+        label = f"`{name}` has a definition, which cannot be replaced"
+    else:
+        label = f"`{name}` is a program variable"
+    return error(
+        "unknown-constant",
+        f"there is no undefined constant `{name}` to set",
+        entry if declaration is None else declaration.span,
+        label,
+        suggestion(name, known) or f"constants without definition: {', '.join(known) or 'none'}",
+    )
 
 
 def modality(span: Span, reason: str) -> Diagnostic:

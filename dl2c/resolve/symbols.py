@@ -156,7 +156,7 @@ def free_variables(node: "Node") -> frozenset[str]:
             return known[id(node)]
         spend()
         match node:
-            case tree.Variable(name):
+            case tree.Variable(name) | tree.DifferentialSymbol(name):
                 names = frozenset({name})
             case tree.Quantified(name, child):
                 names = found(child) - {name}

@@ -79,7 +79,7 @@ class ExactEnds:
             return
         whole = is_total(*motion.rates.values(), *motion.start.values(), motion.domain)
         curves: Curves = self.flows.curves(motion) if whole else {}
-        if len(curves) < len(motion.rates) or not _is_linear(motion, curves):
+        if not motion.bounded or len(curves) < len(motion.rates) or not _is_linear(motion, curves):
             raise Unsupported("a motion that is not described exactly", ode.span)
         values = instant(motion, curves)
         end = motion.state.where(Compare(">=", motion.clock, ZERO), replaced(motion.domain, values))

@@ -233,7 +233,7 @@ class Execution:
             case tree.AssignAny(name, False):
                 value = self.names.fresh(name)
                 yield state.having({name: value}).after(("value", value))
-            case tree.Assign(_, _, _, span=span) | tree.AssignAny(_, _, _, span=span):
+            case tree.Assign(span=span) | tree.AssignAny(span=span):
                 raise Unsupported("an assignment to a differential", span)
             case tree.Test(formula):
                 yield from self.assume(formula, state)

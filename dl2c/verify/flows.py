@@ -134,20 +134,23 @@ class Flows:
         rates = {moved[e.name]: term_in(e.term, along) for e in equations if e.name in moved}
         rates[clock] = ONE
         start: dict[Symbol, Term] = {clock: ZERO} | {s: state.store[x] for x, s in moved.items()}
-        domain, begun = self._domain(ode.domain, along, state)
+        expressed = self._domain(ode.domain, along, state)
+        domain, begun = expressed or (TRUE, state)
         if begun is None:
             return None
         olds = earlier_values(state)
-        return Motion(start, rates, domain, begun, scope, moved, olds, clock)
+        return Motion(start, rates, domain, begun, scope, moved, olds, clock, expressed is not None)
 
-    def _domain(self, domain: tree.Formula, along: State, state: State) -> tuple[Formula, State | None]:
-        """H over what moves, and the state where it begins; `true` where H cannot be expressed."""
+    def _domain(
+        self, domain: tree.Formula, along: State, state: State
+    ) -> tuple[Formula, State | None] | None:
+        """H over what moves, and the state where it begins; None where H cannot be expressed."""
         try:
             if not self.prover.if_defined and loses_a_reading(domain, state):
-                return TRUE, state
+                return None
             return formula_in(domain, along), state.where(formula_in(domain, state))
         except (Unsupported, CompileError):
-            return TRUE, state
+            return None
 
     def _cuts(self, ode: tree.ODESystem, motion: Motion, curves: Curves, names: Names) -> tuple[Formula, ...]:
         """Formulas that are proved to hold all along. Raises `Unsupported`."""

@@ -26,7 +26,8 @@ Curves: TypeAlias = Mapping[Symbol, tuple[Term, ...]]
 class Motion:
     """One ODE from one state: `start` has the first value of each symbol that moves, `domain` is H over these
     symbols, `rates` are theirs, `clock` is the time since the beginning, one of them; `state` is where it
-    begins, H included."""
+    begins, H included. Where H cannot be expressed, `domain` is `true` and `bounded` False.
+    """
 
     start: Mapping[Symbol, Term]
     rates: Mapping[Symbol, Term]
@@ -36,6 +37,7 @@ class Motion:
     moved: Mapping[str, Symbol]
     olds: Mapping[str, Term]
     clock: Symbol
+    bounded: bool
 
     def initially(self, formula: Formula) -> Formula:
         """A formula about the symbols, where the motion begins."""
@@ -53,14 +55,13 @@ def motion_formula(written: tree.Formula, motion: Motion) -> Formula | None:
         opened = without_old(written)
         scope = {**motion.scope, **motion.olds, **_speeds(motion)}
         return formula_in(opened, replace(motion.state, store=scope))
-    except (Unsupported, CompileError, KeyError):
+    except (Unsupported, CompileError):
         return None
 
 
 def _speeds(motion: Motion) -> dict[str, Term]:
-    """The rates of all names; of what does not move 0."""
-    still = {f"{x}'": ZERO for x in motion.scope}
-    return still | {f"{x}'": motion.rates[s] for x, s in motion.moved.items()}
+    """The rates of what the equation changes; x' of any other x is what it was before."""
+    return {f"{x}'": motion.rates[s] for x, s in motion.moved.items()}
 
 
 # The solution ------------------------------------------------------------------------------

@@ -278,7 +278,7 @@ class Refutation:
         flows = _Short(self.prover)
         try:
             motion = flows.motion(ode, state, names)
-            if motion is None or (wanted := motion_formula(child, motion)) is None:
+            if motion is None or not motion.bounded or (wanted := motion_formula(child, motion)) is None:
                 return
             gone = _leaves(motion, wanted, names)
         except (Unsupported, CompileError, NotPolynomial, TooLarge):

@@ -1,8 +1,8 @@
 """A symbolic state: what each name stands for, and what is known where a run has come."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypeVar
 
 from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import conjuncts, folded, holds, operands, rewritten, symbols, with_operands
@@ -15,6 +15,8 @@ from dl2c.verify.arithmetic.total import is_total
 
 EventKind: TypeAlias = Literal["choice", "value", "duration", "again"]
 """Of a decision."""
+
+Lowered = TypeVar("Lowered", Term, Formula)
 
 Event: TypeAlias = tuple[EventKind, int | Symbol]
 """A decision of a run: an alternative, 0 or 1; a value of `x := *`; a duration; how often a loop has run."""
@@ -91,13 +93,21 @@ class Names:
 def term_in(term: tree.Term, state: State) -> Term:
     """The value of a term. Raises `Unsupported`."""
     _check(term)
-    return lower_term(term, state.store)
+    return _valued(lambda: lower_term(term, state.store), term.span)
 
 
 def formula_in(formula: tree.Formula, state: State) -> Formula:
     """A formula about one state. Raises `Unsupported`, `CompileError`."""
     _check(formula)
-    return lower_formula(formula, state.store)
+    return _valued(lambda: lower_formula(formula, state.store), formula.span)
+
+
+def _valued(lowered: Callable[[], Lowered], span: Span) -> Lowered:
+    """`old(x)` of a bound x names nothing."""
+    try:
+        return lowered()
+    except KeyError as missing:
+        raise Unsupported(f"`{missing.args[0]}`, which is the value of nothing", span) from None
 
 
 def _check(node: tree.Term | tree.Formula) -> None:
@@ -120,6 +130,7 @@ def _check(node: tree.Term | tree.Formula) -> None:
                 | tree.UnitPredicational(span=span)
                 | tree.PredicationalOf(span=span)
                 | tree.PredOf(span=span)
+                | tree.DifferentialProgramConst(span=span)
             ):
                 raise Unsupported("a symbol without definition", span)
             case _:

@@ -16,6 +16,7 @@ from dl2c.options import Options
 from dl2c.parse import tree
 from dl2c.parse.annotations import ConstantAnnotation, VariableAnnotation, decode_declaration
 from dl2c.resolve.bind import IN_HINTS, check, check_entry
+from dl2c.resolve.errors import unknown_constants
 from dl2c.resolve.expand import NONE, Expander, expanded_formula
 from dl2c.resolve.infer import with_implied
 from dl2c.resolve.problem import resolve
@@ -51,7 +52,13 @@ def theorem_in(source: Source, options: Options) -> Theorem:
     """The theorem of a model. Raises `CompileError` for a mistake in the model."""
     with budgeted():
         at_place(source.start)
-        return theorem_of(read_entry(source, options.entry), dict(options.constants))
+        entry, given = read_entry(source, options.entry), dict(options.constants)
+        theorem = theorem_of(entry, given)
+        symbols, _ = collect(with_implied(entry))
+        known = list(symbols.named("constant"))
+        if unknown := unknown_constants(given, known, symbols.declarations, entry.span):
+            raise CompileError(unknown)
+        return theorem
 
 
 def theorem_of(entry: tree.Entry, values: Mapping[str, Fraction]) -> Theorem:

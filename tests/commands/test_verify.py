@@ -172,6 +172,14 @@ def test_wrong_command_lines(capsys: Any, models: dict[str, str], words: tuple[s
     assert run(capsys, "verify", models["proved"], *words)[0] == 2
 
 
+def test_only_constants_can_be_set(capsys: Any, models: dict[str, str]) -> None:
+    """A variable with a value of its own would be another theorem."""
+    for name, label in (("x", "`x` is a program variable"), ("nosuch", "the model declares no `nosuch`")):
+        code, out, err = run(capsys, "verify", models["refuted"], "--set", f"{name}=1")
+        assert (code, out) == (1, "")
+        assert f"there is no undefined constant `{name}` to set" in err and label in err
+
+
 def test_time_is_limited(capsys: Any) -> None:
     began = time.monotonic()
     code, out, _ = run(capsys, "verify", "example:passive_safety", "--total", "1")

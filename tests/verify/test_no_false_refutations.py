@@ -50,6 +50,57 @@ TRUE = (
         "x = 0 & y = 0 -> [{x' = 1, y' = x & y <= 0}] x <= 0",
         "y is positive after any time",
     ),
+    Trap(
+        "an equation whose domain, which cannot be expressed, is left at once",
+        "x = 0 -> [{x' = 1 & \\forall y x * (y^3 + y + 1) <= 0}] x <= 0",
+        "the domain is false wherever x is not 0",
+    ),
+    Trap(
+        "an equation whose domain is over a quotient",
+        "x = 1 & z = 1 -> [y := 1 / z; {x' = 1 & \\exists w w^2 = y - x}] x <= 1",
+        "the domain says x <= y, and y is 1",
+    ),
+    Trap(
+        "a loop with a domain that cannot be expressed",
+        "x = 0 -> [{?x <= 0; {x' = 1 & \\forall w x * (w^3 + w + 1) <= 0} ++ x := 0;}*] x <= 0",
+        "the domain is false wherever x is not 0",
+    ),
+    Trap(
+        "the rate of what an equation does not change",
+        "[{y' = 1}][{x' = 1}] y' = 1",
+        "the second equation leaves y' alone",
+    ),
+    Trap(
+        "the rate of what an equation does not change, in one program",
+        "[{y' = 1}; {x' = 1}] y' = 1",
+        "the second equation leaves y' alone",
+    ),
+    Trap(
+        "an assignment to a rate in an assumption",
+        "[x' := 5;] x = 5 -> [y := 1;] x = 5",
+        "the assumption says x = 5",
+    ),
+    Trap(
+        "any rate in an assumption",
+        "x = 1 & <x' := *;> x = 5 -> [y := 1;] x = 5",
+        "the assumption is never true",
+    ),
+    Trap(
+        "an assignment to a rate in a domain",
+        "x = 1 & y = 0 -> [{y' = 1 & [x' := 7;] x = 7}] y = 5",
+        "the domain is never true",
+    ),
+    Trap(
+        "an assignment to a rate in a test",
+        "x = 1 -> [?[x' := 5;] x = 5; y := x;] y = 5",
+        "the test never passes",
+    ),
+    Trap("any rate", "[x' := *;] x = x", "x is x"),
+    Trap(
+        "the earlier value of a bound name",
+        "x = 0 -> [{x := x + 1;}*@invariant(\\exists w (old(w) = x | x >= 0))] x >= 0",
+        "x only grows",
+    ),
 )
 
 

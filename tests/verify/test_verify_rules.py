@@ -11,7 +11,14 @@ ALLOWED = {
     *("diagnostics", "inputs", "outputs", "source", "code", "options", "work"),
     *("ir.functions", "ir.logic", "ir.model", "ir.polynomial", "ir.printer", "parse", "parse.tree"),
     *("parse.parser", "parse.printer"),
-    *("parse.annotations", "resolve.bind", "resolve.expand", "resolve.infer", "resolve.problem"),
+    *(
+        "parse.annotations",
+        "resolve.bind",
+        "resolve.errors",
+        "resolve.expand",
+        "resolve.infer",
+        "resolve.problem",
+    ),
     *("resolve.shape", "resolve.symbols", "resolve.unreadable", "flows.solution", "lower.terms"),
     *("smt.lines", "smt.portfolio", "storage", "native.notes", "ir.arrays"),
 }
@@ -27,6 +34,7 @@ TERMS_AND_FORMULAS = {
 
 FUNCTIONS_OF = {
     "resolve.problem": {"resolve"},
+    "resolve.errors": {"unknown_constants"},
     "lower.terms": {"lower_formula", "lower_term"},
     "flows.solution": {"NotPolynomial", "solve"},
     "resolve.shape": {"conjuncts", "statements", "written_variables"},
