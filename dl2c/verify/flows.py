@@ -128,7 +128,7 @@ class Flows:
             raise Unsupported("a differential equation without definition", ode.span)
         still = {e.name for e in equations if isinstance(e.term, tree.Number) and not e.term.value}
         moved = {e.name: names.fresh(e.name) for e in equations if e.name not in still}
-        scope = {**state.store, **moved}
+        scope = {**state.store, **{f"{x}'": ZERO for x in still}, **moved}
         along = replace(state, store=scope)
         clock = names.fresh("time")
         rates = {moved[e.name]: term_in(e.term, along) for e in equations if e.name in moved}
