@@ -6,7 +6,8 @@ lets them, which is checked at all instants. Shares nothing with how the package
 it uses their syntax, expanded.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from fractions import Fraction
 from typing import Any, Protocol
@@ -18,10 +19,10 @@ from oracles.exact_values import State, evaluate, truth
 from dl2c.diagnostics import CompileError
 from dl2c.parse import tree
 from dl2c.parse.parser import parse_archive
-from dl2c.resolve.bind import check_entry
-from dl2c.resolve.expand import expanded_formula
+from dl2c.resolve.bind import IN_HINTS, check, check_entry
+from dl2c.resolve.expand import NONE, Expander, expanded_formula
 from dl2c.resolve.infer import inferred
-from dl2c.resolve.symbols import collect, nodes
+from dl2c.resolve.symbols import Symbols, collect, nodes
 from dl2c.source import Source, Span
 
 Decision = Any
@@ -46,18 +47,32 @@ def expanded(entry: tree.Entry) -> tree.Formula:
     symbols, mistakes = collect(entry)
     if mistakes := [*mistakes, *check_entry(entry, symbols)]:
         raise CompileError(mistakes)
-    return _named(expanded_formula(entry.problem, symbols))
+    return _named(expanded_formula(entry.problem, symbols), symbols)
 
 
-def _named(node: Any) -> Any:
-    """A part of a tree, constants `c()` written as names."""
+def _named(node: Any, symbols: Symbols) -> Any:
+    """A part of a tree, constants `c()` written as names, invariants without definitions."""
     if isinstance(node, tree.FuncOf) and not node.args and node.name not in ("pi", "e"):
         return tree.Variable(node.name, span=node.span)
     if isinstance(node, tuple):
-        return tuple(map(_named, node))
+        return tuple(_named(part, symbols) for part in node)  # pyright: ignore[reportUnknownVariableType]
     if not is_dataclass(node) or isinstance(node, Span | type):
         return node
-    return replace(node, **{f.name: _named(getattr(node, f.name)) for f in fields(node) if f.init})
+    if isinstance(node, tree.Loop):
+        node = replace(node, invariants=tuple(_invariants(node, symbols)))
+    return replace(node, **{f.name: _named(getattr(node, f.name), symbols) for f in fields(node) if f.init})
+
+
+def _invariants(loop: tree.Loop, symbols: Symbols) -> Iterator[tree.Formula]:
+    """Those that can be read, expanded."""
+    for written in loop.invariants:
+        expander = Expander(symbols)
+        if any(check(written, symbols, IN_HINTS)):
+            continue
+        with suppress(CompileError):
+            invariant = expander.formula(written, {}, NONE)
+            if not expander.found:
+                yield invariant
 
 
 def theorem(text: str) -> tree.Formula:

@@ -38,13 +38,13 @@ SEED = int(os.environ.get("DL2C_SEED", "1"))
 FALSE = "deadline"
 """The example whose theorem is false, as it says."""
 
-SECONDS = 15.0
+SECONDS = 10.0
 """For the runs of a model, and for looking for its false mutants."""
 
-SHARE = 4
+SHARE = 3
 """How often its equal share a model may have of all that is asked for, since from others less will come."""
 
-PROOF_SECONDS = 20.0
+PROOF_SECONDS = 10.0
 """For a mutant."""
 
 PROVED = {"proved", "proved-if-defined"}
