@@ -108,13 +108,13 @@ def gathered(
     return Row(name, counts, "\n".join(wrong))
 
 
-def runs_of(share: int, model: Example | Claim) -> Row:
+def runs_of(share: int, model: Example | Claim, seconds: float = SECONDS) -> Row:
     """Random runs of a model, as many as its share or as time allows. Q is kept, and J if it is used."""
     formula = expanded(model.entry)
     random, inside = Random(f"{SEED} {model.name}"), first_invariant(formula)
     counts: Counter[str] = Counter()
     begun, wrong = monotonic(), ""
-    while counts["ended"] < share and monotonic() - begun < SECONDS and not wrong:
+    while counts["ended"] < share and monotonic() - begun < seconds and not wrong:
         one = run(formula, random, inside)
         counts["begun"] += one.begun
         counts["ended"] += one.ended
@@ -130,13 +130,13 @@ def _is_used(model: Example | Claim) -> bool:
     return report.answer in PROVED and not report.invented
 
 
-def mutants_of(share: int, seconds: float, model: Example | Claim) -> Row:
+def mutants_of(share: int, seconds: float, model: Example | Claim, search: float = SECONDS) -> Row:
     """Mutants of a model that an exact run refutes, as many as its share or as time allows."""
     counts: Counter[str] = Counter()
     searched, found = 0.0, 0
     with Portfolio(1) as solvers:
         for number, mutant in enumerate(mutants(model.entry, SEED)):
-            if found == share or searched > SECONDS:
+            if found == share or searched > search:
                 break
             begun = monotonic()
             try:
@@ -195,6 +195,6 @@ def _enough_mutants(counts: Mapping[str, int]) -> bool:
 def test_few_of_each(name: str) -> None:
     """The campaigns above, in small."""
     model = Example(REPOSITORY / "examples" / f"{name}.kyx")
-    runs, false = runs_of(20, model), mutants_of(2, 3.0, model)
+    runs, false = runs_of(20, model, 60.0), mutants_of(2, 3.0, model, 60.0)
     assert (runs.counts["ended"], runs.wrong) == (20, "")
     assert (sum(false.counts[kind] for kind in KINDS), false.wrong) == (2, "")
