@@ -16,7 +16,7 @@ from dl2c.verify.theorem import theorem_of
 SECONDS = 20.0
 """For each theorem."""
 
-BRIEF = 5.0
+BRIEF = 3.0
 """For a trap of which no refutation is expected; in slow tests these get SECONDS."""
 
 PROVED = {"proved", "proved-if-defined"}

@@ -113,5 +113,5 @@ def solvers() -> Generator[Portfolio]:
 @pytest.mark.parametrize("theorem", TRUE, ids=lambda theorem: theorem.name)
 def test_what_is_true_is_not_refuted(theorem: Trap, solvers: Portfolio) -> None:
     archive, _ = parse_archive(Source("model.kyx", theorem.text))
-    said = prove_theorem(theorem_of(archive.entries[0], {}), Limits(each=2.0, total=5.0), solvers=solvers)
+    said = prove_theorem(theorem_of(archive.entries[0], {}), Limits(each=2.0, total=3.0), solvers=solvers)
     assert said.answer != "refuted", theorem.why
