@@ -109,7 +109,7 @@ class Option:
         return value
 
     def _decimal(self, value: Any) -> Fraction:
-        number = _exact(self.name, value)
+        number = exact_number(self.name, value)
         if self.least is not None and self.open and number <= self.least:
             raise UnknownOption(f"`{self.name}` must be positive, not {number}")
         if self.least is not None and number < self.least:
@@ -121,7 +121,7 @@ def _constants(option: str, value: Any) -> tuple[tuple[str, Fraction], ...]:
     if not isinstance(value, Mapping):
         raise UnknownOption(f"`{option}` takes names with values, not {value!r}")
     given = cast("Mapping[str, Any]", value)
-    return tuple(sorted((name, _exact(f"{option}[{name}]", v)) for name, v in given.items()))
+    return tuple(sorted((name, exact_number(f"{option}[{name}]", v)) for name, v in given.items()))
 
 
 def _range(name: str, value: Any) -> tuple[Fraction, Fraction]:
@@ -129,13 +129,13 @@ def _range(name: str, value: Any) -> tuple[Fraction, Fraction]:
     ends = value.strip().strip("[]").split(":") if isinstance(value, str) else value
     if not isinstance(ends, list | tuple) or len(found := cast("list[Any]", ends)) != 2:
         raise UnknownOption(f"`{name}` takes LO:HI, not {value!r}")
-    low, high = (_exact(name, end) for end in found)
+    low, high = (exact_number(name, end) for end in found)
     if low >= high:
         raise UnknownOption(f"`{name}` takes LO:HI with LO below HI, not {value!r}")
     return low, high
 
 
-def _exact(name: str, value: Any) -> Fraction:
+def exact_number(name: str, value: Any) -> Fraction:
     """Numbers as the user wrote them: a float stands for its shortest decimal."""
     if not isinstance(value, Fraction):
         text = str(value).strip()

@@ -1,6 +1,7 @@
 """Trained policies: read, held against the model that they are for, and what is proved of them."""
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -19,6 +20,7 @@ from dl2c.env.interface import interface_of
 from dl2c.env.opening import compilation_of
 from dl2c.native.describe import manifest_of
 from dl2c.native.manifest import Manifest
+from dl2c.options import UnknownOption, exact_number
 from dl2c.outputs import write_output
 from dl2c.policy.files import read_policy
 from dl2c.policy.network import Interface, Layer, Network, NetworkPolicy, PolicyError, checked, mismatch
@@ -300,15 +302,18 @@ def _formula(found: "Compilation", text: str) -> Any:
 def _fixed(found: "Compilation", texts: Sequence[str]) -> dict[str, Fraction]:
     model = found.unbounded
     bounds = {v.name: v.bound for v in model.variables} | {c.name: c.bound for c in model.constants}
+    given = {c.name: c.value for c in model.constants if c.value is not None}
     fixed: dict[str, Fraction] = {}
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
         if name not in bounds:
             raise CommandError(f"--fix {text}: the model has no name `{name}`")
         try:
-            fixed[name] = Fraction(value)
-        except (ValueError, ZeroDivisionError):
+            number = exact_number("--fix", value)
+        except UnknownOption:
             raise CommandError(f"--fix takes NAME=VALUE, not {text!r}") from None
+        if fixed.setdefault(name, number) != number or given.get(name, number) != number:
+            raise CommandError(f"--fix {text}: `{name}` has another value already")
         low, high = bounds[name].low, bounds[name].high
         if (low is not None and fixed[name] < low) or (high is not None and fixed[name] > high):
             raise CommandError(f"--fix {text} is outside the bounds of `{name}`")
@@ -335,6 +340,10 @@ def _mapped(found: "Compilation", asked: Asked) -> "Acting":
         raise CommandError(f"--gives: the model has no variable `{unknown[0]}`")
     observations = tuple((name, float("-inf"), float("inf")) for name in inputs)
     names, low, high = zip(*outputs, strict=True)
+    if twice := [name for name, times in Counter(names).items() if times > 1]:
+        raise CommandError(f"--gives names `{twice[0]}` more than once")
+    if read.clip is not None and (read.clip[0] > min(low) or read.clip[1] < max(high)):
+        raise CommandError(f"{asked.path} clips its outputs to less than --gives says")
     return Acting(observations, False, read.network, variables=names, low=low, high=high)
 
 

@@ -28,6 +28,9 @@ def observation_limits(bound: Bound, options: Options) -> tuple[float, float]:
 
 def _outward(value: Fraction, direction: int, options: Options) -> float:
     kind = np.float32 if options.obs_dtype == "float32" else np.float64
+    largest = float(np.finfo(kind).max)
+    if abs(value) > largest:
+        return math.copysign(math.inf if (value > 0) == (direction > 0) else largest, value)
     near = kind(float(value))
     if (Fraction(float(near)) - value) * direction < 0:
         near = np.nextafter(near, kind(direction * math.inf))

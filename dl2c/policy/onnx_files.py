@@ -14,7 +14,9 @@ from dl2c.inputs import read_input
 from dl2c.policy.files import MAX_ARRAYS
 from dl2c.policy.network import Activation, Floats, Layer, Network, PolicyError
 
-OPERATIONS = ("Gemm", "MatMul", "Add", "Relu", "Tanh", "Identity", "Flatten", "Clip")
+LEAST = {"Gemm": 2, "MatMul": 2, "Add": 2, "Relu": 1, "Tanh": 1, "Identity": 1, "Flatten": 1, "Clip": 1}
+"""The operations that are read, and how many inputs each has at least."""
+
 ACTIVATIONS: dict[str, Activation] = {"Relu": "relu", "Tanh": "tanh"}
 MOST_NODES = 1000
 
@@ -64,9 +66,9 @@ class _Chain:
             if node.op_type == "Constant":
                 self._constant(node)
                 continue
-            if node.op_type not in OPERATIONS:
-                raise PolicyError(f"it uses {node.op_type}; there is {', '.join(OPERATIONS)}")
-            if current not in node.input or len(node.output) != 1:
+            if node.op_type not in LEAST:
+                raise PolicyError(f"it uses {node.op_type}; there is {', '.join(LEAST)}")
+            if current not in node.input or len(node.output) != 1 or len(node.input) < LEAST[node.op_type]:
                 raise PolicyError("its operations are not one after the other")
             if self.clip is not None:
                 raise PolicyError("it clips before its last operation")
@@ -90,7 +92,7 @@ class _Chain:
 
     def _constant(self, node: Any) -> None:
         named = {a.name: a for a in node.attribute}
-        if "value" not in named:
+        if "value" not in named or len(node.output) != 1:
             raise PolicyError("it has a constant that is not a tensor")
         self.constants[node.output[0]] = _numbers(named["value"].t)
 
@@ -109,8 +111,12 @@ class _Chain:
             case "Relu" | "Tanh" as name:
                 self._activate(ACTIVATIONS[name])
             case "Clip":
+                ends = {a.name: float(a.f) for a in node.attribute}  # before version 11 of the operations
                 low, high, *_ = (*node.input[1:], "", "")
-                self.clip = (self._scalar(low, -np.inf), self._scalar(high, np.inf))
+                self.clip = (
+                    self._scalar(low, ends.get("min", -np.inf)),
+                    self._scalar(high, ends.get("max", np.inf)),
+                )
             case _:
                 pass
 
@@ -160,7 +166,12 @@ class _Chain:
         return found.reshape(-1)
 
     def _scalar(self, name: str, default: float) -> float:
-        return float(self._vector(name)[0]) if name else default
+        if not name:
+            return default
+        numbers = self._vector(name)
+        if len(numbers) != 1:
+            raise PolicyError(f"{name!r} is not a number")
+        return float(numbers[0])
 
 
 def _spread(bias: Floats, size: int) -> Floats:

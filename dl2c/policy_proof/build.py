@@ -55,6 +55,9 @@ from dl2c.policy_proof.question import (
 from dl2c.resolve.problem import Problem
 from dl2c.resolve.symbols import nodes
 
+LARGEST_FLOAT = float(np.finfo(np.float32).max)
+"""To which observations in float32 are clipped at most."""
+
 
 @dataclass(frozen=True, slots=True)
 class Claim:
@@ -94,6 +97,8 @@ def questions(claim: Claim, policy: Acting) -> tuple[Question, ...]:
     model = with_exact_domains(claim.model)
     drafts = control_drafts(model, model.body)
     leads = leading_drafts(model)
+    if not leads:
+        raise NotCovered("no run of the model comes to where the policy decides")
     _check(model, drafts, {key for lead in leads for key in lead.alternatives})
     return tuple(_question(claim, model, policy, drafts, lead) for lead in leads)
 
@@ -111,13 +116,19 @@ def _check(model: Model, drafts: Sequence[Draft], before: Set[str]) -> None:
     for draft in drafts:
         if draft.flow is None and draft.target != END:
             raise NotCovered("there is a while loop before the first flow", draft.span)
-    own = {key for key, _, _ in (d for draft in drafts for d in draft.line.decisions)}
+    own = {key for draft in drafts for key in draft.alternatives}
     for decision in decisions_of(model.body):
         if decision.role != "agent" and decision.key in own - before:
             raise NotCovered(f"the environment decides {decision.key} after the policy", drafts[0].span)
+        if decision.role == "agent" and decision.key not in own:
+            raise NotCovered(f"{decision.key} is decided after the first motion of a step", drafts[0].span)
+    given = {key for draft in drafts for key in draft.inputs}
     for assignment in assignments_of(model.body):
-        if assignment.role != "agent" and any(assignment.key in d.inputs for d in drafts):
+        if assignment.role != "agent" and assignment.key in given:
             why = f"the environment gives {assignment.variable} its value after the policy"
+            raise NotCovered(why, assignment.span)
+        if assignment.role == "agent" and assignment.key not in given:
+            why = f"{assignment.variable} is given its value after the first motion of a step"
             raise NotCovered(why, assignment.span)
 
 
@@ -209,6 +220,8 @@ def _seen(
     written_down = substituted_term(substituted_term(known[name], shown), values)
     narrowed = policy.narrowed and claim.arithmetic != "real"
     low, high = in_arithmetic(low, claim.arithmetic), in_arithmetic(high, claim.arithmetic)
+    if narrowed:
+        low, high = max(low, -LARGEST_FLOAT), min(high, LARGEST_FLOAT)
     match _as_program(written_down, claim.arithmetic):
         case Number(value):
             return Observed(name, value, low, high, narrowed)

@@ -92,6 +92,11 @@ def _agrees(draft: Draft, chosen: Mapping[str, int]) -> bool:
     return all(chosen.get(key, k) == k for key, k, _ in draft.line.decisions)
 
 
+def _meets(draft: Draft, keys: Sequence[Decision]) -> set[str]:
+    """The decisions of the agent on a path. A run names all of its own, and no others."""
+    return {d.key for d in keys} & draft.alternatives.keys()
+
+
 def _discrete(
     policy: Acting, drafts: Sequence[Draft], keys: Sequence[Decision], observed: Callable[[Formula], Formula]
 ) -> Iterator[Case]:
@@ -111,7 +116,8 @@ def _discrete(
         raise NotCovered("its choices are not those of the model")
     for taken, winners in vectors:
         chosen = {d.key: k for d, k in zip(keys, taken, strict=True) if k >= 0}
-        paths = [conjunction([d.tests, *_assigned(d)]) for d in drafts if _agrees(d, chosen)]
+        met = [d for d in drafts if not policy.runs or chosen.keys() == _meets(d, keys)]
+        paths = [conjunction([d.tests, *_assigned(d)]) for d in met if _agrees(d, chosen)]
         pairs = tuple((w, o) for w, g in zip(winners, groups, strict=True) for o in g if o != w)
         about = ", ".join(f"{key}={k}" for key, k in chosen.items())
         yield Case((), pairs, exhausted(observed(disjunction(paths))), about)
@@ -191,16 +197,17 @@ def _divided(
 
 def _parts(k: int, request: Request, conclusion: Formula) -> Iterator[Premise]:
     low, high = request.low, request.high
+    if low == high:
+        yield Premise(k, None, None, False, low)
+        return
     inner = {c for c in _numbers(conclusion, request.symbol) if low < c < high}
     marks = [low, *sorted(inner), high]
     yield Premise(k, None, low, False, low)
     for before, after in pairwise(marks):
-        if before < after:
-            yield Premise(k, before, after, True, None)
+        yield Premise(k, before, after, True, None)
         if after != high:
             yield Premise(k, after, after, False, after)
-    if low < high:
-        yield Premise(k, high, None, False, high)
+    yield Premise(k, high, None, False, high)
 
 
 def _numbers(formula: Formula, symbol: Symbol) -> Iterator[Fraction]:

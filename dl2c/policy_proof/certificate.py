@@ -1,11 +1,12 @@
 """Certificates of proofs, and their checker.
 
 A certificate is the tree of boxes of each question: for every box, level after level, the dimension along
-which it is split, or what decided it; with digests of the question and of the tree. The checker takes the
-question from model and policy again. It sees that the tree covers the box, and decides every leaf anew, in
-arithmetic of its own (`fixed_point`, `hyperbolic`, `linear_bounds`): it shares no enclosure with the search,
-nor what the question says of computed values. Where its bounds are not as tight it splits a leaf further.
-Leaves that Z3 decided are given to Z3 again, with these bounds.
+which it is split, or what decided it; with digests of the question and of the tree. The checker makes the
+question of model and policy again, as the search does: that this asks the right thing is trusted. It sees
+that the tree covers the box, and decides every leaf anew, in arithmetic of its own (`fixed_point`,
+`hyperbolic`, `linear_bounds`): it shares no enclosure with the search, nor what the question says of computed
+values. Where its bounds are not as tight it splits a leaf further. Leaves that Z3 decided are given to Z3
+again, with these bounds.
 """
 
 import base64
@@ -27,7 +28,7 @@ from dl2c.policy.network import PolicyError
 from dl2c.policy_proof.fixed_point import ONE, Ends, down, judged, programmed, up
 from dl2c.policy_proof.leaves import decided
 from dl2c.policy_proof.linear_bounds import Form, NetworkBounds
-from dl2c.policy_proof.question import Case, Question
+from dl2c.policy_proof.question import Case, Question, check_numbers
 from dl2c.policy_proof.search import Before
 from dl2c.policy_proof.tree import BY_BOUNDS, BY_SOLVER, LEFT_OPEN, check_levels, leaves
 from dl2c.smt.query import Oracle
@@ -174,6 +175,7 @@ def _halves(box: Box, at: int) -> tuple[Box, Box]:
 
 class _Checker:
     def __init__(self, question: Question) -> None:
+        check_numbers(question)
         self.question = question
         self.network = NetworkBounds(question)
         self.computed = dict(question.computed)

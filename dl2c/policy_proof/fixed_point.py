@@ -31,7 +31,7 @@ SCALE = 96
 ONE = 1 << SCALE
 
 UNLIMITED = 1 << 4000
-"""Stands for no limit: an upper end so large, or a lower end so small, is never the smaller or larger one."""
+"""An upper end that is this, or a lower end that is its negative, is no limit. Other ends are smaller."""
 
 Ends: TypeAlias = tuple[int, int]
 """Low and high."""
@@ -76,8 +76,20 @@ def up(value: Fraction) -> int:
 
 
 def product(a: Ends, b: Ends) -> Ends:
-    corners = (a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1])
+    corners = [_times(x, y) for x in a for y in b]
     return min(corners) >> SCALE, -(-max(corners) >> SCALE)
+
+
+def _times(x: int, y: int) -> int:
+    if x and y and max(abs(x), abs(y)) >= UNLIMITED:
+        return UNLIMITED << SCALE if (x > 0) == (y > 0) else -UNLIMITED << SCALE
+    return x * y
+
+
+def total(a: Ends, b: Ends) -> Ends:
+    """The sum."""
+    low = -UNLIMITED if -UNLIMITED in (a[0], b[0]) else a[0] + b[0]
+    return low, UNLIMITED if UNLIMITED in (a[1], b[1]) else a[1] + b[1]
 
 
 def quotient(a: Ends, b: Ends, nonzero: bool = False) -> Ends | None:
@@ -87,18 +99,34 @@ def quotient(a: Ends, b: Ends, nonzero: bool = False) -> Ends | None:
     if b[0] < 0 and b[1] == 0:
         return quotient((-a[1], -a[0]), (0, -b[0]), nonzero)
     if nonzero and b[0] == 0 < b[1]:
-        low = (a[0] << SCALE) // b[1] if a[0] >= 0 else -UNLIMITED
-        return low, -((-a[1] << SCALE) // b[1]) if a[1] <= 0 else UNLIMITED
+        low = _over(a[0], b[1]) if a[0] >= 0 else -UNLIMITED
+        return low, -_over(-a[1], b[1]) if a[1] <= 0 else UNLIMITED
     if b[0] <= 0 <= b[1]:
         return None
-    tops = [(x << SCALE, y) for x in a for y in b]
-    return min(x // y for x, y in tops), max(-(-x // y) for x, y in tops)
+    pairs = [(x, y) for x in a for y in b]
+    return min(_over(x, y) for x, y in pairs), max(-_over(-x, y) for x, y in pairs)
+
+
+def _over(x: int, y: int) -> int:
+    """x / y, rounded down; 0 where y is unlimited, since the other ends say how large quotients may be."""
+    if abs(y) >= UNLIMITED:
+        return 0
+    if abs(x) >= UNLIMITED:
+        return UNLIMITED if (x > 0) == (y > 0) else -UNLIMITED
+    return (x << SCALE) // y
 
 
 def enclosed(term: Term, box: Mapping[Symbol, Ends], nonzero: frozenset[Symbol]) -> Ends | None:
     """An enclosure of a term's values; None where it may have none, or where none is known. Symbols in
     `nonzero` are not 0.
     """
+    found = _enclosed(term, box, nonzero)
+    if found is None or found[0] >= UNLIMITED or found[1] <= -UNLIMITED:
+        return None
+    return max(found[0], -UNLIMITED), min(found[1], UNLIMITED)
+
+
+def _enclosed(term: Term, box: Mapping[Symbol, Ends], nonzero: frozenset[Symbol]) -> Ends | None:
     match term:
         case Number(value):
             return down(value), up(value)
@@ -125,9 +153,9 @@ def enclosed(term: Term, box: Mapping[Symbol, Ends], nonzero: frozenset[Symbol])
 def _joined(term: Term, a: Ends, b: Ends) -> Ends:
     match term:
         case Add():
-            return a[0] + b[0], a[1] + b[1]
+            return total(a, b)
         case Sub():
-            return a[0] - b[1], a[1] - b[0]
+            return total(a, (-b[1], -b[0]))
         case Mul(left, right):
             return _power(a, 2) if left == right else product(a, b)
         case Call("min"):
@@ -208,7 +236,9 @@ def _power(a: Ends, exponent: int) -> Ends:
 
 
 def _root(a: Ends) -> Ends | None:
-    return None if a[0] < 0 else (isqrt(a[0] << SCALE), isqrt(a[1] << SCALE) + 1)
+    if a[0] < 0:
+        return None
+    return isqrt(a[0] << SCALE), UNLIMITED if a[1] >= UNLIMITED else isqrt(a[1] << SCALE) + 1
 
 
 def judged(formula: Formula, box: Mapping[Symbol, Ends], nonzero: frozenset[Symbol] = frozenset()) -> Verdict:

@@ -12,10 +12,15 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
+from dl2c.interval.bounded import interval_of
+from dl2c.interval.contract import contract
 from dl2c.ir.liveness import written
-from dl2c.ir.model import Bound, Model
+from dl2c.ir.model import UNBOUNDED, Bound, Model, Symbol
+from dl2c.monitor.control import leading_drafts
 from dl2c.parse import tree
 from dl2c.parse.tree import Entry
+from dl2c.paths.enabled import with_exact_domains
+from dl2c.paths.enumerate import assignments_of
 from dl2c.resolve.symbols import nodes
 from dl2c.smt.portfolio import Portfolio
 from dl2c.verify.arithmetic.prover import Prover
@@ -59,11 +64,34 @@ def onward(entry: Entry, model: Model, fixed: Mapping[str, Fraction], limits: Li
 
     with Portfolio(limits.jobs) as portfolio:
         kept = holds("step", assumed, inside)
-        kinds: tuple[Kind, ...] = ("initially", "step")
-        invariant = all(holds(kind, loop.invariants, loop.invariants) for kind in kinds)
+        first = inside if model.prefix else ()  # else the first state is within its bounds
+        begins = holds("initially", loop.invariants, (*loop.invariants, *first))
+        invariant = begins or holds("initially", loop.invariants, loop.invariants)
+        invariant = invariant and holds("step", loop.invariants, loop.invariants)
     if not invariant or steady.keys() != fixed.keys():
         return Onward("proved" if kept else "unknown", "unknown")
-    return Onward(*("proved", "proved") if kept else ("unknown", "until the bounds are left"))
+    lasting = kept and begins and _drawn_inside(model)
+    return Onward("proved" if kept else "unknown", "proved" if lasting else "until the bounds are left")
+
+
+def _drawn_inside(model: Model) -> bool:
+    """Whether all values that the environment may give to observed variables before the policy observes are
+    within their bounds, whatever the rest is within its own.
+    """
+    declared = {v.name: v.bound for v in model.variables if v.observed}
+    drawn = {a.key: declared.get(a.variable, UNBOUNDED) for a in assignments_of(model.lead)}
+    around = {v.symbol: interval_of(v.bound) for v in model.variables}
+    around |= {c.symbol: interval_of(c.bound) for c in model.constants}
+    for lead in leading_drafts(with_exact_domains(model)):
+        free = {Symbol(key, "input"): interval_of(UNBOUNDED) for key in lead.inputs}
+        inside = contract(lead.tests, around | free) or {}
+        for symbol, found in inside.items():
+            bound = drawn.get(symbol.name, UNBOUNDED) if symbol in free else UNBOUNDED
+            if bound.low is not None and found.low < bound.low:
+                return False
+            if bound.high is not None and found.high > bound.high:
+                return False
+    return True
 
 
 def _inside(bounds: Mapping[str, Bound]) -> Iterator[tree.Formula]:

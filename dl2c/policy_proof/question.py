@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
+import numpy as np
+
 from dl2c.diagnostics import CompileError, error
 from dl2c.ir.model import Formula, Symbol, Term
 from dl2c.policy.network import Layer, Scaling
@@ -99,3 +101,17 @@ class Question:
     def fixed(self) -> Mapping[str, Fraction]:
         """Observed names with one value."""
         return {o.name: o.value for o in self.observed if isinstance(o.value, Fraction)}
+
+
+def check_numbers(question: Question) -> None:
+    """Raises `NotCovered` where the program cannot have a number of the network, but for its rounding: errors
+    of the arithmetic are stated for numbers that are normal, or 0.
+    """
+    if question.arithmetic == "real":
+        return
+    numbers = [a for layer in question.layers for a in (layer.weight, layer.bias)]
+    numbers += [a for scaling in question.scalings for a in (scaling.center, scaling.scale)]
+    sizes = np.abs(np.concatenate([np.ravel(a) for a in numbers]))
+    kind = np.finfo(np.float32 if question.arithmetic == "float32" else np.float64)
+    if not np.all((sizes == 0) | ((sizes >= float(kind.tiny)) & (sizes <= float(kind.max)))):
+        raise NotCovered(f"a number of its network is too large or too small for {question.arithmetic}")

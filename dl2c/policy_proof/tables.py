@@ -41,7 +41,15 @@ from dl2c.native.boxes import (
     Tables,
 )
 from dl2c.policy.network import Activation
-from dl2c.policy_proof.question import Arithmetic, Case, NotCovered, Observed, Question, Request
+from dl2c.policy_proof.question import (
+    Arithmetic,
+    Case,
+    NotCovered,
+    Observed,
+    Question,
+    Request,
+    check_numbers,
+)
 
 OPERATIONS: dict[type[Term], int] = {Neg: 2, Add: 3, Sub: 4, Mul: 5, Div: 6, Pow: 7}
 FUNCTIONS = {"sqrt": 8, "abs": 9, "min": 10, "max": 11, "sin": 12, "cos": 13, "exp": 14, "tanh": 15}
@@ -114,6 +122,7 @@ def _check(question: Question, names: int) -> None:
     for layer in question.layers:
         if layer.activation not in ACTIVATIONS:
             raise NotCovered(f"its network uses {layer.activation}, not relu or tanh")
+    check_numbers(question)
 
 
 # The network ---------------------------------------------------------------------------------------

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from dl2c.ir.printer import print_formula, print_number
+from dl2c.paths.enumerate import control_drafts
+from dl2c.paths.path import END
 from dl2c.policy_proof.build import Claim
 from dl2c.policy_proof.certificate import begun as searched_before
 from dl2c.policy_proof.certificate import certificate, digest, unfinished
@@ -161,12 +163,9 @@ def _warnings(claim: Claim, found: Sequence[Found]) -> list[str]:
 
 
 def _goes_on(claim: Claim) -> bool:
-    """Whether a step tests something after its first flow."""
-    from dl2c.ir.liveness import statements
-    from dl2c.ir.model import Evolve
-
-    flows = [s for s in statements(claim.model.body) if isinstance(s, Evolve)]
-    return bool(flows) and not isinstance(claim.model.body[-1], Evolve)
+    """Whether something may be executed after the first flow of a step."""
+    drafts = control_drafts(claim.model, claim.model.body)
+    return any(draft.flow is not None and draft.target != END for draft in drafts)
 
 
 def decimal(value: Fraction) -> str:
