@@ -57,7 +57,10 @@ def evaluate(term: tree.Term, state: State) -> Any:
 
 
 def _operation(term: tree.BinaryTerm, a: Any, b: Any) -> Any:
-    a, b = (a, b) if isinstance(a, Poly) or isinstance(b, Poly) else alike(a, b)
+    kinds = {type(x) for x in (a, b)}
+    if Poly in kinds and any(isinstance(x, Interval) for x in (a, b)):
+        raise Unclear("a polynomial over an interval")
+    a, b = (a, b) if Poly in kinds else alike(a, b)
     match term:
         case tree.Plus():
             return a + b
