@@ -144,14 +144,16 @@ def recursive_definition(cycle: tuple[str, ...], span: Span) -> Diagnostic:
     return error("recursive-definition", "a definition uses itself", span, chain, advice)
 
 
-def captured(name: str, variables: Iterable[str], span: Span) -> Diagnostic:
+def captured(name: str, variables: Iterable[str], span: Span, bound: bool = False) -> Diagnostic:
+    """`bound` by a quantifier around a use, which has another name now; else changed by a program."""
     free = ", ".join(sorted(variables))
     return error(
         "captured-variable",
         "a definition would change its meaning here",
         span,
-        f"`{name}` mentions {free}, which the program around it changes",
-        f"declare {free} as argument of `{name}`",
+        f"`{name}` mentions {free}, which {'a quantifier' if bound else 'the program'} around it "
+        f"{'binds' if bound else 'changes'}",
+        "let the quantifier bind another name" if bound else f"declare {free} as argument of `{name}`",
     )
 
 

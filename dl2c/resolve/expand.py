@@ -19,7 +19,7 @@ from dl2c.parse import tree
 from dl2c.parse.parser import parse_term
 from dl2c.resolve import errors
 from dl2c.resolve.implicit import Solution, solve
-from dl2c.resolve.symbols import Node, Symbols, children, free_variables, mentioned, own_names
+from dl2c.resolve.symbols import Node, Symbols, children, free_variables, mentioned, own_names, reached_by
 from dl2c.source import Span
 from dl2c.work import spend
 
@@ -41,7 +41,8 @@ class Expander:
 
     With `run`, what has no definition is an error. Without, it stays as it is, and invariants,
     which are hints that no run depends on, are left out. `around` are the variables that programs around
-    the definition that is being expanded change, `renamed` what quantifiers call their variables here.
+    the definition that is being expanded change, `renamed` what quantifiers call their variables here, and
+    `hidden` the variables that these stand for, which nothing that is called may mention.
     """
 
     symbols: Symbols
@@ -51,6 +52,8 @@ class Expander:
     solutions: dict[str, Solution | None] = field(default_factory=dict[str, Solution | None])
     around: Names = NONE
     renamed: set[str] = field(default_factory=set[str])
+    hidden: Names = NONE
+    reached: dict[str, Names] = field(default_factory=dict[str, Names])
 
     def term(self, term: tree.Term, values: dict[str, tree.Term], bound: Names) -> tree.Term:
         """`values` replaces parameters; `bound` are variables that programs around this term change, in the
@@ -162,10 +165,13 @@ class Expander:
             case tree.Quantified():
                 name, child = formula.variable, formula.child
                 own = self._bound_name(name, child, values)
+                inner, before = {**values, name: tree.Variable(own)}, self.hidden
                 if own != name:
                     self.renamed.add(own)
-                inner = {**values, name: tree.Variable(own)}
-                return replace(formula, variable=own, child=self.formula(child, inner, bound | {own}))
+                    self.hidden |= {name} if self.symbols.roles.get(name) == "variable" else NONE
+                child = self.formula(child, inner, bound | {own})
+                self.hidden = before
+                return replace(formula, variable=own, child=child)
             case tree.Modal():
                 program, written = self.program(formula.program, values, bound)
                 child = self.formula(formula.child, values, bound | written)
@@ -214,6 +220,7 @@ class Expander:
                 body = _program_body(self.symbols.declarations[name])
                 if body is None:
                     return program, NONE
+                self._check_hidden(self.symbols.declarations[name], program.span)
                 return self.program(_noted(body, program.annotations), {}, bound)
             case tree.ODESystem():
                 return self._ode(program, values, bound)
@@ -279,8 +286,20 @@ class Expander:
             raise CompileError(errors.too_large(node.span, MAX_SIZE))
 
     def _check_use(self, declaration: tree.Declaration, use: tree.Term | tree.Formula, bound: Names) -> None:
-        if clash := self._free(declaration) & (bound | self.around):
+        names = self._behind(declaration) if declaration.implicit else self._free(declaration)
+        if clash := names & (bound | self.around):
             self._refuse(errors.captured(declaration.name, clash, use.span))
+        self._check_hidden(declaration, use.span)
+
+    def _check_hidden(self, declaration: tree.Declaration, use: Span) -> None:
+        """A quantifier that has another name now would no longer bind what a definition mentions."""
+        if self.hidden and (clash := self._behind(declaration) & self.hidden):
+            self._refuse(errors.captured(declaration.name, clash, use, bound=True))
+
+    def _behind(self, declaration: tree.Declaration) -> Names:
+        if declaration.name not in self.reached:
+            self.reached[declaration.name] = reached_by(declaration, self.symbols)
+        return self.reached[declaration.name]
 
     def _free(self, declaration: tree.Declaration) -> Names:
         """Program variables that a body mentions itself, other than as parameters."""

@@ -168,6 +168,26 @@ def free_variables(node: "Node") -> frozenset[str]:
     return found(node)
 
 
+def reached_by(declaration: tree.Declaration, symbols: "Symbols") -> frozenset[str]:
+    """The program variables that a definition, or what it calls, reads or changes."""
+    found: set[str] = set()
+    seen: set[str] = set()
+    stack = [declaration]
+    while stack:
+        one = stack.pop()
+        if one.name in seen or one.body is None:
+            continue
+        seen.add(one.name)
+        own = own_names(one)
+        changed = {
+            n.name for n in nodes(one.body) if isinstance(n, (tree.Assign, tree.AssignAny, tree.AtomicODE))
+        }
+        names = (free_variables(one.body) | changed) - own
+        found |= {n for n in names if symbols.roles.get(n) == "variable"}
+        stack += [d for n in {*mentioned(one.body)} - own if (d := symbols.declarations.get(n)) is not None]
+    return frozenset(found)
+
+
 Node: TypeAlias = tree.Expression | tree.AtomicODE | tree.DifferentialProgramConst
 
 
