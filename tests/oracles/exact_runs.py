@@ -82,9 +82,10 @@ def theorem(text: str) -> tree.Formula:
 
 
 def names(formula: tree.Formula) -> list[str]:
-    """All that a state has to give a value."""
+    """All that a state has to give a value, for invariants of loops too."""
     found: set[str] = set()
-    for node in nodes(formula):
+    invariants = [i for n in nodes(formula) if isinstance(n, tree.Loop) for i in n.invariants]
+    for node in (n for f in (formula, *invariants) for n in nodes(f)):
         match node:
             case tree.Variable(name) | tree.Assign(name) | tree.AssignAny(name) | tree.AtomicODE(name):
                 found.add(name)
