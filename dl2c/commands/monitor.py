@@ -158,13 +158,14 @@ def _tolerance(eps: tuple[str, ...], names: set[str], single: bool) -> "Toleranc
     from fractions import Fraction
 
     from dl2c.monitor.check import Tolerance
+    from dl2c.options import UnknownOption, exact_number
 
     relative, absolute = Fraction(1, 10**5 if single else 10**9), dict[str, Fraction]()
     for text in eps:
         name, _, value = text.rpartition("=")
         try:
-            number = Fraction(value)
-        except (ValueError, ZeroDivisionError):
+            number = exact_number("--eps", value)
+        except UnknownOption:
             raise CommandError(f"--eps takes VALUE or NAME=VALUE, not {text!r}") from None
         if number < 0 or (name and name not in names):
             raise CommandError(f"--eps {text}: " + ("below 0" if number < 0 else f"no variable `{name}`"))

@@ -298,6 +298,7 @@ def test_a_tampered_trace_is_reported_with_its_place(
         (["example:waypoint", "-o", "x", "--real", "half"], "no kind of number"),
         (["example:waypoint", "-o", "x", "--eps", "speed=1"], "no variable `speed`"),
         (["example:waypoint", "-o", "x", "--eps", "much"], "takes VALUE or NAME=VALUE"),
+        (["example:waypoint", "-o", "x", "--eps", "1e99999999"], "takes VALUE or NAME=VALUE"),
         (["example:pendulum", "-o", "x", "--kind", "model"], "no solution polynomial in time"),
     ],
 )
