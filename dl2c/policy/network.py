@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 from dl2c.diagnostics import Mistake
 
+LARGEST_FLOAT = float(np.finfo(np.float32).max)
+"""To which observations in float32 are clipped at most."""
+
 Floats: TypeAlias = NDArray[np.float64]
 Activation: TypeAlias = Literal["identity", "tanh", "relu", "elu", "sigmoid"]
 ActionKind: TypeAlias = Literal["none", "choice", "choices", "runs", "box"]

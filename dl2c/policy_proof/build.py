@@ -41,7 +41,7 @@ from dl2c.parse import tree
 from dl2c.paths.enabled import with_exact_domains
 from dl2c.paths.enumerate import Draft, assignments_of, control_drafts, decisions_of
 from dl2c.paths.path import END
-from dl2c.policy.network import Layer, Network
+from dl2c.policy.network import LARGEST_FLOAT, Layer, Network
 from dl2c.policy_proof.acting import Acting
 from dl2c.policy_proof.cases import cases_of, in_arithmetic, substituted, term_with
 from dl2c.policy_proof.computed import dimension, symbol_of
@@ -54,9 +54,6 @@ from dl2c.policy_proof.question import (
 )
 from dl2c.resolve.problem import Problem
 from dl2c.resolve.symbols import nodes
-
-LARGEST_FLOAT = float(np.finfo(np.float32).max)
-"""To which observations in float32 are clipped at most."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import function
-from dl2c.policy.network import Activation, Layer, Network, PolicyError, Scaling
+from dl2c.policy.network import LARGEST_FLOAT, Activation, Layer, Network, PolicyError, Scaling
 
 FUNCTIONS: dict[Activation, str] = {
     "identity": "sum",
@@ -93,7 +93,7 @@ def _layer(single: bool, k: int, layer: Layer) -> str:
 
 def _table(single: bool, name: str, values: NDArray[Any]) -> str:
     """Numbers as they are, in doubles or rounded to floats. Raises `PolicyError`."""
-    if single and np.any(np.abs(values) > np.finfo(np.float32).max):
+    if single and np.any(np.abs(values) > LARGEST_FLOAT):
         raise PolicyError("a number of the network is too large for float")
     listed = values.astype(np.float32) if single else values
     if values.ndim == 1:

@@ -24,7 +24,7 @@ from dl2c.monitor.check import Controller
 from dl2c.monitor.control import leading_drafts
 from dl2c.paths.enumerate import Draft
 from dl2c.paths.path import END
-from dl2c.policy.network import NetworkPolicy
+from dl2c.policy.network import LARGEST_FLOAT, NetworkPolicy
 
 ABOUT = {
     "observe": "What the policy observes.",
@@ -192,8 +192,7 @@ def _shown(
 
 def _end(unit: Unit, end: float) -> str:
     """A limit of an observation; what has none is limited as in the environment, by the largest float."""
-    largest = float(np.finfo(np.float32).max)
-    bounded = float(np.clip(end, -largest, largest))
+    bounded = float(np.clip(end, -LARGEST_FLOAT, LARGEST_FLOAT))
     return unit.literal(Fraction(bounded))
 
 
