@@ -55,7 +55,16 @@ def smooth(formula: Formula, moves: Moves, as_written: bool = False) -> Formula:
 
 
 def _smooth(formula: Formula, moves: Moves, as_written: bool) -> Formula:
-    return rewritten(formula, lambda atom: _atom(_over_margin(atom), moves, as_written, 0))
+    def whole(atom: Compare) -> Formula:
+        margin = _over_margin(atom)
+        if _kink(margin.left, moves, 1) is None:
+            return _atom(margin, moves, as_written)
+        # An atom without value is false, also where the case that decides has one.
+        known = _defined(margin.left)
+        smoothed = [_smooth(f, moves, as_written) for f in known]
+        return conjunction([*smoothed, _atom(margin, moves, as_written, frozenset(known))])
+
+    return rewritten(formula, whole)
 
 
 def _over_margin(atom: Compare) -> Compare:
@@ -65,18 +74,21 @@ def _over_margin(atom: Compare) -> Compare:
     return Compare(kind, margin_of(atom), ZERO, span=atom.span)
 
 
-def _atom(atom: Compare, moves: Moves, as_written: bool, depth: int) -> Formula:
-    """One atom, its first kink resolved into cases, then the cases."""
+def _atom(
+    atom: Compare, moves: Moves, as_written: bool, known: frozenset[Formula] = frozenset(), depth: int = 0
+) -> Formula:
+    """One atom, its first kink resolved into cases, then the cases; what is `known` is not said again."""
     if depth > MAX_KINKS:
         raise TooManyCases(f"more than {MAX_KINKS} of abs, min and max in one comparison")
     found = _kink(atom.left, moves, 1)
     if found is None:
         margin = atom.left if as_written else cleared(atom.left, moves, atom.op in ("=", "!="))
-        return conjunction([*_defined(atom.left), Compare(atom.op, margin, ZERO, span=atom.span)])
+        defined = [f for f in _defined(atom.left) if f not in known]
+        return conjunction([*defined, Compare(atom.op, margin, ZERO, span=atom.span)])
     call, direction = found
     branches = _branches(call)
     cases = [Compare(atom.op, with_term(atom.left, call, b), ZERO, span=atom.span) for b in branches]
-    parts = [_atom(c, moves, as_written, depth + 1) for c in cases]
+    parts = [_atom(c, moves, as_written, known, depth + 1) for c in cases]
     if direction and atom.op in (">=", ">"):
         grows = (direction > 0) == (call.function != "min")
         return disjunction(parts) if grows else conjunction(parts)
@@ -162,7 +174,7 @@ def times(term: Term, factor: Term | None) -> Term:
 
 
 def _defined(term: Term) -> list[Formula]:
-    """When a term without kinks has a value, as far as a state decides it."""
+    """When a term has a value, as far as a state decides it."""
     found = [f for t in operands(term) for f in _defined(t)]
     match term:
         case Div(_, divisor) if divisor == ZERO or not isinstance(divisor, Number):

@@ -49,6 +49,15 @@ TOUCHES = "x' = y, y' = 2"
 """From (1, -2): x = (tau - 1)^2."""
 
 TRAPS = (
+    Trap(
+        "a root ends whose value does not decide",
+        "x' = -1",
+        "max(-1, sqrt(x)) >= -2",
+        {"x": 1},
+        1,
+        {},
+        {"x": 0},
+    ),
     Trap("a root that is zero at the start", FALLS, "y >= 0", {"x": 1, "y": 0}, 0, {"x": 1, "y": 0}),
     Trap("braking to a stop", FALLS, "y >= 0", {"x": 1, "y": 0.5}, 0.25, {"y": 0}, {"x": 1.0625}),
     Trap("coasting at rest", "x' = y, y' = 0", "y >= 0", {"x": 1, "y": 0}, 8, {"x": 1, "y": 0}),
