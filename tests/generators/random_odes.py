@@ -107,6 +107,7 @@ def _side(rng: Random) -> Term:
             *(Call("abs", (X,)), Call("abs", (Sub(X, Y),)), Call("min", (X, Y)), Call("max", (Y, Z))),
             *(Add(Call("abs", (X,)), Call("abs", (Y,))), Call("sin", (X,)), Mul(Y, Call("cos", (X,)))),
             *(Div(X, Add(ONE, Pow(Y, 2))), Call("sqrt", (Add(ONE, Pow(X, 2)),)), Div(Y, Sub(X, number(3)))),
+            *(Call("max", (Y, Call("sqrt", (X,)))), Call("min", (ONE, Call("sqrt", (Sub(number(2), Y),))))),
         )
     )
 
