@@ -15,7 +15,7 @@ from dl2c.verify.arithmetic.cases import Signs, cases_of, disjunctions
 from dl2c.verify.arithmetic.products import scripts
 from dl2c.verify.arithmetic.quotients import cleared, positive_symbols
 from dl2c.verify.arithmetic.squares import implied, with_known
-from dl2c.verify.arithmetic.total import is_total, totalised, without_cases
+from dl2c.verify.arithmetic.total import is_total, needed, totalised, without_cases
 from dl2c.verify.states import connected
 
 PROVED = Outcome("unsat", "")
@@ -35,6 +35,9 @@ MOST_TRIED = 5
 
 MOST_FACTORS = 4
 """Of products of facts."""
+
+MOST_CONDITIONS, BRIEF = 4, 0.3
+"""Under which terms of the facts have values, and seconds for each."""
 
 TOO_SHORT = 0.6
 """Seconds in which nothing but solvers is worth while."""
@@ -139,14 +142,20 @@ class Prover:
     def _decided(
         self, text: str, names: Sequence[str], facts: Sequence[Formula], goal: Formula, seconds: float
     ) -> Outcome:
-        """A short time for all solvers, who get the question as `text`, then for products and cases, then the
-        rest.
+        """A short time for all solvers, who get the question as `text`, then with more facts, then for products
+        and cases, then the rest.
         """
         until = time.monotonic() + seconds
         quick = QUICK if seconds > TOO_SHORT else seconds
         found = self.portfolio.ask(text, quick, names)
         if found.verdict != "unknown" or quick == seconds:
             return found
+        if conditions := self._conditions(facts):
+            facts = [*facts, *conditions]
+            text, names = script(*self._posed(facts, goal))
+            found = self.portfolio.ask(text, QUICK, names)
+            if found.verdict != "unknown":
+                return found
         positive = positive_symbols(facts)
 
         def total(atom: Compare) -> bool:
@@ -159,6 +168,19 @@ class Prover:
         if found.verdict != "unknown" or time.monotonic() > until:
             return found
         return self.portfolio.ask(text, until - time.monotonic(), names)
+
+    def _conditions(self, facts: Sequence[Formula]) -> list[Formula]:
+        """Those under which terms of the facts have values, as far as a short time shows that the facts imply
+        them. Solvers find that hard to see on the way to something else.
+        """
+        positive = positive_symbols(facts)
+        wanted = [c for c in dict.fromkeys(needed(*(cleared(f, positive) for f in facts))) if c not in facts]
+        found: list[Formula] = []
+        for condition in wanted[:MOST_CONDITIONS]:
+            text, names = script(*self._posed([*facts, *found], condition))
+            if self.portfolio.ask(text, BRIEF, names).verdict == "unsat":
+                found.append(condition)
+        return found
 
     def _write(self, text: str, facts: Sequence[Formula], goal: Formula, outcome: Outcome) -> None:
         """The question as a file, below the dL that it stands for."""
