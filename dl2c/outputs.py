@@ -10,7 +10,7 @@ import secrets
 import shutil
 import stat
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -26,6 +26,20 @@ def write_output(path: Path, content: str | bytes) -> None:
     raw = content.encode("utf-8", "surrogateescape") if isinstance(content, str) else content
     with output_file(path) as fresh:
         fresh.write_bytes(raw)
+
+
+def check_outputs(paths: Sequence[Path]) -> None:
+    """Raises `OSError` for files that could not be written, or of which two are one: before work begins whose
+    result they are to hold.
+    """
+    for number, path in enumerate(paths):
+        if path.is_dir():
+            raise IsADirectoryError(21, "a folder of this name is there", str(path))
+        if path.resolve() in [other.resolve() for other in paths[:number]]:
+            raise OSError(0, "two outputs would be written there", str(path))
+        there = next(p for p in (path.resolve(), *path.resolve().parents) if p.exists())
+        if not os.access(there, os.W_OK):
+            raise PermissionError(13, "it cannot be written", str(path))
 
 
 @contextmanager

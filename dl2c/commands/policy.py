@@ -5,12 +5,11 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
-from rich.console import Console
-from rich.text import Text
 
 from dl2c.commands.failures import CommandError
 from dl2c.commands.verbosity import quiet
@@ -23,7 +22,16 @@ from dl2c.native.manifest import Manifest
 from dl2c.options import UnknownOption, exact_number
 from dl2c.outputs import write_output
 from dl2c.policy.files import read_policy
-from dl2c.policy.network import Interface, Layer, Network, NetworkPolicy, PolicyError, checked, mismatch
+from dl2c.policy.network import (
+    Activation,
+    Interface,
+    Layer,
+    Network,
+    NetworkPolicy,
+    PolicyError,
+    checked,
+    mismatch,
+)
 from dl2c.policy.onnx_files import read_onnx
 from dl2c.training.saved import found_policy, load_policy
 from dl2c.work import budgeted
@@ -102,10 +110,8 @@ def _manifest(model: str, options: Mapping[str, Any]) -> Manifest:
 MOST = 1e30
 """Of limits of outputs."""
 
-ONWARD = 2.0, 10.0
-"""Seconds that there are at least and at most for each claim that follows of admissible requests."""
-
-COLOURS = {"proved": "bold green", "refuted": "bold red"}
+ONWARD = 1 / 30, 10.0
+"""For each claim that follows of admissible requests: at least this share of all seconds, at most so many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,21 +184,35 @@ def _verified(
     report = verified(claim, about, limits, (claim.model.name, str(asked.path)), asked.resume)
     if report.answer != "proved":
         return report
-    return replace(report, onward=_onward(entry, claim, asked, report.seconds))
+    from dl2c.policy_proof.onward import Onward
+
+    try:
+        found = _onward(entry, claim, asked, report.seconds)
+    except KeyboardInterrupt:  # what is proved by then is shown and written all the same
+        found = Onward(interrupted=True)
+    return replace(report, onward=found)
 
 
 def verifier(
-    model: str, asked: Asked, options: Mapping[str, Any]
+    model: str, asked: Asked, options: Mapping[str, Any], network: Callable[[Interface], Network]
 ) -> "Callable[[NetworkPolicy], PolicyReport]":
-    """What verifies one policy after another of a model. Raises what `report_on` raises, as far as no policy
-    is needed for that.
+    """What verifies one policy after another of a model, all of the form of `network`. Raises what
+    `report_on` raises about any of them, and what a teacher of them raises.
     """
     from dl2c.policy_proof.acting import acting
     from dl2c.policy_proof.build import questions
+    from dl2c.policy_proof.question import NotCovered
+    from dl2c.policy_proof.tables import tables_of
+    from dl2c.training.lessons import Teacher
 
     found = compilation_of(model, options)
     claim = _claim(found, asked)
-    questions_of(model, asked, options, _blank)
+    about = questions_of(model, asked, options, network)[1]
+    for question in about:
+        tables_of(question)
+    found_some = [Teacher(question, np.random.default_rng(0)).finds_states() for question in about]
+    if not any(found_some):
+        raise NotCovered("no state of what is assumed is found by drawing, in which it could be taught")
 
     def verify(policy: NetworkPolicy) -> "PolicyReport":
         about = questions(claim, acting(policy.interface, policy.network))
@@ -201,10 +221,12 @@ def verifier(
     return verify
 
 
-def _blank(interface: Interface) -> Network:
-    """A network that always gives zeros."""
-    size = interface.outputs, len(interface.observations)
-    return Network((), (Layer(np.zeros(size), np.zeros(size[0]), "relu"),))
+def blank(interface: Interface, hidden: Sequence[int], activation: Activation) -> Network:
+    """A network that always gives zeros, with hidden layers of these sizes."""
+    sizes = (len(interface.observations), *hidden, interface.outputs)
+    names: tuple[Activation, ...] = (*(activation for _ in hidden), "identity")
+    pairs = zip(pairwise(sizes), names, strict=True)
+    return Network((), tuple(Layer(np.zeros((m, n)), np.zeros(m), name) for (n, m), name in pairs))
 
 
 def questions_of(
@@ -244,9 +266,8 @@ def _onward(entry: "Entry", claim: "Claim", asked: Asked, seconds: float) -> "On
     from dl2c.verify.prove import Limits
 
     least, most = ONWARD
-    total = min(max((asked.seconds - seconds) / 3, least), most)
-    values = {c.name: c.value for c in claim.model.constants if c.value is not None}
-    return onward(entry, claim.model, values | dict(claim.fixed), Limits(total, total, asked.threads))
+    total = min(max((asked.seconds - seconds) / 3, least * asked.seconds), most)
+    return onward(entry, claim.model, claim.values, Limits(total, total, asked.threads))
 
 
 @budgeted()
@@ -358,42 +379,3 @@ def _output(text: str, clip: tuple[float, float] | None) -> tuple[str, float, fl
     if limits is None or not -MOST < limits[0] < limits[1] < MOST:
         raise CommandError(f"--gives takes NAME=LOW:HIGH, the limits that it is clipped to, not {text!r}")
     return name.strip(), *limits
-
-
-def show(report: "PolicyReport") -> None:
-    """The report for readers."""
-    from dl2c.policy_proof.verdict import decimal
-
-    console = Console(highlight=False, soft_wrap=True)
-    boxes, solved = sum(f.boxes for f in report.found), sum(f.by_solver for f in report.found)
-    line = Text("admissible  ").append(f"{report.answer:12}", COLOURS.get(report.answer, "yellow"))
-    by = f", {solved} of them by Z3" if solved else ""
-    console.print(line.append(f"{report.seconds:6.1f} s  {boxes} boxes{by}"))
-    for name in ("kept", "for ever"):
-        said = report.claims[name]
-        console.print(Text(f"{name:12}").append(said, COLOURS.get(said, "yellow")))
-    for covers in report.covers:
-        console.print(f"states: {covers}")
-    console.print(f"numbers of the policy: {report.arithmetic}")
-    if report.answer == "unknown":
-        reasons = "; ".join(dict.fromkeys(f.reason for f in report.found if f.reason))
-        console.print(f"decided: {100 * report.share:.4f} % of the volume, {reasons}")
-        for box in [b for f in report.found for b in f.open_boxes][:3]:
-            console.print("open: " + ", ".join(f"{n} in [{a!r}, {b!r}]" for n, (a, b) in box.items()))
-    if report.violated is not None:
-        question, found = report.violated
-        console.print("in the state  " + ", ".join(f"{n} = {decimal(v)}" for n, v in found.state.items()))
-        if question.lead:
-            decided = ", ".join(f"{key} = {alternative}" for key, alternative in question.lead)
-            console.print(f"the environment takes  {decided}")
-        asked = [f"{n} = {decimal(v)}" for n, v in found.requests.items()] or [found.about]
-        console.print(
-            "it asks for   "
-            + ", ".join(asked)
-            + (f" ({found.about})" if found.requests and found.about else "")
-        )
-        console.print("which no control path admits")
-    if (said := report.confirmation) is not None:
-        console.print(f"{'confirmed' if said.confirmed else 'not confirmed'}: {said.text}")
-    for warning in report.warnings:
-        console.print(f"warning: {warning}")

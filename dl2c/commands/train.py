@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
@@ -141,13 +142,16 @@ SMALL = {"net_arch": [32, 32], "activation": "relu"}
 
 def _provable(wanted: Wanted, json: bool) -> int:
     """Train a policy and teach it until it is proved; the exit code."""
-    from dl2c.commands.policy import Asked, show, verifier
-    from dl2c.commands.verify import UNDECIDED
+    from dl2c.commands.policy import Asked, blank, verifier
+    from dl2c.commands.verify import UNDECIDED, show_policy
+    from dl2c.training.hyper import complete
 
     if wanted.algo != "ppo" or wanted.settings.normalize:
         raise CommandError("--provable is for ppo without --normalize")
-    verify = verifier(wanted.model, Asked(wanted.output), wanted.options)
     wanted = replace(wanted, settings=replace(wanted.settings, hyper=SMALL | dict(wanted.settings.hyper)))
+    hyper = complete(wanted.algo, wanted.settings).hyper
+    network = partial(blank, hidden=hyper["net_arch"], activation=hyper["activation"])
+    verify = verifier(wanted.model, Asked(wanted.output), wanted.options, network)
     run = _trained(wanted)
     if run.interrupted:
         _present(wanted, run, json)
@@ -155,7 +159,7 @@ def _provable(wanted: Wanted, json: bool) -> int:
     found = _taught(wanted, verify)
     _present(wanted, run, json, {"proof": found.to_json()})
     if not json and not quiet():
-        show(found.report)
+        show_policy(found.report)
     return 0 if found.report.answer == "proved" else UNDECIDED
 
 
@@ -167,8 +171,7 @@ def _taught(wanted: Wanted, verify: "Verify") -> "Taught":
     from dl2c.training.provable import ENVIRONMENTS, teach_saved
 
     model = compilation_of(wanted.model, wanted.options).unbounded
-    body = (*model.lead, *model.body)
-    idle = [v.name for v in model.variables if overwritten(body, v.name, model.flows)]
+    idle = [v.name for v in model.variables if overwritten(model.body, v.name, model.flows)]
     env = Dl2cVecEnv(source_of(wanted.model), ENVIRONMENTS, **wanted.options)
     with working("teaching the policy") as note:
         found = teach_saved(wanted.output, env, verify, note, wanted.seed, idle)

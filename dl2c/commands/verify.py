@@ -29,6 +29,7 @@ from dl2c.commands.flags import Json
 from dl2c.commands.verbosity import quiet
 from dl2c.commands.waiting import working
 from dl2c.diagnostics import CompileError
+from dl2c.outputs import check_outputs
 
 if TYPE_CHECKING:
     from dl2c.commands.policy import Asked
@@ -47,7 +48,6 @@ CODES = {"proved": 0, "refuted": 1}
 UNDECIDED = 3
 
 COLOURS = {"proved": "bold green", "refuted": "bold red"}
-
 
 REALS: dict[str, "Real"] = {"double": "double", "float32": "float"}
 """Numbers of the exported C by the arithmetic that was judged."""
@@ -166,8 +166,8 @@ def _checked(
     json: bool,
 ) -> int:
     """Check a certificate; the exit code."""
-    if output is not None or {"resume", "picture", "over"} & {*asked}:
-        raise CommandError("-o, --resume and --picture are for a search, not for --check")
+    if output is not None or {"certificate", "resume", "picture", "over"} & {*asked}:
+        raise CommandError("-o, --certificate, --resume and --picture are for a search, not for --check")
     from dl2c.commands.policy import Asked, checked_certificate
 
     found = checked_certificate(model, Asked(path, **asked), options, certificate)
@@ -187,12 +187,14 @@ def _about_policy(
     json: bool,
 ) -> int:
     """Verify a policy; the exit code."""
-    from dl2c.commands.policy import Asked, report_on, show
+    from dl2c.commands.policy import Asked, report_on
 
     asked = Asked(path, **given)
+    written = [p for p in (asked.certificate, asked.resume, asked.picture, output) if p is not None]
+    check_outputs(written)
     report = _confirmed(model, asked, options, report_on(model, asked, options))
     if not json and not quiet():
-        show(report)
+        show_policy(report)
     saved: Mapping[str, Any] = {}
     if output is not None and report.violation is None:
         saved = {"episode": None, "not_saved": "no request is refuted"}
@@ -337,3 +339,40 @@ def _show_run(console: Console, run: "Counterexample", margin: str = "") -> None
     for name, value in run.decisions:
         console.print(f"{margin}            {name}: {value}")
     console.print(f"{margin}violates    {run.violated}")
+
+
+def show_policy(report: "PolicyReport") -> None:
+    """The report about a policy, for readers."""
+    from dl2c.policy_proof.verdict import decimal, percent
+
+    console = Console(highlight=False, soft_wrap=True)
+    boxes, solved = sum(f.boxes for f in report.found), sum(f.by_solver for f in report.found)
+    line = Text("admissible  ").append(f"{report.answer:12}", COLOURS.get(report.answer, "yellow"))
+    by = f", {solved} of them by Z3" if solved else ""
+    console.print(line.append(f"{report.seconds:6.1f} s  {boxes} boxes{by}"))
+    for name in ("kept", "for ever"):
+        said = report.claims[name]
+        console.print(Text(f"{name:12}").append(said, COLOURS.get(said, "yellow")))
+    for covers in report.covers:
+        console.print(f"states: {covers}")
+    console.print(f"numbers of the policy: {report.arithmetic}")
+    if report.answer == "unknown":
+        reasons = "; ".join(dict.fromkeys(f.reason for f in report.found if f.reason))
+        console.print(f"decided: {percent(report.share)} of the volume, {reasons}")
+        for box in [b for f in report.found for b in f.open_boxes][:3]:
+            console.print("open: " + ", ".join(f"{n} in [{a!r}, {b!r}]" for n, (a, b) in box.items()))
+    if report.violated is not None:
+        question, found = report.violated
+        console.print("in the state  " + ", ".join(f"{n} = {decimal(v)}" for n, v in found.state.items()))
+        if question.lead:
+            decided = ", ".join(f"{key} = {alternative}" for key, alternative in question.lead)
+            console.print(f"the environment takes  {decided}")
+        asked = ", ".join(f"{n} = {decimal(v)}" for n, v in found.requests.items())
+        choices = f"({found.about})" if asked and found.about else found.about
+        if asked or choices:
+            console.print(f"it asks for   {asked} {choices}".rstrip())
+        console.print("which no control path admits")
+    if (said := report.confirmation) is not None:
+        console.print(f"{'confirmed' if said.confirmed else 'not confirmed'}: {said.text}")
+    for warning in report.warnings:
+        console.print(f"warning: {warning}")

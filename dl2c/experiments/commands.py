@@ -22,7 +22,7 @@ __all__ = ["app", "main"]
 @model_options
 def bench(
     model: Model,
-    seconds: Annotated[float, typer.Option(min=0, help="CPU seconds to measure for, in all.")] = 20.0,
+    seconds: Annotated[float, typer.Option(min=0.01, help="CPU seconds to measure for, in all.")] = 20.0,
     require: Annotated[
         list[str] | None,
         typer.Option(metavar="ROW[/ROW]=RATIO", help="Exit with 1 if a row is slower than this."),

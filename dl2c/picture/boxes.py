@@ -14,6 +14,7 @@ from dl2c.policy_proof.plane import Plane, plane_of, shown
 from dl2c.policy_proof.question import Question
 from dl2c.policy_proof.search import Found
 from dl2c.policy_proof.tree import BY_BOUNDS, BY_SOLVER, LEFT_OPEN, NO_STATE
+from dl2c.policy_proof.verdict import percent
 
 LOOKS: dict[int, tuple[str, dict[str, Any]]] = {
     BY_BOUNDS: ("proved by bounds", {"facecolor": GREEN, "alpha": 0.55}),
@@ -58,13 +59,8 @@ def proof_figure(
 def _title(model: Model, question: Question, found: Found) -> str:
     by = f", {found.by_solver} of them by Z3" if found.by_solver else ""
     reason = f" ({found.reason})" if found.reason and found.progress else ""
-    done = f"{found.answer}{reason}, {found.boxes:,} boxes{by}, {_percent(found.share)} decided"
+    done = f"{found.answer}{reason}, {found.boxes:,} boxes{by}, {percent(found.share)} decided"
     return "\n".join([f"{model.name}: {done}", *_taken(model, question)])
-
-
-def _percent(share: float) -> str:
-    """No share but 1 is shown as 100 %."""
-    return "100 %" if share == 1 else f"{min(100 * share, 99.99):.4g} %"
 
 
 def _taken(model: Model, question: Question) -> list[str]:

@@ -28,6 +28,7 @@ from dl2c.ir.logic import substituted as substituted_term
 from dl2c.ir.model import (
     TRUE,
     UNBOUNDED,
+    Bound,
     Formula,
     Model,
     Neg,
@@ -67,6 +68,11 @@ class Claim:
     outside: Formula
     fixed: Mapping[str, Fraction]
     arithmetic: Arithmetic
+
+    @property
+    def values(self) -> dict[str, Fraction]:
+        """Of constants that have one, and those that are fixed."""
+        return {c.name: c.value for c in self.model.constants if c.value is not None} | dict(self.fixed)
 
 
 def claim_of(
@@ -133,11 +139,10 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
     """The question after one way through the leading statements."""
     if lead.flow is not None or lead.target != END:
         raise NotCovered("there is a flow or a loop before the policy observes", lead.span)
-    values: dict[Symbol, Term] = {c.symbol: Number(c.value) for c in model.constants if c.value is not None}
-    values |= {
-        Symbol(name, kind): Number(v) for name, v in claim.fixed.items() for kind in ("variable", "constant")
-    }
     shown = {Symbol(name, "variable"): term for name, term in lead.updates}
+    given = _given(claim, model, shown, lead)
+    values: dict[Symbol, Term] = {c.symbol: Number(c.value) for c in model.constants if c.value is not None}
+    values |= {symbol: Number(value) for symbol, value in given.items()}
 
     def at_start(formula: Formula) -> Formula:
         return substituted(formula, values)
@@ -169,7 +174,26 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
         claim.arithmetic,
         tuple((c.symbol, c.term) for c in computed),
         tuple(lead.alternatives.items()),
+        tuple((s.name, value) for s, value in given.items()),
     )
+
+
+def _given(claim: Claim, model: Model, shown: Mapping[Symbol, Term], lead: Draft) -> dict[Symbol, Fraction]:
+    """Names with one value: what has bounds that are equal, and what the claim fixes; of what the environment
+    draws before the policy observes, what it draws. Raises `NotCovered`.
+    """
+    bounds = _bounds(model, lead)
+    given = {s: b.low for s, b in bounds.items() if b.low is not None and b.low == b.high}
+    for name, value in claim.fixed.items():
+        now = shown.get(Symbol(name, "variable"))
+        if now is None:
+            given |= {Symbol(name, kind): value for kind in ("variable", "constant")}
+        elif isinstance(now, Symbol) and now.kind == "input":
+            given[now] = value
+        elif now != Number(value):
+            why = f"--fix {name}: the environment computes `{name}` before the policy observes"
+            raise NotCovered(why, lead.span)
+    return given
 
 
 def _is_computed(seen: Observed) -> bool:
@@ -239,10 +263,8 @@ def _as_program(term: Term, arithmetic: Arithmetic) -> Term:
             return term
 
 
-def _box(model: Model, hypothesis: Formula, dimensions: Sequence[Symbol], lead: Draft) -> tuple[Range, ...]:
-    """Limits of the states: declared bounds of what is observed or never changes, and what the hypothesis
-    implies of others. Raises `NotCovered`.
-    """
+def _bounds(model: Model, lead: Draft) -> dict[Symbol, Bound]:
+    """Declared ones, of what is observed, or never changes, or is drawn before the policy observes."""
     changed = _changed(model)
     kept = [v for v in model.variables if v.observed or v.name not in changed]
     bounds = {v.symbol: v.bound for v in kept} | {c.symbol: c.bound for c in model.constants}
@@ -250,6 +272,14 @@ def _box(model: Model, hypothesis: Formula, dimensions: Sequence[Symbol], lead: 
     declared = {v.name: v.bound for v in kept}
     for key in lead.inputs:
         bounds[Symbol(key, "input")] = declared.get(of_key.get(key, ""), UNBOUNDED)
+    return bounds
+
+
+def _box(model: Model, hypothesis: Formula, dimensions: Sequence[Symbol], lead: Draft) -> tuple[Range, ...]:
+    """Limits of the states: declared bounds of what is observed or never changes, and what the hypothesis
+    implies of others. Raises `NotCovered`.
+    """
+    bounds = _bounds(model, lead)
     around = {s: interval_of(bounds.get(s, UNBOUNDED)) for s in {*dimensions, *symbols(hypothesis)}}
     inside = contract(hypothesis, around)
     box: list[Range] = []

@@ -126,7 +126,7 @@ def read_trees(path: Path, questions: Sequence[Question], kind: str) -> list[Bef
     with checked_input(CertificateError, f"{path} is no {what}"):
         top = read_json(path, MAX_BYTES)
         if top["format"] != kind or top["version"] != VERSION:
-            raise CertificateError(f"{path} is no {what}, or of another version")
+            raise CertificateError("it is one of another version, or another file")
         entries: list[Any] = list(top["proofs"])
         digests = [entry["question"] for entry in entries]
         trees = [_tree(entry) for entry in entries]

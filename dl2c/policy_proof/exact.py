@@ -63,7 +63,7 @@ def violation(question: Question, state: State) -> Violation | None:
                 r.symbol.name.removeprefix("request "): v
                 for r, v in zip(question.requests, requests, strict=True)
             }
-            shown = {s.name: v for s, v in state.items()} | dict(question.fixed)
+            shown = dict(question.fixed) | {s.name: v for s, v in state.items()}
             return Violation(shown, tuple(outputs), names, case.about, case.conclusion)
     return None
 

@@ -6,9 +6,10 @@ network is: so they hold for a policy whose requests are, and where they are not
 to the bounds all the same.
 """
 
+import hashlib
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
@@ -35,23 +36,44 @@ Lasting: TypeAlias = Literal["proved", "until the bounds are left", "unknown", "
 @dataclass(frozen=True, slots=True)
 class Onward:
     """`kept`: steps end within the bounds of what is observed. `lasting`: from every state in which the loop
-    may begin, all that is claimed goes on.
+    may begin, all that is claimed goes on. `about` is the digest of what that was asked of.
     """
 
     kept: Kept = "not checked"
     lasting: Lasting = "not checked"
+    about: str = field(default="", compare=False)
+    interrupted: bool = False
+
+
+def subject(entry: Entry, model: Model, fixed: Mapping[str, Fraction]) -> str:
+    """A digest of the theorem and of the bounds of its names: of other ones, other claims are proved. Empty
+    where the theorem is nested too deeply.
+    """
+    try:
+        facts = [repr(theorem_of(entry, {}).formula), repr(sorted(fixed.items()))]
+    except RecursionError:
+        return ""
+    facts += [repr((v.name, v.bound, v.observed)) for v in model.variables]
+    facts += [repr((c.name, c.bound, c.value)) for c in model.constants]
+    return hashlib.sha256("\0".join(facts).encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def onward(entry: Entry, model: Model, fixed: Mapping[str, Fraction], limits: Limits) -> Onward:
     """What is proved for a policy whose requests are admissible. `fixed` has the values of constants, and
     those that the claim about its requests is limited to.
     """
+    return Onward(*_answers(entry, model, fixed, limits), subject(entry, model, fixed))
+
+
+def _answers(
+    entry: Entry, model: Model, fixed: Mapping[str, Fraction], limits: Limits
+) -> tuple[Kept, Lasting]:
     changed = written((*model.prefix, *model.lead, *model.body), model.flows)
     steady = {name: value for name, value in fixed.items() if name not in changed}
     theorem = theorem_of(entry, steady)
     loops = [n for n in nodes(theorem.formula) if isinstance(n, tree.Loop)]
     if len(loops) != 1 or not loops[0].invariants:
-        return Onward()
+        return "not checked", "not checked"
     loop, bounded = loops[0], {v.name: v.bound for v in model.variables if v.observed}
     always = {v.name: v.bound for v in model.variables if v.name not in changed}
     always |= {c.name: c.bound for c in model.constants}
@@ -69,9 +91,9 @@ def onward(entry: Entry, model: Model, fixed: Mapping[str, Fraction], limits: Li
         invariant = begins or holds("initially", loop.invariants, loop.invariants)
         invariant = invariant and holds("step", loop.invariants, loop.invariants)
     if not invariant or steady.keys() != fixed.keys():
-        return Onward("proved" if kept else "unknown", "unknown")
+        return "proved" if kept else "unknown", "unknown"
     lasting = kept and begins and _drawn_inside(model)
-    return Onward("proved" if kept else "unknown", "proved" if lasting else "until the bounds are left")
+    return "proved" if kept else "unknown", "proved" if lasting else "until the bounds are left"
 
 
 def _drawn_inside(model: Model) -> bool:

@@ -75,9 +75,11 @@ def axes_named(questions: Sequence[Question], text: str) -> tuple[str, ...]:
 def shown(
     questions: Sequence[Question], found: Sequence[Found], names: Sequence[str]
 ) -> tuple[Question, Found]:
-    """The question to draw, which has the names: the one that is refuted, else the one with most boxes."""
+    """The question to draw, which has the names, and dimensions: the one that is refuted, else the one with
+    most boxes. There is one, as `axes_named` makes sure.
+    """
     every = [*found, *[NOT_SEARCHED] * (len(questions) - len(found))]
-    pairs = [p for p in zip(questions, every, strict=True) if _has(p[0], names)]
+    pairs = [p for p in zip(questions, every, strict=True) if free_names(p[0]) and _has(p[0], names)]
     return max(pairs, key=lambda p: (p[1].answer == "refuted", p[1].boxes))
 
 

@@ -82,7 +82,8 @@ class Case:
 @dataclass(frozen=True, slots=True)
 class Question:
     """All of it. `requests` have symbols that occur in conclusions. `computed` are dimensions with the terms
-    that the program computes for them; `lead` are the alternatives that the environment takes before.
+    that the program computes for them; `lead` are the alternatives that the environment takes before, `given`
+    names to which the claim gives a value.
     """
 
     dimensions: tuple[Symbol, ...]
@@ -96,11 +97,13 @@ class Question:
     arithmetic: Arithmetic
     computed: tuple[tuple[Symbol, Term], ...] = ()
     lead: tuple[tuple[str, int], ...] = ()
+    given: tuple[tuple[str, Fraction], ...] = ()
 
     @property
     def fixed(self) -> Mapping[str, Fraction]:
-        """Observed names with one value."""
-        return {o.name: o.value for o in self.observed if isinstance(o.value, Fraction)}
+        """Names with one value: those of the claim, and what is observed."""
+        seen = {o.name: o.value for o in self.observed if isinstance(o.value, Fraction)}
+        return dict(self.given) | seen
 
 
 def check_numbers(question: Question) -> None:

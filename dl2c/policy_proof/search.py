@@ -158,7 +158,7 @@ class _Search:
         """What decided each box of a level, or along what it is split; what is found if the search ends. A
         level that is not judged to its end is kept only where a violation is found in it.
         """
-        late = f"after {self.limits.seconds:g} seconds"
+        late = f"after {self.limits.seconds:.3g} seconds"
         verdicts, splits, found = self._judged(level)
         self.boxes += len(verdicts)
         codes = np.full(len(level), LEFT_OPEN, np.uint8)

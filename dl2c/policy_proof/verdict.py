@@ -50,7 +50,7 @@ class PolicyReport:
 
     @property
     def interrupted(self) -> bool:
-        return any(f.interrupted for f in self.found)
+        return self.onward.interrupted or any(f.interrupted for f in self.found)
 
     @property
     def answer(self) -> Answer:
@@ -92,6 +92,7 @@ class PolicyReport:
             "decided": self.share,
             "seconds": round(self.seconds, 3),
             "questions": [digest(q) for q in self.questions],
+            "theorem": self.onward.about,
             "progress": [[_as_record(p) for p in f.progress] for f in self.found],
             "reasons": [f.reason for f in self.found if f.reason],
             "open": [{n: list(ends) for n, ends in box.items()} for f in self.found for box in f.open_boxes],
@@ -169,6 +170,11 @@ def _goes_on(claim: Claim) -> bool:
 
 
 def decimal(value: Fraction) -> str:
-    """A number for readers: exact where that is short."""
-    exact = print_number(value)
-    return exact if len(exact) <= 12 else f"{float(value)!r}"
+    """A number for readers: exact where that is short, or where doubles have nothing near it."""
+    exact, nearest = print_number(value), float(value)
+    return exact if len(exact) <= 12 or (value and not nearest) else f"{nearest!r}"
+
+
+def percent(share: float) -> str:
+    """A share for readers: none but 1 is shown as 100 %."""
+    return "100 %" if share == 1 else f"{min(100 * share, 99.99):.4g} %"

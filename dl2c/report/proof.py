@@ -17,9 +17,11 @@ from dl2c.policy.network import PolicyError
 from dl2c.policy_proof.acting import acting
 from dl2c.policy_proof.build import claim_of, questions
 from dl2c.policy_proof.certificate import FORMAT, digest, read_trees
+from dl2c.policy_proof.onward import subject
+from dl2c.policy_proof.plane import free_names
 from dl2c.policy_proof.question import Question
 from dl2c.policy_proof.search import Before, Found, Limits, search
-from dl2c.policy_proof.verdict import decimal
+from dl2c.policy_proof.verdict import decimal, percent
 from dl2c.report.markup import Markup, image, section, table, tag
 from dl2c.report.trained import Trained
 from dl2c.training.run import CERTIFICATE, MOST_BYTES, PROOF
@@ -30,6 +32,10 @@ CLAIMS = {
     "kept": "every step ends within the bounds",
     "for ever": "requests stay admissible",
 }
+
+
+FOLLOWING = {"kept", "for ever"}
+"""Claims that are about the motion too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +65,7 @@ class _Proof:
     warnings: Sequence[str]
     counterexample: _Counterexample | None
     questions: Sequence[str]
+    theorem: str
     seconds_of: Sequence[Sequence[float]]
 
 
@@ -90,13 +97,19 @@ def _said(problem: Exception, folder: Path) -> str:
 def _parts(trained: Trained) -> Iterator[Markup]:
     """Raises `PolicyError`, `CompileError`, `OSError`."""
     proof = _read(trained.folder / PROOF)
-    model, asked = _questions(trained)
+    model, theorem, asked = _questions(trained)
     if list(proof.questions) != [digest(q) for q in asked]:
         raise PolicyError(f"{PROOF} is about another model, policy or claim")
     if proof.answer == "proved":
         found = _proved(trained.folder / CERTIFICATE, asked, proof)
-        yield image(data_uri(proof_figure(model, asked, found)), "what is proved, over two names")
-    yield table(("claim", "", "answer"), [(n, CLAIMS.get(n, ""), said) for n, said in proof.claims.items()])
+        if any(map(free_names, asked)):
+            yield image(data_uri(proof_figure(model, asked, found)), "what is proved, over two names")
+    claims = dict(proof.claims)
+    if (
+        not theorem or proof.theorem != theorem
+    ):  # of the motion, of which the question about requests says nothing
+        claims |= dict.fromkeys(claims.keys() & FOLLOWING, "not checked")
+    yield table(("claim", "", "answer"), [(n, CLAIMS.get(n, ""), said) for n, said in claims.items()])
     yield tag("p", _sentence(proof), class_="note")
     yield from (tag("p", f"warning: {warning}") for warning in proof.warnings)
     if (found := proof.counterexample) is not None:
@@ -117,7 +130,7 @@ def _sentence(proof: _Proof) -> str:
     ]
     parts.append(f"taught in {proof.rounds} round{'' if proof.rounds == 1 else 's'}")
     if proof.answer != "proved":
-        parts += [f"{100 * proof.decided:.4g} % of the volume decided", *proof.reasons]
+        parts += [f"{percent(proof.decided)} of the volume decided", *proof.reasons]
     return "; ".join(parts) + "."
 
 
@@ -140,6 +153,7 @@ def _read(path: Path) -> _Proof:
             warnings=[str(v) for v in data["warnings"]],
             counterexample=None if found is None else _counterexample(found),
             questions=[str(v) for v in data["questions"]],
+            theorem=str(data.get("theorem", "")),
             seconds_of=[[float(p["seconds"]) for p in records] for records in data["progress"]],
         )
 
@@ -152,12 +166,15 @@ def _counterexample(data: Mapping[str, Any]) -> _Counterexample:
 
 
 @budgeted()
-def _questions(trained: Trained) -> tuple[Model, tuple[Question, ...]]:
-    """What was asked of the policy in the folder. Raises `PolicyError`, `CompileError`, `OSError`."""
+def _questions(trained: Trained) -> tuple[Model, str, tuple[Question, ...]]:
+    """The model, the digest of its theorem, and what was asked of the policy in the folder. Raises
+    `PolicyError`, `CompileError`, `OSError`.
+    """
     compiled = compilation_of(trained.source, trained.options)
     claim = claim_of(compiled.resolved.problem, compiled.unbounded)
     policy = read_policy(trained.folder / JSON)
-    return claim.model, questions(claim, acting(policy.interface, policy.network))
+    theorem = subject(compiled.parsed.entry, claim.model, claim.values)
+    return claim.model, theorem, questions(claim, acting(policy.interface, policy.network))
 
 
 def _proved(path: Path, asked: Sequence[Question], proof: _Proof) -> list[Found]:

@@ -13,6 +13,7 @@ Reading zip and pkl files executes code that they contain. Imports torch when ca
 """
 
 import json
+import shutil
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -30,9 +31,12 @@ from dl2c.training.evaluation import evaluate
 from dl2c.training.hyper import constructor
 from dl2c.training.run import (
     ALGORITHMS,
+    CERTIFICATE,
     MOST_BYTES,
+    PROOF,
     RUN,
     TEXT,
+    UNPROVED,
     Checked,
     Estimate,
     Evaluation,
@@ -99,6 +103,8 @@ class Training:
             "evaluations": [asdict(checked) for checked in self.evaluations],
             "versions": {"dl2c": __version__} | {name: version(name) for name in LIBRARIES},
         }
+        if last:
+            _forget_proof(folder)
         with output_folder(folder) as fresh:
             (fresh / TEXT).write_text(self.source.text, encoding="utf-8", errors="surrogateescape")
             self.learner.save(fresh / POLICY)
@@ -108,6 +114,13 @@ class Training:
             write_policy(self._data(), fresh)
             (fresh / RUN).write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
         return run
+
+
+def _forget_proof(folder: Path) -> None:
+    """Remove what was proved of a policy that is replaced."""
+    for name in (PROOF, CERTIFICATE):
+        (folder / name).unlink(missing_ok=True)
+    shutil.rmtree(folder / UNPROVED, ignore_errors=True)
 
 
 def _rank(found: Evaluation) -> tuple[float, float, float]:

@@ -4,31 +4,27 @@ In: a question, and states (n, dimensions). Out: for each state what is wanted t
 policy may be. Doubles are good enough here: what is taught is proved afterwards.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, reduce
 from itertools import product
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.ir.arrays import truths
-from dl2c.ir.model import Formula, Symbol
-from dl2c.policy_proof.question import NotCovered, Premise, Question
-
-Doubles: TypeAlias = NDArray[np.float64]
-Truths: TypeAlias = NDArray[np.bool_]
+from dl2c.ir.model import Symbol
+from dl2c.policy_proof.question import NotCovered, Premise
+from dl2c.training.states import TRIES, Doubles, States, Truths
 
 MOST_CANDIDATES = 400
-VALUES = (1, 41, 15, 7, 4)
-"""Values of each request that are tried, by how many requests there are."""
+VALUES, MORE_VALUES = (1, 41, 15, 7, 4), (1, 400, 20, 7, 4)
+"""Values of each request that are tried, by how many requests there are: everywhere, and where none of these
+is admissible.
+"""
 
-AT_ENDS = 0.2
-"""How often a name of a drawn state is at an end of its bounds, where networks are fitted worst."""
-
-TRIES = 20
-"""How often states are drawn, all at once, until there are enough of the hypothesis."""
+ENOUGH = 1000
+"""States that are drawn to see whether there are any."""
 
 BISECTIONS = 12
 """Steps from two states of which one admits a request to where it becomes admissible."""
@@ -44,9 +40,6 @@ GUARD, AT_GUARD = 4.0, 0.2
 
 ROUNDED = 0.3
 """How far from a choice an output may be that is rounded to it."""
-
-NEAR = 0.01
-"""The surroundings of a box, as a share of all states."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,21 +61,16 @@ class Lesson:
         pairs = [(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)]
         return Lesson(*map(np.concatenate, pairs))
 
+    def of(self, rows: Truths) -> "Lesson":
+        """What it says of some of its states."""
+        return Lesson(*(getattr(self, f.name)[rows] for f in fields(self)))
+
 
 @dataclass(frozen=True)
-class Teacher:
+class Teacher(States):
     """Of one question. A margin is a share: of its box, around a state, where the same request must be
     admissible, and of the limits of a request.
     """
-
-    question: Question
-    rng: np.random.Generator
-
-    @cached_property
-    def limits(self) -> Doubles:
-        """Of states: (dimensions, 2)."""
-        ends = [[float(low), float(high)] for low, high in self.question.box]
-        return np.array(ends, np.float64).reshape(-1, 2)
 
     @cached_property
     def winners(self) -> NDArray[np.int64]:
@@ -95,9 +83,12 @@ class Teacher:
 
     @cached_property
     def axes(self) -> tuple[Doubles, ...]:
-        """Values of each request that are tried."""
+        """Values of each request that are tried. Raises `NotCovered`."""
+        return self._axes(VALUES)
+
+    def _axes(self, values: Sequence[int]) -> tuple[Doubles, ...]:
         requests = self.question.requests
-        count = VALUES[min(len(requests), len(VALUES) - 1)]
+        count = values[min(len(requests), len(values) - 1)]
         axes = tuple(_axis(float(r.low), float(r.high), r.symbol, count) for r in requests)
         if np.prod([len(a) for a in axes]) > MOST_CANDIDATES:
             raise NotCovered("it decides too many numbers at once to be taught")
@@ -113,19 +104,14 @@ class Teacher:
         """Which requests are choices."""
         return np.array([_is_choice(r.symbol) for r in self.question.requests], np.bool_)
 
-    # States ------------------------------------------------------------------------------------------
+    def finds_states(self) -> bool:
+        """Whether states of the hypothesis are found by drawing. Raises `NotCovered` where there is too much
+        to decide at once.
+        """
+        _ = self.axes if self.question.requests else self.winners
+        return len(self.drawn(ENOUGH)) > 0
 
-    def drawn(self, count: int) -> Doubles:
-        """States of the hypothesis, at most `count`: drawn uniformly, in some dimensions from the ends."""
-        low, high = self.limits.T
-        found: list[Doubles] = []
-        for _ in range(TRIES):
-            inside = self.rng.uniform(low, high, (count, len(low)))
-            ends = self.limits[np.arange(len(low)), self.rng.integers(0, 2, inside.shape)]
-            found.append(self.assumed(np.where(self.rng.random(inside.shape) < AT_ENDS, ends, inside)))
-            if sum(map(len, found)) >= count:
-                break
-        return np.concatenate(found)[:count]
+    # States ------------------------------------------------------------------------------------------
 
     def near_guards(self, count: int, margin: float) -> Doubles:
         """States of the hypothesis, at most `count`, close to where some request becomes admissible."""
@@ -143,12 +129,12 @@ class Teacher:
         fine = self._some_request(number)
         before, after = fine(first), fine(last)
         for _ in range(BISECTIONS):
-            middle = 0.5 * (first + last)
+            middle = self.settled(0.5 * (first + last))
             same = (fine(middle) == before)[:, None]
             first, last = np.where(same, middle, first), np.where(same, last, middle)
         low, high = self.limits.T
         far = margin * (high - low) * self.rng.uniform(-1.0, 1.0, first.shape)
-        return self.assumed(np.clip(first + far, low, high)[before != after])
+        return self.assumed(self.settled(first + far)[before != after])
 
     def _some_request(self, count: int) -> Callable[[Doubles], Truths]:
         """Whether in each of so many states a request is admissible, one that is drawn for it now."""
@@ -157,37 +143,6 @@ class Teacher:
             return lambda states: self._choices(states)[np.arange(count), case]
         values = np.stack([self.rng.choice(axis, count) for axis in self.axes], axis=1)
         return lambda states: self.admissible(states, values)
-
-    def around(self, box: Doubles, count: int) -> Doubles:
-        """States of the hypothesis in a box (dimensions, 2) and its surroundings."""
-        low, high = self.limits.T
-        far = NEAR * (high - low)
-        first, last = np.maximum(box[:, 0] - far, low), np.minimum(box[:, 1] + far, high)
-        return self.assumed(self.rng.uniform(first, last, (count, len(low))))
-
-    def assumed(self, states: Doubles) -> Doubles:
-        """Those of the states that the question is about."""
-        low, high = self.limits.T
-        inside = (states >= low).all(axis=1) & (states <= high).all(axis=1)
-        return states[inside & self._holds(self.question.hypothesis, states)]
-
-    def observations(self, states: Doubles) -> Doubles:
-        """What the policy observes: (n, nobs)."""
-        found = np.empty((len(states), len(self.question.observed)))
-        for k, seen in enumerate(self.question.observed):
-            if isinstance(seen.value, Symbol):
-                values = states[:, self.question.dimensions.index(seen.value)]
-            else:
-                values = float(seen.value)
-            found[:, k] = np.clip(values, seen.low, seen.high)
-        return found
-
-    def states_seen(self, observations: Doubles) -> Doubles:
-        """The states of observations (n, nobs); none where some name of a state is not observed."""
-        places = {s.value: k for k, s in enumerate(self.question.observed)}
-        if any(s not in places for s in self.question.dimensions):
-            return np.empty((0, len(self.question.dimensions)))
-        return self.assumed(observations[:, [places[s] for s in self.question.dimensions]])
 
     def refused(self, states: Doubles, outputs: Doubles, margin: float) -> Doubles:
         """Those of the states in which, or near which, what a network with `outputs` (n, k) asks for is not
@@ -205,17 +160,27 @@ class Teacher:
     # Lessons -----------------------------------------------------------------------------------------
 
     def lesson(self, states: Doubles, outputs: Doubles, margin: float) -> Lesson:
-        """What is wanted in states, as near as possible to a policy that gives `outputs` (n, k) there."""
+        """What is wanted in states, as near as possible to a policy that gives `outputs` (n, k) there.
+        Nothing is said of states in which no request that is tried is admissible.
+        """
         around, wide = self._around(states, margin), [*self._moved(states, GUARD * margin)]
         if self.question.requests:
-            wanted, fine, asked = self._requests(around, self._clipped(outputs), margin)
+            own = self._clipped(outputs)
+            found = self._requests(around, own, margin, self.axes)
+            rest = ~found[-1]
+            if rest.any():
+                more = self._requests([x[rest] for x in around], own[rest], margin, self._axes(MORE_VALUES))
+                for all_of_it, part in zip(found, more, strict=True):
+                    all_of_it[rest] = part
+            wanted, fine, asked, known = found
             clear = [self.admissible(x, asked) for x in wide]
         else:
-            fine = _most(np.sum([self._choices(x) for x in around], axis=0))
+            counts = np.sum([self._choices(x) for x in around], axis=0)
+            fine, known = _most(counts), counts.max(axis=1) > 0
             wanted = np.where(fine, self._preferences(outputs), -np.inf).argmax(axis=1)
             clear = [self._choices(x)[np.arange(len(x)), wanted] for x in wide]
         weight = np.where(reduce(np.logical_and, clear), 1.0, AT_GUARD)
-        return Lesson(self.observations(states), wanted, fine, weight)
+        return Lesson(self.observations(states), wanted, fine, weight).of(known)
 
     def admissible(self, states: Doubles, values: Doubles) -> Truths:
         """Whether requests (n, m) are admissible in states (n, dimensions)."""
@@ -223,27 +188,29 @@ class Teacher:
         for case in self.question.cases:
             taken = reduce(np.logical_and, (_met(p, values[:, p.request]) for p in case.premises))
             if taken.any():
-                fine[taken] = self._holds(case.conclusion, states[taken], values[taken])
+                fine[taken] = self.holds(case.conclusion, states[taken], values[taken])
         return fine
 
     def _requests(
-        self, around: list[Doubles], own: Doubles, margin: float
-    ) -> tuple[Doubles, Doubles, Doubles]:
+        self, around: list[Doubles], own: Doubles, margin: float, axes: Sequence[Doubles]
+    ) -> tuple[Doubles, Doubles, Doubles, Truths]:
         """For requests `own` (n, m) what outputs are wanted and fine, and the requests (n, m) that are
-        wanted: the nearest that are admissible in most states around.
+        wanted: of values on these axes the nearest that are admissible in most states around; and whether (n)
+        there are any.
         """
-        candidates = np.array(list(product(*self.axes)), np.float64)
-        fine = _most(np.stack([self._count(around, values) for values in candidates], axis=1))
+        candidates = np.array(list(product(*axes)), np.float64)
+        counts = np.stack([self._count(around, values) for values in candidates], axis=1)
+        fine = _most(counts)
         low, high = self.ends
         size = np.maximum(high - low, 1e-12)
         far = np.abs((own[:, None, :] - candidates) / size).sum(axis=2)
         nearest = np.where(fine, far, np.inf).argmin(axis=1)
         inner = np.stack(
-            [self._interval(k, fine, nearest, margin * size[k]) for k in range(len(size))], axis=1
+            [self._interval(k, axes, fine, nearest, margin * size[k]) for k in range(len(size))], axis=1
         )
         near = np.clip(own, inner[..., 0], inner[..., 1])
         ends = np.where(near <= low, -np.inf, near), np.where(near >= high, np.inf, near)
-        return np.stack(ends, axis=2), inner, np.clip(near, low, high)
+        return np.stack(ends, axis=2), inner, np.clip(near, low, high), counts.max(axis=1) > 0
 
     def _count(self, around: list[Doubles], values: Doubles) -> NDArray[np.int64]:
         """In how many of the states around each a request (m) is admissible."""
@@ -251,9 +218,11 @@ class Teacher:
         fine = self.admissible(together, np.broadcast_to(values, (len(together), len(values))))
         return fine.reshape(len(around), -1).sum(axis=0)
 
-    def _interval(self, k: int, fine: Truths, nearest: NDArray[np.int64], inside: float) -> Doubles:
+    def _interval(
+        self, k: int, axes: Sequence[Doubles], fine: Truths, nearest: NDArray[np.int64], inside: float
+    ) -> Doubles:
         """Outputs k (n, 2) around the nearest candidates, moved inwards, the others as they are."""
-        axis, step = self.axes[k], int(np.prod([len(a) for a in self.axes[k + 1 :]]))
+        axis, step = axes[k], int(np.prod([len(a) for a in axes[k + 1 :]]))
         count = np.arange(len(axis))
         place = nearest // step % len(axis)
         lines = (nearest - place * step)[:, None] + step * count
@@ -286,18 +255,12 @@ class Teacher:
         low, high = self.limits.T
         for _ in range(NEIGHBOURS):
             step = margin * (high - low) * self.rng.choice((-1.0, 1.0), states.shape)
-            near = np.clip(states + step, low, high)
-            yield np.where(self._holds(self.question.hypothesis, near)[:, None], near, states)
+            near = self.settled(states + step)
+            yield np.where(self.is_assumed(near)[:, None], near, states)
 
     def _choices(self, states: Doubles) -> Truths:
         """Which cases are admissible: (n, cases)."""
-        return np.stack([self._holds(c.conclusion, states) for c in self.question.cases], axis=1)
-
-    def _holds(self, formula: Formula, states: Doubles, values: Doubles | None = None) -> Truths:
-        columns: dict[Symbol, Any] = {s: states[:, k] for k, s in enumerate(self.question.dimensions)}
-        if values is not None:
-            columns |= {r.symbol: values[:, k] for k, r in enumerate(self.question.requests)}
-        return np.broadcast_to(truths(formula, columns), len(states))
+        return np.stack([self.holds(c.conclusion, states) for c in self.question.cases], axis=1)
 
 
 def _most(scores: NDArray[np.int64]) -> Truths:

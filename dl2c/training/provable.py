@@ -1,6 +1,6 @@
 """Policies changed until they are proved: taught, verified, and taught again what the proof lacks.
 
-Each round draws states, asks `dl2c.policy_proof.lessons` what should be requested in them, and fits the
+Each round draws states, asks `lessons` what should be requested in them, and fits the
 policy to that. It stays what reinforcement learning found wherever that is admissible with a margin. States
 in which the claim is violated, and boxes that the search left open, are drawn too in the rounds that follow.
 Imports torch: import it only where training happens.
@@ -8,7 +8,7 @@ Imports torch: import it only where training happens.
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -20,15 +20,15 @@ from dl2c.env.sb3 import Dl2cVecEnv
 from dl2c.outputs import output_folder
 from dl2c.policy.files import write_policy
 from dl2c.policy.network import NetworkPolicy
-from dl2c.policy_proof.lessons import Doubles, Lesson, Teacher
+from dl2c.policy_proof.question import NotCovered
 from dl2c.policy_proof.search import Found
-from dl2c.policy_proof.verdict import PolicyReport
+from dl2c.policy_proof.verdict import PolicyReport, percent
 from dl2c.training.folders import POLICY
-from dl2c.training.run import CERTIFICATE, PROOF
+from dl2c.training.lessons import Lesson, Teacher
+from dl2c.training.run import CERTIFICATE, PROOF, UNPROVED
 from dl2c.training.saved import load_learner, policy_data
+from dl2c.training.states import Doubles
 from dl2c.training.teaching import Pupil
-
-UNPROVED = "unproved"
 
 ROUNDS = 10
 MARGINS = (0.002, 0.02)
@@ -65,14 +65,16 @@ Note: TypeAlias = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Taught:
-    """The last report, and after how many rounds it came."""
+    """A report, and after how many rounds it came; whether Ctrl-C ended the teaching."""
 
     report: PolicyReport
     rounds: int
+    interrupted: bool = False
 
     def to_json(self) -> dict[str, Any]:
-        """Both as data."""
-        return self.report.to_json() | {"rounds": self.rounds}
+        """All of it as data."""
+        interrupted = self.interrupted or self.report.interrupted
+        return self.report.to_json() | {"rounds": self.rounds, "interrupted": interrupted}
 
 
 def teach_saved(
@@ -113,23 +115,23 @@ def taught(
     pupil = Pupil(learner.policy, topics[0].teacher, rng, places)
     example = replace(pupil, policy=before)
     seen, first = _seen(learner, env, rng, seed)
-    kept, reward, failed, number = _Kept(), first, 0, 0
-    while True:
-        note(f"round {number}: {report.answer}, {report.share:.2%} decided, {reward:.3g} a step")
-        if report.answer == "proved":
+    kept, reward, failed = _Kept(Taught(report, 0), learner.policy), first, 0
+    try:
+        for number in range(ROUNDS + 1):
+            if number > 0:
+                for topic, found in zip(topics, report.found, strict=False):
+                    topic.note(found)
+                _round(pupil, example, topics, seen, _margin(failed))
+                report = verify(_data(learner, env))
+                failed += report.answer != "proved"
+                seen, reward = _seen(learner, env, rng, seed)
+            note(f"round {number}: {report.answer}, {percent(report.share)} decided, {reward:.3g} a step")
             kept.offer(Taught(report, number), reward, learner.policy)
-            if reward >= first - MOST_LOST * abs(first):
+            if report.interrupted or (report.answer == "proved" and reward >= first - MOST_LOST * abs(first)):
                 break
-        if number == ROUNDS:
-            break
-        number += 1
-        for topic, found in zip(topics, report.found, strict=False):
-            topic.note(found)
-        _round(pupil, example, topics, seen, _margin(failed))
-        report = verify(_data(learner, env))
-        failed += report.answer != "proved"
-        seen, reward = _seen(learner, env, rng, seed)
-    return kept.restored(learner.policy) or Taught(report, number)
+    except KeyboardInterrupt:  # what there is by then is kept
+        kept.taught = replace(kept.taught, interrupted=True)
+    return kept.restored(learner.policy)
 
 
 def _margin(failed: int) -> float:
@@ -140,22 +142,32 @@ def _margin(failed: int) -> float:
 
 @dataclass(slots=True)
 class _Kept:
-    """Of policies that are proved the one with the largest reward."""
+    """Of policies that are proved the one with the largest reward; as long as none is, the last one."""
 
-    taught: Taught | None = None
+    taught: Taught
+    policy: InitVar[Any]
     reward: float = -np.inf
     state: Any = None
 
-    def offer(self, taught: Taught, reward: float, policy: Any) -> None:
-        if reward > self.reward:
-            state = {name: values.clone() for name, values in policy.state_dict().items()}
-            self.taught, self.reward, self.state = taught, reward, state
+    def __post_init__(self, policy: Any) -> None:
+        self.state = _copied(policy)
 
-    def restored(self, policy: Any) -> Taught | None:
-        """What is known of it, if there is one, as which the policy then acts."""
-        if self.taught is not None:
-            policy.load_state_dict(self.state)
+    def offer(self, taught: Taught, reward: float, policy: Any) -> None:
+        before = self.taught.report.answer == "proved"
+        if taught.report.answer == "proved":
+            if not before or not reward <= self.reward:
+                self.taught, self.reward, self.state = taught, reward, _copied(policy)
+        elif not before:
+            self.taught, self.state = taught, _copied(policy)
+
+    def restored(self, policy: Any) -> Taught:
+        """What is known of it, as which the policy then acts."""
+        policy.load_state_dict(self.state)
         return self.taught
+
+
+def _copied(policy: Any) -> dict[str, Any]:
+    return {name: values.clone() for name, values in policy.state_dict().items()}
 
 
 def _data(learner: Any, env: Dl2cVecEnv) -> NetworkPolicy:
@@ -163,8 +175,10 @@ def _data(learner: Any, env: Dl2cVecEnv) -> NetworkPolicy:
 
 
 def _round(pupil: Pupil, before: Pupil, topics: Sequence["Topic"], seen: Doubles, margin: float) -> None:
-    """Fit a policy until tests find nothing wrong, or have been done often enough."""
+    """Fit a policy until tests find nothing wrong, or have been done often enough. Raises `NotCovered`."""
     lesson = reduce(Lesson.joined, [t.lesson(t.states(seen, margin), before, margin) for t in topics])
+    if not len(lesson.weight):
+        raise NotCovered("no admissible request is found by trying, which it could be taught")
     pupil.fit(lesson, FIRST_FIT)
     for _ in range(TESTS):
         refused = [t.test(pupil, margin) for t in topics]

@@ -12,7 +12,7 @@ Algorithm: TypeAlias = Literal["ppo", "maskable-ppo", "sac"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
 RUN, TEXT = "run.json", "model.kyx"
-PROOF, CERTIFICATE = "proof.json", "certificate.json"
+PROOF, CERTIFICATE, UNPROVED = "proof.json", "certificate.json", "unproved"
 """In the folder of a training: what was asked for and what came of it, and the text of the model."""
 
 MOST_BYTES = 64 * 1024**2

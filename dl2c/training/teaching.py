@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch.nn.functional import cross_entropy
 
-from dl2c.policy_proof.lessons import Doubles, Lesson, Teacher
+from dl2c.training.lessons import Lesson, Teacher
+from dl2c.training.states import Doubles
 
 BATCH, RATE = 2048, 1e-2
 

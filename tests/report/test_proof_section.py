@@ -75,6 +75,17 @@ def section_of(folder: Path) -> Reader:
     return Reader(found.html)
 
 
+def test_claims_about_other_steps_are_not_shown_as_proved(proved: Path, tmp_path: Path) -> None:
+    """A certificate is about requests, and says nothing of what a step does with them."""
+    data = json.loads((proved / PROOF).read_text())
+    assert data["claims"] == {"admissible": "proved", "kept": "proved", "for ever": "proved"}
+    answers = section_of(proved).words.count("proved")
+    folder = shutil.copytree(proved, tmp_path / "run")
+    (folder / "model.kyx").write_text(SWITCH.replace("x := x + 1", "x := x + 2"))
+    seen = section_of(folder).words
+    assert seen.count("not checked") == 2 and seen.count("proved") == answers - 2
+
+
 def test_a_proof_is_shown_with_its_picture(proved: Path, monkeypatch: Any) -> None:
     """Nothing is searched again."""
     monkeypatch.setattr("dl2c.policy_proof.search._Search._judged", lambda *_: pytest.fail("it searches"))

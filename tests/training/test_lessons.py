@@ -1,21 +1,23 @@
 """What is taught is admissible, by exact evaluation; boxes are split where that helps the network."""
 
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from policy_proof.test_verify_policy import SWITCH, TANK
 
-from dl2c.commands.policy import Asked, verifier
+from dl2c.commands.policy import Asked, blank, verifier
 from dl2c.env.interface import interface_of
 from dl2c.env.opening import compilation_of
 from dl2c.ir.evaluate import truth
 from dl2c.native.describe import manifest_of
 from dl2c.policy.network import Layer, Network, NetworkPolicy
-from dl2c.policy_proof.lessons import Doubles, Teacher
 from dl2c.policy_proof.question import Case, Question
 from dl2c.policy_proof.search import _balanced
+from dl2c.training.lessons import Teacher
+from dl2c.training.states import Doubles
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MODELS = {
@@ -35,7 +37,8 @@ def teacher(folder: Path, name: str) -> Teacher:
     interface = interface_of(manifest)
     size = interface.outputs, len(interface.observations)
     network = Network((), (Layer(np.zeros(size), np.full(size[0], 0.25), "identity"),))
-    verify = verifier(model, Asked(folder, seconds=0.5), options)
+    small = partial(blank, hidden=(8,), activation="relu")
+    verify = verifier(model, Asked(folder, seconds=0.5), options, small)
     report = verify(NetworkPolicy(manifest.name, interface, network, False, manifest.options))
     return Teacher(report.questions[0], np.random.default_rng(0))
 
@@ -126,6 +129,43 @@ def test_states_near_guards_are_near_guards(tmp_path: Path) -> None:
     states = found.near_guards(200, 0.01)
     assert len(states) == 200
     assert np.abs(np.abs(states) - 1).max() <= 0.01 * 4 + 4 / 2**12
+
+
+CURVE = TANK.replace("Real l;", "Real l;\n  /* @var: bound=[-1:1] */ Real m;").replace(
+    "0 <= l & l <= 5", "{assumed}"
+)
+
+
+@pytest.mark.parametrize(
+    "assumed", ["l^2 + m^2 = 1", "m = l / 3 - 0.1", "m^2 = l & l <= 1/2", "exp(m) = 1 + l"]
+)
+def test_states_satisfy_equations_among_what_is_assumed(tmp_path: Path, assumed: str) -> None:
+    """As nearly as doubles do; also those around others, and those that are observed in single precision."""
+    MODELS["curve"] = (CURVE.replace("{assumed}", assumed), {})
+    found = teacher(tmp_path, "curve")
+    (equation,) = found.equations
+    states = found.drawn(300)
+    middle = np.stack([states[0], states[0]], axis=1)
+    rounded = found.states_seen(found.observations(states).astype(np.float32).astype(float))
+    assert len(states) == 300 and len(rounded) == 300 and len(found.around(middle, 50)) > 0
+    for some in (states, rounded, found.near_guards(50, 0.01), *found._around(states, 0.02)):
+        apart = found.value(equation.left, some) - found.value(equation.right, some)
+        assert np.abs(apart).max(initial=0.0) < 1e-8
+
+
+def test_nothing_is_taught_where_no_request_is_found(tmp_path: Path) -> None:
+    """A narrow one is found with more values; of several there are too few."""
+    narrow = "?l / 10 <= u & u <= l / 10 + 0.01"
+    MODELS["narrow"] = (TANK.replace("?0 <= l + u - 0.25 & l + u - 0.25 <= 5", narrow), {})
+    found = teacher(tmp_path, "narrow")
+    states = found.drawn(200)
+    lesson = found.lesson(states, np.zeros((200, 1)), 0.0)
+    assert len(lesson.wanted) > 190 and np.isfinite(lesson.wanted).any(axis=2).all()
+    wanted = np.clip(lesson.wanted[:, 0, 0], 0, 0.6)
+    levels = lesson.observations[:, [o.name for o in found.question.observed].index("l")]
+    assert ((levels / 10 <= wanted + 1e-9) & (wanted <= levels / 10 + 0.01 + 1e-9)).all()
+    MODELS["never"] = (TANK.replace("?0 <= l + u - 0.25 & l + u - 0.25 <= 5", "?u = l / 10"), {})
+    assert len(teacher(tmp_path, "never").lesson(states, np.zeros((200, 1)), 0.0).wanted) < 20
 
 
 def test_boxes_do_not_become_much_narrower_in_one_dimension() -> None:

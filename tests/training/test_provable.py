@@ -3,16 +3,19 @@
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from policy_proof.test_drawn_and_fixed import led
 from policy_proof.test_verify_policy import SWITCH, TANK
 from training.test_trainings import dl2c, numbers
 
 pytest.importorskip("stable_baselines3")
 
+from dl2c.commands import policy as policies
 from dl2c.commands.policy import Asked, checked_certificate, report_on
 from dl2c.policy.files import read_policy
 from dl2c.training import provable
@@ -117,6 +120,8 @@ REFUSED = {
     ("--algo", "maskable-ppo"): "--provable is for ppo without --normalize",
     ("--normalize",): "--provable is for ppo without --normalize",
     ("--action-map", "squash"): "verify a policy that was trained with action_map=project",
+    ("--hyper", "activation=elu"): "its network uses elu, not relu or tanh",
+    ("--hyper", "net_arch=[300]"): "256",
 }
 
 
@@ -127,6 +132,66 @@ def test_what_cannot_be_proved_is_refused_before_training(
     model, folder = files(tmp_path)
     code, _, err = dl2c(capsys, monkeypatch, "train", model, "--provable", *given, "-o", str(folder))
     assert code == 1 and REFUSED[given] in err and not folder.exists()
+
+
+def test_what_the_environment_draws_is_observed(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
+    """A step overwrites it, but before the policy observes: without it no policy is proved."""
+    make_small(monkeypatch)
+    model = led(tmp_path)
+    given = ("train", model, "--provable", *FEW, "-o", str(tmp_path / "run"))
+    code, _, err = dl2c(capsys, monkeypatch, *given)
+    assert code == 0, err
+    data = read_policy(tmp_path / "run" / "policy.json")
+    seen = [name for name, _, _ in data.interface.observations]
+    used = data.network.layers[0].weight.any(axis=0)
+    assert used[seen.index("w")] and not used[seen.index("u")]
+
+
+def test_another_training_leaves_no_proof_of_an_earlier_one(
+    tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    model, folder = files(tmp_path)
+    (folder / UNPROVED).mkdir(parents=True)
+    for name in (PROOF, CERTIFICATE, f"{UNPROVED}/policy.json"):
+        (folder / name).write_text("{}")
+    code, _, err = dl2c(capsys, monkeypatch, "train", model, *FEW, "-o", str(folder))
+    assert code == 0, err
+    assert not any((folder / name).exists() for name in (PROOF, CERTIFICATE, UNPROVED))
+
+
+@pytest.mark.parametrize("where", ["fit", "search"])
+def test_ctrl_c_while_it_is_taught_keeps_what_there_is(
+    where: str, tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    """The policy of the last report: here the first proved one, of which all rounds would make more."""
+    make_small(monkeypatch)
+    fits: list[int] = []
+    original, verified, seen = provable._round, policies._verified, provable._seen
+
+    def fit(*given: Any) -> None:
+        fits.append(1)
+        if where == "fit" and len(fits) == 2:
+            raise KeyboardInterrupt
+        original(*given)
+
+    def searched(*given: Any) -> Any:
+        found = verified(*given)
+        cut = [replace(f, interrupted=where == "search" and len(fits) == 2) for f in found.found]
+        return replace(found, found=tuple(cut))
+
+    monkeypatch.setattr(provable, "_seen", lambda *given: (seen(*given)[0], -1.0 * len(fits)))
+    monkeypatch.setattr(provable, "_round", fit)
+    monkeypatch.setattr(policies, "_verified", searched)
+    model, folder = files(tmp_path)
+    code, out, err = dl2c(
+        capsys, monkeypatch, "train", model, "--provable", *FEW, "-o", str(folder), "--json"
+    )
+    proof = json.loads(out)["proof"]
+    assert len(fits) == 2 and proof["rounds"] <= 2
+    assert proof["interrupted"] or where == "search"
+    assert code == (0 if proof["answer"] == "proved" else 3), err
+    report = report_on(model, Asked(folder), {})
+    assert (report.answer, report.to_json()["boxes"]) == (proof["answer"], proof["boxes"])
 
 
 def test_a_model_of_which_nothing_can_be_proved_is_named(

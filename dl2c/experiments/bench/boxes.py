@@ -21,8 +21,8 @@ from dl2c.experiments.bench.numpy_boxes import NumpyBounds
 from dl2c.experiments.bench.rows import Row
 from dl2c.native.boxes import Doubles, Judge, Tables
 from dl2c.policy.network import Interface, Layer, Network
-from dl2c.policy_proof.question import Question
-from dl2c.policy_proof.tables import tables_of
+from dl2c.policy_proof.question import NotCovered, Question
+from dl2c.policy_proof.tables import outputs_of, tables_of
 
 BASELINE = "numpy"
 """The row that others are compared with: the faster one of numpy's."""
@@ -42,9 +42,13 @@ ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "MKL", "
 def measured(
     model: str, policy: Path | None, options: Mapping[str, Any], seconds: float
 ) -> tuple[str, list[Result]]:
-    """The model's name, and the rows. Raises what `questions_of` raises, `NotCovered` and `NativeError`."""
+    """The model's name, and the rows: of the first alternative of the environment, where that decides before
+    the policy. Raises what `questions_of` raises, `NotCovered` and `NativeError`.
+    """
     network = None if policy is not None else random_network
     name, (question, *_) = questions_of(model, Asked(policy or Path(".")), options, network)
+    if not question.dimensions or not outputs_of(question):
+        raise NotCovered("there is nothing to measure: no name of the states matters, or nothing is decided")
     tables, boxes = tables_of(question), random_boxes(question, MANY)
     Judge(tables)  # compiled here, where the progress of it shows
     context = multiprocessing.get_context("spawn")
@@ -65,7 +69,7 @@ def random_network(interface: Interface) -> Network:
 def random_boxes(question: Question, count: int) -> Doubles:
     """Boxes within the states of a question, of many widths: (count, dimensions, 2)."""
     rng = np.random.default_rng(2)
-    low, high = np.array([[float(a), float(b)] for a, b in question.box]).T
+    low, high = np.array([[float(a), float(b)] for a, b in question.box]).reshape(-1, 2).T
     share = rng.uniform(size=(count, len(low)))
     half = 0.5 * (high - low) * NARROWEST ** rng.uniform(size=(count, 1))
     middle = low + share * (high - low)

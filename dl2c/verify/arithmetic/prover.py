@@ -142,8 +142,8 @@ class Prover:
     def _decided(
         self, text: str, names: Sequence[str], facts: Sequence[Formula], goal: Formula, seconds: float
     ) -> Outcome:
-        """A short time for all solvers, who get the question as `text`, then with more facts, then for products
-        and cases, then the rest.
+        """A short time for all solvers, who get the question as `text`, then with more facts, then for
+        products and cases, then the rest.
         """
         until = time.monotonic() + seconds
         quick = QUICK if seconds > TOO_SHORT else seconds
