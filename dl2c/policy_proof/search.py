@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from math import nextafter
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -36,6 +37,9 @@ FIRST_LEAVES, EACH_LEVELS, MOST_LEAVES = 24, 4, 64
 """From which level on, how often and of how many boxes Z3 is asked."""
 
 LEAF_SECONDS, LEAVES_SECONDS = 1.0, 600.0
+
+NOT_ALL = nextafter(1.0, 0.0)
+"""The largest share of a volume of which some is open, which may be too little for the sum to show it."""
 
 
 @dataclass(slots=True)
@@ -137,7 +141,7 @@ class _Search:
         self.decided += _volume(level[final & ~left], self.widths)
         known = number < len(self.before.tree)
         seconds = self.before.seconds[number] if known else self._seconds()
-        share = 1.0 if final.all() and not left.any() else min(self.decided, 1.0)
+        share = 1.0 if final.all() and not left.any() else min(self.decided, NOT_ALL)
         undecided = int(left.sum() + 2 * (~final).sum())
         self.progress.append(Progress(seconds, self.boxes, share, undecided))
         return final
@@ -227,7 +231,7 @@ class _Search:
 
     def _ended(self, answer: Answer, level: Doubles, reason: str) -> Found:
         """The end inside a level, all of whose boxes are open."""
-        self.progress.append(Progress(self._seconds(), self.boxes, min(self.decided, 1.0), len(level)))
+        self.progress.append(Progress(self._seconds(), self.boxes, min(self.decided, NOT_ALL), len(level)))
         return self._found(answer, level, reason=reason)
 
     def _found(
@@ -239,7 +243,7 @@ class _Search:
             answer,
             self.boxes,
             self.by_solver,
-            1.0 if answer == "proved" else min(self.decided, 1.0),
+            1.0 if answer == "proved" else min(self.decided, NOT_ALL),
             time.monotonic() - self.begun,
             violated,
             tuple(_by_name(names, box) for box in some),

@@ -35,7 +35,7 @@ CLAIMS = {
 
 
 FOLLOWING = {"kept", "for ever"}
-"""Claims that are about the motion too."""
+"""Claims about all of a step, of which questions about requests say nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,9 +105,7 @@ def _parts(trained: Trained) -> Iterator[Markup]:
         if any(map(free_names, asked)):
             yield image(data_uri(proof_figure(model, asked, found)), "what is proved, over two names")
     claims = dict(proof.claims)
-    if (
-        not theorem or proof.theorem != theorem
-    ):  # of the motion, of which the question about requests says nothing
+    if not theorem or proof.theorem != theorem:
         claims |= dict.fromkeys(claims.keys() & FOLLOWING, "not checked")
     yield table(("claim", "", "answer"), [(n, CLAIMS.get(n, ""), said) for n, said in claims.items()])
     yield tag("p", _sentence(proof), class_="note")

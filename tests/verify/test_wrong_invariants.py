@@ -22,7 +22,7 @@ def solvers() -> Generator[Portfolio]:
         yield portfolio
 
 
-def report(problem: str, solvers: Portfolio, seconds: float = 20.0) -> Report:
+def report(problem: str, solvers: Portfolio, seconds: float = 10.0) -> Report:
     archive, _ = parse_archive(Source("model.kyx", MODEL.replace("{problem}", problem)))
     return prove_theorem(theorem_of(archive.entries[0], {}), Limits(each=2.0, total=seconds), solvers=solvers)
 
