@@ -94,19 +94,20 @@ class States:
         return fine
 
     def settled(self, states: Doubles) -> Doubles:
-        """States (n, dimensions) within the limits, moved to where equations hold, with what is computed of
-        them.
+        """States (n, dimensions) within the limits, moved to where equations hold, in each dimension in
+        proportion to its limits; with what is computed of them.
         """
         low, high = self.limits.T
         states = np.clip(states, low, high)
         free = [k for k, s in enumerate(self.question.dimensions) if s not in dict(self.question.computed)]
+        widths = (high - low)[free]
         for _ in range(CORRECTIONS if self.equations and free else 0):
             for equation in self.equations:
                 margin = difference(equation)
-                apart = self.value(margin, states)
-                slopes = np.stack([self._slope(margin, states, k) for k in free], axis=1)
+                apart = self.value(margin, states)[:, None]
+                slopes = widths * np.stack([self._slope(margin, states, k) for k in free], axis=1)
                 size = np.square(slopes).sum(axis=1, keepdims=True)
-                states[:, free] -= np.where(size > 0, slopes * apart[:, None] / np.maximum(size, 1e-300), 0.0)
+                states[:, free] -= np.where(size > 0, widths * slopes * apart / np.maximum(size, 1e-300), 0.0)
             states = np.clip(states, low, high)
         for symbol, term in self.question.computed:
             states[:, self.question.dimensions.index(symbol)] = self.value(term, states)
