@@ -27,8 +27,10 @@ BRAKES = ("v >= 0", "ep > 0", "v + a*ep < 0")
 )
 def test_what_facts_imply_is_found(facts: Sequence[str], found: list[str]) -> None:
     with Portfolio(1) as solvers:
-        prover = Prover(solvers, 10.0, time.monotonic() + 60)
-        assert set(prover._conditions([formula(f) for f in facts])) == {formula(f) for f in found}
+        until = time.monotonic() + 60
+        prover, given = Prover(solvers, 10.0, until), [formula(f) for f in facts]
+        assert set(prover._conditions(given, until)) == {formula(f) for f in found}
+        assert prover._conditions(given, 0.0) == []
 
 
 def decided(facts: Sequence[Formula], goal: Formula, if_defined: bool) -> str:

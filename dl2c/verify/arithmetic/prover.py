@@ -150,11 +150,11 @@ class Prover:
         found = self.portfolio.ask(text, quick, names)
         if found.verdict != "unknown" or quick == seconds:
             return found
-        if conditions := self._conditions(facts):
+        if conditions := self._conditions(facts, until):
             facts = [*facts, *conditions]
             text, names = script(*self._posed(facts, goal))
             found = self.portfolio.ask(text, QUICK, names)
-            if found.verdict != "unknown":
+            if found.verdict != "unknown" or time.monotonic() > until:
                 return found
         positive = positive_symbols(facts)
 
@@ -169,7 +169,7 @@ class Prover:
             return found
         return self.portfolio.ask(text, until - time.monotonic(), names)
 
-    def _conditions(self, facts: Sequence[Formula]) -> list[Formula]:
+    def _conditions(self, facts: Sequence[Formula], until: float) -> list[Formula]:
         """Those under which terms of the facts have values, as far as a short time shows that the facts imply
         them. Solvers find that hard to see on the way to something else.
         """
@@ -177,6 +177,8 @@ class Prover:
         wanted = [c for c in dict.fromkeys(needed(*(cleared(f, positive) for f in facts))) if c not in facts]
         found: list[Formula] = []
         for condition in wanted[:MOST_CONDITIONS]:
+            if time.monotonic() > until:
+                break
             text, names = script(*self._posed([*facts, *found], condition))
             if self.portfolio.ask(text, BRIEF, names).verdict == "unsat":
                 found.append(condition)
