@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from policy_proof.questions import layers, onnx_file
-from policy_proof.test_verify_policy import TANK
+from policy_proof.test_false_claims import policy
+from policy_proof.test_verify_policy import SWITCH, TANK
 
 from dl2c.commands.policy import Asked, report_on
 from dl2c.policy.network import Layer, Network
@@ -107,14 +108,59 @@ def test_proved_policies_have_no_fault(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_no_planted_fault_is_proved(tmp_path: Path) -> None:
-    planted = 0
-    for seed in range(SEED, SEED + FAULTS):
+    """In so many networks, in half of them where less than a millionth of the states is."""
+    planted = thin = 0
+    for seed in range(SEED, SEED + 4 * FAULTS):
+        if planted == FAULTS:
+            break
         rng = np.random.default_rng(seed)
-        width = 2.0 ** -int(rng.integers(8, 22))
+        width = 2.0 ** -int(rng.integers(19, 22) if seed % 3 else rng.integers(8, 19))
         center = float(np.float32(rng.uniform(4.8, 4.95)))
         network = with_tent(controller(rng), 2.0, center, width)
         if admissible(center, float(outputs(network, np.array([center]))[0])):
             continue
         planted += 1
+        thin += 2 * width / 5 < 1e-6
         assert answer(tmp_path, network) != "proved", seed
-    assert planted > FAULTS // 2
+    assert planted == FAULTS and thin >= FAULTS // 2
+
+
+def deciding(rng: np.random.Generator, center: float, width: float, tie: bool) -> tuple[Layer, ...]:
+    """The second alternative where x > 0, by how much larger its logit is. With `tie` that is 0 beyond the
+    center; else the first one's logit is larger within a width of it. The first alternative is admissible in
+    neither case.
+    """
+    scale = float(rng.uniform(0.5, 2.0))
+    kinks = [0.0, 0.0, center - width, center, center + width]
+    inner = Layer(np.array([[1.0], [-1.0], *[[1.0]] * 3]), -np.array(kinks), "relu")
+    steep, peak = scale * (center - width) / width, 2 * center * scale / width
+    first = [0.0] * 5 if tie else [0.0, 0.0, peak, -2 * peak, peak]
+    second = [scale, -scale, *([-scale - steep, steep, 0.0] if tie else [0.0] * 3)]
+    return inner, Layer(np.array([first, second]), np.zeros(2), "identity")
+
+
+def chosen(network: tuple[Layer, ...], x: float) -> int:
+    """Of equal logits the first."""
+    inner, last = network
+    made = np.maximum(inner.weight[:, 0] * x + inner.bias, 0)
+    return int(np.argmax(last.weight @ made + last.bias))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tie", [False, True])
+def test_no_planted_fault_of_an_order_is_proved(tmp_path: Path, tie: bool) -> None:
+    """Where x > 1 only the second alternative is admissible, and the first one is taken."""
+    (tmp_path / "switch.kyx").write_text(SWITCH)
+    model, planted = str(tmp_path / "switch.kyx"), 0
+    for seed in range(SEED, SEED + FAULTS // 5):
+        rng = np.random.default_rng([seed, tie])
+        center = float(np.float32(rng.uniform(1.2, 1.9)))
+        width = 2.0 ** -int(rng.integers(3, 20))
+        network = deciding(rng, center, width, tie)
+        good = (network[0], Layer(network[1].weight * [1, 1, 0, 0, 0], network[1].bias, "identity"))
+        assert report_on(model, Asked(policy(model, [], layers=good), seconds=10), {}).answer == "proved"
+        if chosen(network, center) == 0:
+            planted += 1
+            found = policy(model, [], layers=network)
+            assert report_on(model, Asked(found, seconds=10), {}).answer != "proved", seed
+    assert planted >= FAULTS // 20
