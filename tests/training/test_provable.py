@@ -246,13 +246,13 @@ def always(action: list[float] | int) -> Any:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MODELS)
 def test_proved_policies_lose_little(name: str, tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
-    """At most a tenth of what the unproved policy gains over always falling back: the upper end of the 95 %
-    interval over seeds.
+    """At most a tenth of what unproved policies gain over always falling back: the upper end of the 95 %
+    interval over seeds. What one policy gains by being taught makes up for no loss of another one.
     """
     fixed, more, action = MODELS[name]
     model = str(EXAMPLES / f"{name}.kyx")
     sets = [flag for text in fixed for flag in ("--set", text)]
-    lost: list[float] = []
+    found: list[tuple[float, float, float]] = []
     for seed in range(SEEDS):
         folder, begun = tmp_path / str(seed), time.monotonic()
         given = ("train", model, "--provable", "--seed", str(seed), *sets, *more, "-o", str(folder))
@@ -261,8 +261,10 @@ def test_proved_policies_lose_little(name: str, tmp_path: Path, capsys: Any, mon
         assert report_on(model, Asked(folder), {}).answer == "proved"
         assert checked_certificate(model, Asked(folder), {}, folder / CERTIFICATE).leaves > 0
         low, before, after = (returns(p, model, fixed) for p in (always(action), folder / UNPROVED, folder))
-        lost.append((before - after) / (before - low))
+        found.append((low, before, after))
+    low, before, after = np.array(found).T
+    lost = np.maximum(before - after, 0.0) / np.mean(before - low)
     half = 2.776 * float(np.std(lost, ddof=1)) / np.sqrt(SEEDS)  # Student's t with four degrees of freedom
     with capsys.disabled():
-        print(f"{name}: lost {np.mean(lost):.1%} +- {half:.1%} of the gap")
-    assert np.mean(lost) + half <= MOST_LOST
+        print(f"{name}: lost {np.mean(lost):.1%} +- {half:.1%} of {np.mean(before - low):.3g}")
+    assert np.mean(before) > np.mean(low) and np.mean(lost) + half <= MOST_LOST
