@@ -29,10 +29,11 @@ MODELS = {
 }
 
 
-def teacher(folder: Path, name: str) -> Teacher:
+def teacher(folder: Path, name: str, text: str = "") -> Teacher:
     """Of a model, for a policy that asks for the same everywhere."""
-    (folder / f"{name}.kyx").write_text(MODELS[name][0])
-    model, options = str(folder / f"{name}.kyx"), {"constants": MODELS[name][1]}
+    text, constants = (text, {}) if text else MODELS[name]
+    (folder / f"{name}.kyx").write_text(text)
+    model, options = str(folder / f"{name}.kyx"), {"constants": constants}
     manifest = manifest_of(compilation_of(model, options).planned.build, "", {})
     interface = interface_of(manifest)
     size = interface.outputs, len(interface.observations)
@@ -141,8 +142,7 @@ CURVE = TANK.replace("Real l;", "Real l;\n  /* @var: bound=[-1:1] */ Real m;").r
 )
 def test_states_satisfy_equations_among_what_is_assumed(tmp_path: Path, assumed: str) -> None:
     """As nearly as doubles do; also those around others, and those that are observed in single precision."""
-    MODELS["curve"] = (CURVE.replace("{assumed}", assumed), {})
-    found = teacher(tmp_path, "curve")
+    found = teacher(tmp_path, "curve", CURVE.replace("{assumed}", assumed))
     (equation,) = found.equations
     states = found.drawn(300)
     middle = np.stack([states[0], states[0]], axis=1)
@@ -155,17 +155,16 @@ def test_states_satisfy_equations_among_what_is_assumed(tmp_path: Path, assumed:
 
 def test_nothing_is_taught_where_no_request_is_found(tmp_path: Path) -> None:
     """A narrow one is found with more values; of several there are too few."""
-    narrow = "?l / 10 <= u & u <= l / 10 + 0.01"
-    MODELS["narrow"] = (TANK.replace("?0 <= l + u - 0.25 & l + u - 0.25 <= 5", narrow), {})
-    found = teacher(tmp_path, "narrow")
+    wide = "?0 <= l + u - 0.25 & l + u - 0.25 <= 5"
+    found = teacher(tmp_path, "narrow", TANK.replace(wide, "?l / 10 <= u & u <= l / 10 + 0.01"))
     states = found.drawn(200)
     lesson = found.lesson(states, np.zeros((200, 1)), 0.0)
     assert len(lesson.wanted) > 190 and np.isfinite(lesson.wanted).any(axis=2).all()
     wanted = np.clip(lesson.wanted[:, 0, 0], 0, 0.6)
     levels = lesson.observations[:, [o.name for o in found.question.observed].index("l")]
     assert ((levels / 10 <= wanted + 1e-9) & (wanted <= levels / 10 + 0.01 + 1e-9)).all()
-    MODELS["never"] = (TANK.replace("?0 <= l + u - 0.25 & l + u - 0.25 <= 5", "?u = l / 10"), {})
-    assert len(teacher(tmp_path, "never").lesson(states, np.zeros((200, 1)), 0.0).wanted) < 20
+    exact = teacher(tmp_path, "exact", TANK.replace(wide, "?u = l / 10"))
+    assert len(exact.lesson(states, np.zeros((200, 1)), 0.0).wanted) < 20
 
 
 def test_boxes_do_not_become_much_narrower_in_one_dimension() -> None:
