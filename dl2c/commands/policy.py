@@ -184,13 +184,7 @@ def _verified(
     report = verified(claim, about, limits, (claim.model.name, str(asked.path)), asked.resume)
     if report.answer != "proved":
         return report
-    from dl2c.policy_proof.onward import Onward
-
-    try:
-        found = _onward(entry, claim, asked, report.seconds)
-    except KeyboardInterrupt:  # what is proved by then is shown and written all the same
-        found = Onward(interrupted=True)
-    return replace(report, onward=found)
+    return replace(report, onward=_onward(entry, claim, asked, report.seconds))
 
 
 def verifier(

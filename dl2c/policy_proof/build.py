@@ -140,9 +140,9 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
     if lead.flow is not None or lead.target != END:
         raise NotCovered("there is a flow or a loop before the policy observes", lead.span)
     shown = {Symbol(name, "variable"): term for name, term in lead.updates}
-    given = _given(claim, model, shown, lead)
-    values: dict[Symbol, Term] = {c.symbol: Number(c.value) for c in model.constants if c.value is not None}
-    values |= {symbol: Number(value) for symbol, value in given.items()}
+    given = _given(claim, bounds := _bounds(model, lead), shown, lead)
+    known = {c.symbol: c.value for c in model.constants if c.value is not None} | given
+    values: dict[Symbol, Term] = {symbol: Number(value) for symbol, value in known.items()}
 
     def at_start(formula: Formula) -> Formula:
         return substituted(formula, values)
@@ -159,7 +159,7 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
     used = symbols(hypothesis, *(c.conclusion for c in cases), *terms.values()) - {r.symbol for r in requests}
     used |= {o.value for o in names if isinstance(o.value, Symbol) and not _is_computed(o)}
     dimensions = tuple(sorted(used, key=lambda s: (s.kind, s.name)))
-    box = _box(model, hypothesis, dimensions, lead)
+    box = _box(bounds, hypothesis, dimensions, lead)
     around = dict(zip(dimensions, box, strict=True))
     computed = [dimension(n, term, around, claim.arithmetic, lead.span) for n, term in terms.items()]
     return Question(
@@ -178,11 +178,12 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
     )
 
 
-def _given(claim: Claim, model: Model, shown: Mapping[Symbol, Term], lead: Draft) -> dict[Symbol, Fraction]:
+def _given(
+    claim: Claim, bounds: Mapping[Symbol, Bound], shown: Mapping[Symbol, Term], lead: Draft
+) -> dict[Symbol, Fraction]:
     """Names with one value: what has bounds that are equal, and what the claim fixes; of what the environment
     draws before the policy observes, what it draws. Raises `NotCovered`.
     """
-    bounds = _bounds(model, lead)
     given = {s: b.low for s, b in bounds.items() if b.low is not None and b.low == b.high}
     for name, value in claim.fixed.items():
         now = shown.get(Symbol(name, "variable"))
@@ -275,11 +276,12 @@ def _bounds(model: Model, lead: Draft) -> dict[Symbol, Bound]:
     return bounds
 
 
-def _box(model: Model, hypothesis: Formula, dimensions: Sequence[Symbol], lead: Draft) -> tuple[Range, ...]:
+def _box(
+    bounds: Mapping[Symbol, Bound], hypothesis: Formula, dimensions: Sequence[Symbol], lead: Draft
+) -> tuple[Range, ...]:
     """Limits of the states: declared bounds of what is observed or never changes, and what the hypothesis
     implies of others. Raises `NotCovered`.
     """
-    bounds = _bounds(model, lead)
     around = {s: interval_of(bounds.get(s, UNBOUNDED)) for s in {*dimensions, *symbols(hypothesis)}}
     inside = contract(hypothesis, around)
     box: list[Range] = []

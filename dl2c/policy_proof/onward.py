@@ -62,7 +62,10 @@ def onward(entry: Entry, model: Model, fixed: Mapping[str, Fraction], limits: Li
     """What is proved for a policy whose requests are admissible. `fixed` has the values of constants, and
     those that the claim about its requests is limited to.
     """
-    return Onward(*_answers(entry, model, fixed, limits), subject(entry, model, fixed))
+    try:
+        return Onward(*_answers(entry, model, fixed, limits), subject(entry, model, fixed))
+    except KeyboardInterrupt:  # what is proved of the requests by then stays proved
+        return Onward(interrupted=True)
 
 
 def _answers(

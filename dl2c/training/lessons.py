@@ -84,15 +84,22 @@ class Teacher(States):
     @cached_property
     def axes(self) -> tuple[Doubles, ...]:
         """Values of each request that are tried. Raises `NotCovered`."""
-        return self._axes(VALUES)
+        if not (axes := self._axes(VALUES)):
+            raise NotCovered("it decides too many numbers at once to be taught")
+        return axes
+
+    @cached_property
+    def more_axes(self) -> tuple[Doubles, ...]:
+        """More values; none where these are too many, or not more."""
+        found = self._axes(MORE_VALUES)
+        return found if sum(map(len, found)) > sum(map(len, self.axes)) else ()
 
     def _axes(self, values: Sequence[int]) -> tuple[Doubles, ...]:
+        """None where they are too many."""
         requests = self.question.requests
         count = values[min(len(requests), len(values) - 1)]
         axes = tuple(_axis(float(r.low), float(r.high), r.symbol, count) for r in requests)
-        if np.prod([len(a) for a in axes]) > MOST_CANDIDATES:
-            raise NotCovered("it decides too many numbers at once to be taught")
-        return axes
+        return axes if np.prod([len(a) for a in axes]) <= MOST_CANDIDATES else ()
 
     @cached_property
     def ends(self) -> Doubles:
@@ -168,8 +175,8 @@ class Teacher(States):
             own = self._clipped(outputs)
             found = self._requests(around, own, margin, self.axes)
             rest = ~found[-1]
-            if rest.any():
-                more = self._requests([x[rest] for x in around], own[rest], margin, self._axes(MORE_VALUES))
+            if rest.any() and self.more_axes:
+                more = self._requests([x[rest] for x in around], own[rest], margin, self.more_axes)
                 for all_of_it, part in zip(found, more, strict=True):
                     all_of_it[rest] = part
             wanted, fine, asked, known = found

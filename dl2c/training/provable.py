@@ -73,8 +73,7 @@ class Taught:
 
     def to_json(self) -> dict[str, Any]:
         """All of it as data."""
-        interrupted = self.interrupted or self.report.interrupted
-        return self.report.to_json() | {"rounds": self.rounds, "interrupted": interrupted}
+        return self.report.to_json() | {"rounds": self.rounds, "interrupted": self.interrupted}
 
 
 def teach_saved(
@@ -127,7 +126,9 @@ def taught(
                 seen, reward = _seen(learner, env, rng, seed)
             note(f"round {number}: {report.answer}, {percent(report.share)} decided, {reward:.3g} a step")
             kept.offer(Taught(report, number), reward, learner.policy)
-            if report.interrupted or (report.answer == "proved" and reward >= first - MOST_LOST * abs(first)):
+            if report.interrupted:
+                raise KeyboardInterrupt
+            if report.answer == "proved" and reward >= first - MOST_LOST * abs(first):
                 break
     except KeyboardInterrupt:  # what there is by then is kept
         kept.taught = replace(kept.taught, interrupted=True)

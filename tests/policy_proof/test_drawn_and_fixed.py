@@ -179,7 +179,7 @@ def test_ctrl_c_after_the_proof_keeps_it(tmp_path: Path, capsys: Any, monkeypatc
     def interrupted(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dl2c.commands.policy._onward", interrupted)
+    monkeypatch.setattr("dl2c.policy_proof.onward._answers", interrupted)
     certificate = tmp_path / "c.json"
     report = report_on(model, asked(net, certificate=certificate), {})
     assert report.answer == "proved" and report.interrupted and json.loads(certificate.read_text())
