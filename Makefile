@@ -57,7 +57,7 @@ HOSTILE := $(addprefix tests/campaigns/test_,mutations.py controller_relation.py
 test-hostile: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q $(HOSTILE)
 
-# What is proved of the public models beside the checkout, with times: an hour or so on two cores.
+# What is proved of the public models beside the checkout, with times: three quarters of an hour on two cores.
 # DL2C_PROVE_SECONDS is the limit for each model, DL2C_PROVE a part of names of files to look at alone;
 # DL2C_PROVE_BARE=1 takes invariants and tactics away; with DL2C_PROVE_AGREE=1 cvc5 is asked all that Z3 calls
 # impossible, and what it says is counted.
