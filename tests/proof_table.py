@@ -221,7 +221,8 @@ def main(target: Path) -> int:
             print(row, file=out, flush=True)
     for place, row in enumerate(rows):
         if not BARE and _falls_short(row, wanted):
-            rows[place] = again = row_of(row.problem, os.cpu_count() or 1)
+            again = row_of(row.problem, os.cpu_count() or 1)
+            rows[place] = replace(again, heard=Counter(row.heard) + Counter(again.heard))
             print(f"asked again, alone: {row.answer} in {row.seconds:.1f} s before, now {again}")
     target.write_text("".join(f"{row}\n" for row in rows), encoding="utf-8")
     counts = Counter((r.group, r.answer.split(":")[0]) for r in rows)
