@@ -2,17 +2,25 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from conftest import REPOSITORY
 from typer.testing import CliRunner
 
 from dl2c.configuration import resolve_options
+from dl2c.env.interface import interface_of
+from dl2c.env.opening import open_library, source_of
 from dl2c.experiments.commands import app
-from dl2c.experiments.studies.catalogue import STUDIES, Study
+from dl2c.experiments.studies.catalogue import STUDIES, Study, study_of
+from dl2c.experiments.studies.judged import judged
 from dl2c.experiments.studies.page import ANNOTATED, annotations, problem
 from dl2c.pipeline import step_model
+from dl2c.policy.files import write_policy
+from dl2c.policy.network import Layer, Network, NetworkPolicy
 
 PREDICATE = re.compile(r"Bool (\w+)")
 
@@ -41,6 +49,8 @@ def test_a_study_is_a_page_with_curves_and_data(tmp_path: Path) -> None:
     page = (folder / "page.md").read_text(encoding="utf-8")
     results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     assert results["endured"] == {"steps": 800, "violations": 0}
+    assert results["judgement"]["claims"].keys() == {"admissible", "kept", "for ever"}
+    assert f"| admissible | {results['judgement']['claims']['admissible']} |" in page
     assert [row["guarded"] for row in results["rows"]] == [True, True, False, False, False]
     for picture in ("curves.png", "episodes.png"):
         assert f"]({picture})" in page and (folder / picture).stat().st_size > 10_000
@@ -49,10 +59,48 @@ def test_a_study_is_a_page_with_curves_and_data(tmp_path: Path) -> None:
         "## What is proved",
         "## What is left to learn",
         "## What guards cost and buy",
+        "## Is the policy itself proved?",
     ):
         assert heading in page
     for row in results["rows"]:
         assert f"| {row['policy']} | {'with guards' if row['guarded'] else 'without'} |" in page
+
+
+def untrained(folder: Path, options: dict[str, Any] | None = None) -> Path:
+    """A policy of the water tank whose inflow is 0.6 - 0.1 * l, and which sees nothing else."""
+    manifest = open_library(source_of("example:watertank"), options or {}).manifest
+    interface = interface_of(manifest)
+    names = [name for name, _, _ in interface.observations]
+    weight = np.zeros((1, len(names)))
+    weight[0, names.index("l")] = -0.1
+    network = Network((), (Layer(weight, np.array([0.6]), "identity"),))
+    return write_policy(NetworkPolicy(manifest.name, interface, network, False, manifest.options), folder)
+
+
+def test_the_judgement_of_a_policy_is_that_of_its_model(tmp_path: Path) -> None:
+    study = study_of("watertank")
+    assert study is not None
+    found = judged(untrained(tmp_path), study, seconds=20)
+    rng = np.random.default_rng(7)
+    most, q, l = (rng.uniform(*ends, 10**5) for ends in ((0.3, 0.6), (0.05, 0.25), (0, 5)))
+    assert np.all(q < most)  # so that all of them are states of the hypothesis
+    u = np.clip(0.6 - 0.1 * l, 0.0, 0.6)
+    good = (u <= most) & (l + u - q <= 5) & (l + u - q >= 0)
+    assert 0.2 < good.mean() < 0.95
+    assert abs(found.admissible.value - good.mean()) < 0.01
+    assert found.admissible.low < found.admissible.value < found.admissible.high
+    assert found.claims["admissible"] == "refuted"
+    most, q, l = (float(found.state[name]) for name in ("U", "q", "l"))
+    asks = float(found.request["assign_u"])
+    assert asks == pytest.approx(0.6 - 0.1 * l) and not (asks <= most and 0 <= l + asks - q <= 5)
+
+
+def test_what_is_always_admissible_needs_no_proof(tmp_path: Path) -> None:
+    study = study_of("watertank")
+    assert study is not None
+    squashed = {"action_map": "squash"}
+    found = judged(untrained(tmp_path, squashed), replace(study, options=squashed))
+    assert "always admissible" in found.reason and not found.claims
 
 
 def test_a_study_that_does_not_exist_is_said() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from dl2c.env.actions import encoding
 from dl2c.env.opening import open_library
 from dl2c.experiments.studies.catalogue import Study
+from dl2c.experiments.studies.judged import Judgement, judged
 from dl2c.training.evaluation import FIRST_SEED, evaluate, flat_environments
 from dl2c.training.policies import policy_of
 from dl2c.training.run import Algorithm, Evaluation, Run
@@ -36,11 +37,14 @@ class Endured:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """All that a page tells. `runs` are the trainings with guards and without."""
+    """All that a page tells. `runs` are the trainings with guards and without, `judgement` is about the first
+    one's policy.
+    """
 
     study: Study
     rows: tuple[Measured, ...]
     endured: Endured
+    judgement: Judgement
     runs: Mapping[str, Run]
 
 
@@ -80,7 +84,7 @@ def measure(study: Study, folder: Path, seed: int = 0, episodes: int = 400, step
     for name, guarded, actor in rows:
         model = study.guarded if guarded else study.unguarded
         measured.append(Measured(name, guarded, evaluate(actor, model, episodes, **study.options)))
-    return Result(study, tuple(measured), endure(safe, study, steps), runs)
+    return Result(study, tuple(measured), endure(safe, study, steps), judged(safe, study), runs)
 
 
 def endure(policy: Path, study: Study, steps: int, n: int = 100) -> Endured:

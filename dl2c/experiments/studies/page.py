@@ -2,12 +2,13 @@
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
 
+from dl2c.experiments.studies.judged import Judgement
 from dl2c.experiments.studies.measured import Measured, Result
 from dl2c.outputs import write_output
 from dl2c.picture.figure import episode_figure, save
@@ -62,6 +63,8 @@ def _page(result: Result) -> Iterator[str]:
     yield "## What the policy does\n"
     yield "Four episodes of the policy learned with guards; events of the first are marked, others faint.\n"
     yield "![Episodes of the policy learned with guards](episodes.png)\n"
+    yield "## Is the policy itself proved?\n"
+    yield from _judgement(result.judgement)
     yield f"To repeat this study: `dl2c study {study.example}`\n"
 
 
@@ -71,6 +74,31 @@ in which a safety predicate failed. Both policies were trained for {steps} steps
 policy learned with guards was followed for {endured} steps in the model with its guards: safety predicates
 failed in {n} of them.
 """
+
+
+def _judgement(found: Judgement) -> Iterator[str]:
+    """What holds of the policy learned with guards where nothing corrects its requests."""
+    if found.reason:
+        yield f"Nothing is left to prove: {found.reason}.\n"
+        return
+    yield "`dl2c verify --policy` asks whether it ever requests what the model does not admit.\n"
+    yield _lines([["claim", "answer"], ["---", "---"], *map(list, found.claims.items())])
+    shares = f"Its request is admissible in {_percent(found.admissible)} of states drawn within the bounds"
+    if found.claims["admissible"] == "unknown":
+        shares += f"; {found.decided:.1%} of their volume is decided"
+    yield f"{shares}.\n"
+    if found.state:
+        yield f"In this state it is not, so that guards act:\n\n```text\n{_listed(found.state)}\n```\n"
+        yield f"The policy asks for\n\n```text\n{_listed(found.request)}\n```\n"
+
+
+def _listed(values: Mapping[str, str]) -> str:
+    """Names with values of few digits, or with words."""
+    return ", ".join(f"{name} = {_short(value)}" for name, value in values.items())
+
+
+def _short(text: str) -> str:
+    return f"{float(text):.4g}" if re.fullmatch(r"-?[\d.e+-]+", text) else text
 
 
 def _first_comment(text: str) -> str:
@@ -92,8 +120,11 @@ def annotations(text: str) -> str:
 def _table(result: Result) -> str:
     goal = result.study.has_goal
     head = ["policy", "model", *(["success"] if goal else []), "violations", "mean return"]
-    lines: list[Sequence[str]] = [head, ["---"] * len(head)]
-    lines += [_row(row, goal) for row in result.rows]
+    return _lines([head, ["---"] * len(head), *(_row(row, goal) for row in result.rows)])
+
+
+def _lines(lines: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
@@ -113,10 +144,13 @@ def _number(e: Estimate) -> str:
 
 
 def data(result: Result) -> dict[str, Any]:
-    """What a study measured, for JSON: rows, the long run with guards, and the seconds of each training."""
+    """What a study measured, for JSON: rows, the long run with guards, what is proved of the policy, and the
+    seconds of each training.
+    """
     return {
         "example": result.study.example,
         "rows": [asdict(row) for row in result.rows],
         "endured": asdict(result.endured),
+        "judgement": asdict(result.judgement),
         "seconds": {name: run.seconds for name, run in result.runs.items()},
     }
