@@ -34,7 +34,7 @@ from dl2c.outputs import output_folder, write_output
 from dl2c.version import __version__
 
 if TYPE_CHECKING:
-    from dl2c.native.built import Compiled
+    from dl2c.native.built import Kept
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -134,14 +134,12 @@ def build(
 
     if output is not None:
         options = {"native": False, **options}  # it may be taken elsewhere
-    compiled = _compile(model, options)
-    show(compiled.warnings)
-    target = (output or Path("build")) / file_stem(compiled.library.manifest.name)
+    found = _build(model, options)
+    show(found.warnings)
+    target = (output or Path("build")) / file_stem(found.manifest.name)
     with output_folder(target) as folder:
-        shutil.copytree(
-            compiled.directory, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*INTERNAL)
-        )
-    files = sorted(path.name for path in compiled.directory.iterdir() if path.name not in INTERNAL)
+        shutil.copytree(found.directory, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*INTERNAL))
+    files = sorted(path.name for path in found.directory.iterdir() if path.name not in INTERNAL)
     print(to_json({"directory": str(target), "files": files}) if json else target)
 
 
@@ -285,9 +283,8 @@ app.command()(model_options(play))
 app.command()(model_options(monitor))
 
 
-def _compile(model: str, options: Mapping[str, Any]) -> "Compiled":
-    from dl2c.env.opening import build as build_model
-    from dl2c.env.opening import source_of
+def _build(model: str, options: Mapping[str, Any]) -> "Kept":
+    from dl2c.env.opening import kept, source_of
 
     with working(f"compiling {model}") as note:
-        return build_model(source_of(model), options, note)
+        return kept(source_of(model), options, note)

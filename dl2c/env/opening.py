@@ -7,7 +7,7 @@ built library. The pipeline is imported on first use, so that importing dl2c sta
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from dl2c.diagnostics import Mistake
 from dl2c.progress import LOG, Progress, silent
@@ -15,13 +15,15 @@ from dl2c.source import Source
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Library
-    from dl2c.native.built import Compiled
+    from dl2c.native.built import Compiled, Kept
     from dl2c.native.manifest import Manifest
     from dl2c.options import Options
     from dl2c.pipeline import Compilation
 
 Model: TypeAlias = Source | Path | str
 """A model as a user names it; see `source_of`."""
+
+Found = TypeVar("Found", "Compiled | None", "Kept | None")
 
 EXAMPLE = "example:"
 
@@ -81,11 +83,34 @@ def build(
     return compile_model(source, chosen, progress=progress, inspect=inspect)
 
 
-def _built_before(source: Source, options: "Options", inspect: bool = False) -> "Compiled | None":
+def kept(source: Source, options: Mapping[str, Any], progress: Progress = silent) -> "Kept":
+    """The build of a model for who does not run it: one in the cache is not loaded. Raises what `build`
+    raises.
+    """
+    from dl2c.configuration import resolve_options
+    from dl2c.native.built import Kept
+
+    if (found := _kept_before(source, resolve_options(options))) is not None:
+        return found
+    compiled = build(source, options, progress)
+    return Kept(compiled.library.manifest, compiled.directory, compiled.warnings)
+
+
+def _built_before(source: Source, options: "Options", inspect: bool) -> "Compiled | None":
     from dl2c.native.built import built_before
     from dl2c.verify.results import status
 
-    found = built_before(source, options, lambda: str(status(source, options)), inspect)
+    return _told(built_before(source, options, lambda: str(status(source, options)), inspect))
+
+
+def _kept_before(source: Source, options: "Options") -> "Kept | None":
+    from dl2c.native.built import kept_before
+    from dl2c.verify.results import status
+
+    return _told(kept_before(source, options, lambda: str(status(source, options))))
+
+
+def _told(found: Found) -> Found:
     if found is not None:
         LOG.info("files: %s", found.directory)
     return found
@@ -96,8 +121,8 @@ def manifest_of(model: Model, options: Mapping[str, Any]) -> "Manifest":
     from dl2c.configuration import resolve_options
 
     source = source_of(model)
-    found = _built_before(source, resolve_options(options))
-    return compilation_of(source, options).manifest() if found is None else found.library.manifest
+    found = _kept_before(source, resolve_options(options))
+    return compilation_of(source, options).manifest() if found is None else found.manifest
 
 
 def compilation_of(model: Model, options: Mapping[str, Any]) -> "Compilation":

@@ -98,6 +98,12 @@ def test_a_model_is_read_once(place: Mapping[str, str], tmp_path: Path) -> None:
         assert dl2c(place, *words) == first
 
 
+def test_a_build_that_is_kept_is_not_loaded(place: Mapping[str, str], tmp_path: Path) -> None:
+    words = ("build", str(MODEL), "-o", str(tmp_path))
+    dl2c(place, *words)
+    assert not imported(place, *words) & {"numpy", "cffi", "gymnasium", "dl2c.native.binding"}
+
+
 def test_info_compiles_no_c(place: Mapping[str, str], tmp_path: Path) -> None:
     said, _ = dl2c(place, "info", str(MODEL), "--json", "--no-native")
     assert not (tmp_path / "calls").exists()
