@@ -65,7 +65,7 @@ prove: $(READY)
 	$(BIN)/python tests/proof_table.py
 
 # Mutants and random exact runs of what is proved, and policies with planted faults: nothing false may be called
-# proved. Hours; DL2C_RUNS, DL2C_MUTANTS and DL2C_SEED say how many and which.
+# proved. Hours; DL2C_RUNS, DL2C_MUTANTS, DL2C_POLICY_STATES and DL2C_SEED say how many and which.
 prove-slow: $(READY)
 	$(BIN)/python -m pytest -n $(WORKERS) -q -rP -m slow tests/verify tests/policy_proof
 

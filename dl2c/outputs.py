@@ -33,13 +33,17 @@ def check_outputs(paths: Sequence[Path]) -> None:
     result they are to hold.
     """
     for number, path in enumerate(paths):
-        if path.is_dir():
-            raise IsADirectoryError(21, "a folder of this name is there", str(path))
+        _check_no_folder(path)
         if path.resolve() in [other.resolve() for other in paths[:number]]:
             raise OSError(0, "two outputs would be written there", str(path))
         there = next(p for p in (path.resolve(), *path.resolve().parents) if p.exists())
         if not os.access(there, os.W_OK):
             raise PermissionError(13, "it cannot be written", str(path))
+
+
+def _check_no_folder(path: Path) -> None:
+    if path.is_dir():
+        raise IsADirectoryError(21, "a folder of this name is there", str(path))
 
 
 @contextmanager
@@ -52,8 +56,7 @@ def output_file(path: Path) -> Generator[Path]:
     with _named(path):
         target = path.resolve()
         if target.exists() and not target.is_file():
-            if target.is_dir():
-                raise IsADirectoryError(21, "a folder of this name is there", str(path))
+            _check_no_folder(path)
             yield target
             return
         with _folder_for(target.parent) as folder:

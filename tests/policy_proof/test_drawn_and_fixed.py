@@ -29,7 +29,7 @@ End.
 Problem
   0 <= x & x <= 10 & 0 <= w & w <= 1 -> [{{
     w := *; ?0 <= w & w <= 1;
-    u := *; ?0 <= u & u <= 2 & w - 0.1 <= u & u <= w + {above};
+    u := *; ?0 <= u & u <= 2 & w - 0.1 <= u & u <= w + 0.5;
     t := 0; {{t' = 1 & t <= 1}}
   }}*@invariant(0 <= x & x <= 10)] 0 <= x
 End.
@@ -77,8 +77,8 @@ def affine(folder: Path, weight: list[float], bias: float) -> Path:
     return onnx_file(Network((), layers), folder / "net.onnx")
 
 
-def led(folder: Path, x: str = "0:10", w: str = "0:1", above: str = "0.5") -> str:
-    (folder / "led.kyx").write_text(LED.format(x=x, w=w, above=above))
+def led(folder: Path, x: str = "0:10", w: str = "0:1") -> str:
+    (folder / "led.kyx").write_text(LED.format(x=x, w=w))
     return str(folder / "led.kyx")
 
 

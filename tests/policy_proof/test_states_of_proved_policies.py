@@ -208,7 +208,7 @@ def test_the_judges_refuse() -> None:
 @pytest.mark.slow
 def test_states_of_proved_policies_ask_for_what_is_admissible(tmp_path: Path) -> None:
     judged = proved = 0
-    for number in range(STATES // EACH * 4):
+    for number in range(4 * -(-STATES // EACH)):
         if judged >= STATES:
             break
         subject, rng = SUBJECTS[number % len(SUBJECTS)], np.random.default_rng([SEED, number])
