@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Generator
+from fractions import Fraction
 
 import pytest
 
@@ -16,7 +17,7 @@ from dl2c.parse.tree import And, Box, Diamond, ODESystem
 from dl2c.smt.portfolio import Portfolio
 from dl2c.source import Source
 from dl2c.verify.arithmetic.cases import Signs
-from dl2c.verify.arithmetic.polynomials import Ring
+from dl2c.verify.arithmetic.polynomials import Ring, reduced
 from dl2c.verify.arithmetic.products import scripts
 from dl2c.verify.arithmetic.prover import Prover
 from dl2c.verify.arithmetic.quotients import cleared, positive_symbols
@@ -146,6 +147,16 @@ def test_conserved_forms_are_invented() -> None:
     forms = {str(ring.polynomial(f.left)) for f in energies if not isinstance(f, Truth)}  # type: ignore[union-attr]
     energy = ring.polynomial(term("a*x^2 + y^2"))
     assert str(energy) in forms or str(-energy) in forms
+
+
+def test_divisions_end_where_numbers_become_too_long() -> None:
+    ring = Ring((SCOPE["x"],))
+    x = ring.polynomial(term("x"))
+    divisor = 2 * x - 1
+    assert reduced(x**100, [divisor]) == ring.number(Fraction(1, 2**100))
+    assert reduced(x**20000, [divisor]) is None
+    assert not ring.in_ideal(x**20000, [divisor])
+    assert ring.in_ideal(x**20000 * divisor, [divisor])
 
 
 MOTIONS = {

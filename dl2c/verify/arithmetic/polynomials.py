@@ -21,6 +21,9 @@ MAX_TERMS = 4000
 BASIS_LIMITS = (60, 400, 4000)
 """Of a Groebner basis: polynomials, their terms, bits of coefficients."""
 
+MOST_BITS = 16000
+"""Of coefficients of what is divided by a basis."""
+
 
 class TooLarge(Exception):
     """A polynomial with too many monomials."""
@@ -133,7 +136,8 @@ class Ring:
             return False
         rational = fmpq_mpoly_ctx.get(names, Ordering.degrevlex)
         members = [self._moved(p, rational) for p in basis]
-        return reduced(self._moved(polynomial, rational), members).is_zero()
+        rest = reduced(self._moved(polynomial, rational), members)
+        return rest is not None and rest.is_zero()
 
     def _integral(self, polynomial: Polynomial, context: Any) -> Any:
         whole = self.primitive(polynomial).to_dict()
@@ -151,8 +155,10 @@ def _sum(parts: Sequence[Term]) -> Term:
     return plus(_sum(parts[:middle]), _sum(parts[middle:]))
 
 
-def reduced(polynomial: Polynomial, divisors: Iterable[Polynomial]) -> Polynomial:
-    """What is left of a polynomial after division by others, one after the other until none divides."""
+def reduced(polynomial: Polynomial, divisors: Iterable[Polynomial]) -> Polynomial | None:
+    """What is left of a polynomial after division by others, one after the other until none divides; None
+    where numbers or terms become too many on the way.
+    """
     divisors = [d for d in divisors if not d.is_zero()]
     changed = True
     while changed and not polynomial.is_zero():
@@ -161,4 +167,11 @@ def reduced(polynomial: Polynomial, divisors: Iterable[Polynomial]) -> Polynomia
             _, rest = divmod(polynomial, divisor)
             if rest != polynomial:
                 polynomial, changed = rest, True
+                if len(rest) > MAX_TERMS or _bits(rest) > MOST_BITS:
+                    return None
     return polynomial
+
+
+def _bits(polynomial: Polynomial) -> int:
+    """Of the longest numerator or denominator."""
+    return max((n.bit_length() for c in polynomial.coeffs() for n in (int(c.p), int(c.q))), default=0)
