@@ -1,8 +1,9 @@
 """The process that runs solvers: `python -m dl2c.smt.worker`, started by `portfolio`.
 
 Each line on stdin is a question in JSON: solver, SMT-LIB text, seconds, names whose values are wanted.
-A child of its own works on it, so that a solver that ignores its limit of time is stopped. Each answer
-is a line of JSON on stdout. A line that comes while a child works stops it, and is not read.
+A child of its own works on it, so that a solver that ignores its limit of time is stopped. What takes long to
+make is made here, before anything is asked, and each child has a copy. Each answer is a line of JSON on stdout.
+A line that comes while a child works stops it, and is not read.
 """
 
 import importlib.util
@@ -23,6 +24,9 @@ GRACE = 0.5
 
 BYTES = 3 * 1024**3
 """Memory of a child."""
+
+CONTEXT = z3.Context()
+"""Used by children alone, of which each has a copy."""
 
 NOTHING: dict[str, Any] = {"verdict": "unknown", "values": {}}
 
@@ -47,6 +51,9 @@ def _answer_all() -> None:
 
 
 def _answer(question: dict[str, Any]) -> None:
+    if question["solver"] == "cvc5":
+        with suppress(Exception):  # the child says what is wrong
+            _import_cvc5()
     reading, writing = os.pipe()
     child = os.fork()
     if not child:
@@ -87,21 +94,20 @@ def _work(question: dict[str, Any], writing: int) -> None:
 
 
 def _z3(question: dict[str, Any]) -> dict[str, Any]:
-    context = z3.Context()
     if question["solver"] == "z3-nlsat":
         solver = z3.Then(
-            "simplify", "purify-arith", "propagate-values", "solve-eqs", "qfnra-nlsat", ctx=context
+            "simplify", "purify-arith", "propagate-values", "solve-eqs", "qfnra-nlsat", ctx=CONTEXT
         )
         solver = solver.solver()
     else:
-        solver = z3.Solver(ctx=context)
+        solver = z3.Solver(ctx=CONTEXT)
     solver.set("timeout", max(1, int(question["seconds"] * 1000)))
-    solver.add(*z3.parse_smt2_string(question["text"], ctx=context))
+    solver.add(*z3.parse_smt2_string(question["text"], ctx=CONTEXT))
     verdict = solver.check()
     if verdict != z3.sat:
         return {"verdict": "unsat" if verdict == z3.unsat else "unknown", "values": {}}
     model = solver.model()
-    values = {name: _value(model.eval(z3.Real(name, context), True)) for name in question["names"]}
+    values = {name: _value(model.eval(z3.Real(name, CONTEXT), True)) for name in question["names"]}
     return {"verdict": "sat", "values": values}
 
 
@@ -112,10 +118,14 @@ def _value(value: Any) -> str:
     return str(value.as_decimal(30)) if z3.is_algebraic_value(value) else "0?"
 
 
-def _cvc5(question: dict[str, Any]) -> dict[str, Any]:
+def _import_cvc5() -> Any:
     import cvc5 as untyped_cvc5  # pyright: ignore[reportMissingImports]
 
-    cvc5: Any = untyped_cvc5
+    return untyped_cvc5
+
+
+def _cvc5(question: dict[str, Any]) -> dict[str, Any]:
+    cvc5 = _import_cvc5()
     solver = cvc5.Solver()
     solver.setOption("tlimit-per", str(max(1, int(question["seconds"] * 1000))))
     parser = cvc5.InputParser(solver)
