@@ -1,9 +1,9 @@
 """The process that runs solvers: `python -m dl2c.smt.worker`, started by `portfolio`.
 
 Each line on stdin is a question in JSON: solver, SMT-LIB text, seconds, names whose values are wanted.
-A child of its own works on it, so that a solver that ignores its limit of time is stopped. What takes long to
-make is made here, before anything is asked, and each child has a copy. Each answer is a line of JSON on stdout.
-A line that comes while a child works stops it, and is not read.
+A child of its own works on it, so that a solver that ignores its limit of time is stopped. What takes long
+to make is made here, before anything is asked, and each child has a copy. Each answer is a line of JSON on
+stdout. A line that comes while a child works stops it, and is not read.
 """
 
 import importlib.util
