@@ -29,7 +29,8 @@ def acting(interface: Interface, network: Network) -> Acting:
     """A policy that acts as its interface says. Raises `NotCovered`."""
     io = interface
     if io.squash:
-        why = "its requests are shares of what is admissible (action_map=squash), and so always admissible"
+        why = "the values it asks for are shares of what is admissible (action_map=squash)"
+        why += "; whether its alternatives are enabled is not covered" if io.counts else ", where anything is"
         raise NotCovered(why, advice="verify a policy that was trained with action_map=project")
     choices = io.counts if io.kind in ("choice", "choices") else ()
     rounded = io.counts if io.kind == "box" else ()

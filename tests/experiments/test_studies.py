@@ -95,12 +95,12 @@ def test_the_judgement_of_a_policy_is_that_of_its_model(tmp_path: Path) -> None:
     assert asks == pytest.approx(0.6 - 0.1 * l) and not (asks <= most and 0 <= l + asks - q <= 5)
 
 
-def test_what_is_always_admissible_needs_no_proof(tmp_path: Path) -> None:
+def test_a_policy_that_is_not_covered_has_a_reason(tmp_path: Path) -> None:
     study = study_of("watertank")
     assert study is not None
     squashed = {"action_map": "squash"}
     found = judged(untrained(tmp_path, squashed), replace(study, options=squashed))
-    assert "always admissible" in found.reason and not found.claims
+    assert "action_map=squash" in found.reason and not found.claims
 
 
 def test_a_study_that_does_not_exist_is_said() -> None:

@@ -70,12 +70,12 @@ STUDIES: tuple[Study, ...] = (
         "The robot has stopped by the time the obstacle, which moves as it likes up to its highest velocity, "
         "touches it.",
         "To get past something that moves: the guard allows driving only far from it, and that takes time.",
-        "With guards the policy is as successful as without, and never touches the obstacle while it "
-        "drives. The policy without guards has learned to be careful, too, but still collides in one "
-        "episode in twenty, after four million steps in which every collision cost 100. What safety costs "
-        "is time: the guard reckons with the worst obstacle and not with one that wanders about at random, "
-        "and on average the way takes twice as long. A policy learned with guards relies on them: without, "
-        "it collides more often than the one that never had any.",
+        "With guards the policy never touches the obstacle while it drives, and reaches the goal more often "
+        "than the one without. That one has learned to be careful, too, but still collides in one episode in "
+        "ten, after four million steps in which every collision cost 100. What safety costs is time: the "
+        "guard reckons with the worst obstacle and not with one that wanders about at random, and on average "
+        "the way takes eight seconds instead of five. A policy learned with guards relies on them: without, "
+        "it collides as often as the one that never had any.",
         "?isSeparated(x, y, xo, yo, admissibleSeparation(v));",
         DRIVING,
         options=SQUASH,

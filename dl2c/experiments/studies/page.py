@@ -79,7 +79,7 @@ failed in {n} of them.
 def _judgement(found: Judgement) -> Iterator[str]:
     """What holds of the policy learned with guards where nothing corrects its requests."""
     if found.reason:
-        yield f"Nothing is left to prove: {found.reason}.\n"
+        yield f"Nothing can be proved of it: {found.reason}.\n"
         return
     yield "`dl2c verify --policy` asks whether it ever requests what the model does not admit.\n"
     yield _lines([["claim", "answer"], ["---", "---"], *map(list, found.claims.items())])
