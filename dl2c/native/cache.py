@@ -10,8 +10,8 @@ import hashlib
 import importlib.metadata
 import json
 import os
+import secrets
 import shutil
-import tempfile
 import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
@@ -167,14 +167,20 @@ def clear() -> tuple[CacheEntry, ...]:
 
 def _build(root: Path, entry: Path, build: Callable[[Path], None]) -> None:
     """Build in a folder of its own and let it appear as `entry` when it is whole."""
-    fresh = Path(tempfile.mkdtemp(prefix=f"{entry.name}.", suffix=".tmp", dir=root))
+    fresh = _unfinished(root, entry.name)
     try:
+        fresh.mkdir(mode=0o700)
         build(fresh)
         seal = json.dumps(_digests(fresh), indent=1, sort_keys=True)
         (fresh / SEAL).write_text(seal + "\n", encoding="utf-8")
         os.rename(fresh, entry)
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
+
+
+def _unfinished(root: Path, key: str) -> Path:
+    """A folder for a build, or for what is left of one; it is not made, so that Ctrl-C leaves none behind."""
+    return root / f"{key}.{secrets.token_hex(4)}.tmp"
 
 
 def _intact(entry: Path) -> bool:
@@ -217,7 +223,7 @@ def _remove_leftovers(root: Path, key: str) -> bool:
     The entry is renamed first: at no moment is there half an entry.
     """
     with suppress(FileNotFoundError):
-        os.rename(root / key, tempfile.mkdtemp(prefix=f"{key}.", suffix=".tmp", dir=root))
+        os.rename(root / key, _unfinished(root, key))
     for path in root.glob(f"{key}.*.tmp"):
         shutil.rmtree(path, ignore_errors=True)
     return not (root / key).exists()

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -88,6 +89,21 @@ def test_failing_build_passes_its_error_on() -> None:
     with pytest.raises(KeyboardInterrupt):
         cached(KEY, build, as_it_is)
     assert cache_entries() == () and not list(cache_dir().glob("*.tmp"))
+
+
+def test_an_interruption_leaves_no_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also right after the folder of a build is made."""
+    make = os.mkdir
+
+    def interrupted(path: Any, *rest: Any, **named: Any) -> None:
+        make(path, *rest, **named)
+        if str(path).endswith(".tmp"):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "mkdir", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        cached("k" * 32, lambda _: None, lambda folder: folder)
+    assert not list(cache_dir().glob("*.tmp"))
 
 
 @pytest.mark.parametrize("damage", ["truncated", "removed", "added", "unsealed"])
