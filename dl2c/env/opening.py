@@ -90,9 +90,12 @@ def kept(source: Source, options: Mapping[str, Any], progress: Progress = silent
     from dl2c.configuration import resolve_options
     from dl2c.native.built import Kept
 
-    if (found := _kept_before(source, resolve_options(options))) is not None:
+    chosen = resolve_options(options)
+    if (found := _kept_before(source, chosen)) is not None:
         return found
-    compiled = build(source, options, progress)
+    from dl2c.pipeline import compile_model
+
+    compiled = compile_model(source, chosen, progress=progress)
     return Kept(compiled.library.manifest, compiled.directory, compiled.warnings)
 
 

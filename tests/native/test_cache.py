@@ -102,7 +102,7 @@ def test_an_interruption_leaves_no_folder(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(os, "mkdir", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        cached("k" * 32, lambda _: None, lambda folder: folder)
+        cached(KEY, writes("whole"), as_it_is)
     assert not list(cache_dir().glob("*.tmp"))
 
 
