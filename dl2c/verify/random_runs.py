@@ -6,7 +6,6 @@ Runs have habits, so that they get far: each prefers one alternative of every ch
 
 import math
 import random
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -84,7 +83,6 @@ class RandomRun(Run):
 
     claim: Claim | None = None
     chance: random.Random = field(default_factory=lambda: random.Random(0))
-    in_time: Callable[[], object] = lambda: None
     most: int = LONGEST
     iterations: int = 0
     violated: tree.Formula | None = None

@@ -205,8 +205,7 @@ class Refutation:
         for values in self._first_states(chance):
             found, most = None, LONGEST
             for _ in range(DRAWN):
-                run = RandomRun(self._first(values), (), claim=claim, chance=chance, most=most)
-                run.in_time = self.prover.in_time
+                run = RandomRun(self._first(values), (), [], self.prover.in_time, claim, chance, most)
                 if run.succeeds() and (shown := self._confirmed(run, values)):
                     found, most = shown, run.iterations - 1
             if found is not None:
@@ -237,7 +236,7 @@ class Refutation:
     def _confirmed(self, run: RandomRun, values: Mapping[str, Fraction]) -> Counterexample | None:
         """The counterexample that a random run is, where taking its decisions again shows it."""
         events: list[tuple[Event, Fraction]] = [((kind, 0), value) for kind, value in run.drawn]
-        again = _Noted(self._first(values), events, head=self.head)
+        again = self._noted(values, events)
         if not again.shows(self.theorem.formula) or run.violated is None:
             return None
         parts = [p for p in conjuncts(run.violated) if truth(tree.Not(p), again.values)]
@@ -263,7 +262,10 @@ class Refutation:
 
     def _run(self, state: State, values: Mapping[str, Fraction]) -> _Noted:
         """The run of a state's trail."""
-        return _Noted(self._first(values), _decisions(state.trail, values), head=self.head)
+        return self._noted(values, _decisions(state.trail, values))
+
+    def _noted(self, values: Mapping[str, Fraction], events: Sequence[tuple[Event, Fraction]]) -> _Noted:
+        return _Noted(self._first(values), events, [], self.prover.in_time, self.head)
 
     def _goal(self, goal: Goal) -> None:
         """Raises `Found` if the goal fails in a run that is confirmed."""

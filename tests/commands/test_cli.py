@@ -36,9 +36,10 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         with_options(Options(), given)
         found = (warning("a-lint", "careful", Span(source, 2, 7), "this"),)
         library = ToyLibrary(toy_manifest(**{k: v for k, v in given.items() if k != "constants"}))
-        return SimpleNamespace(library=library, warnings=found, directory=built)
+        return SimpleNamespace(library=library, manifest=library.manifest, warnings=found, directory=built)
 
     monkeypatch.setattr("dl2c.env.opening.build", build)
+    monkeypatch.setattr("dl2c.env.opening.kept", build)
     monkeypatch.setattr(
         "dl2c.env.opening.manifest_of", lambda model, given: build(Source.read(model), given).library.manifest
     )
@@ -59,8 +60,8 @@ def failing(patch: pytest.MonkeyPatch, failure: Exception) -> None:
     def build(source: Source, given: Any, progress: Any = None, **_: bool) -> Any:
         raise failure
 
-    for name in ("dl2c.env.opening.build", "dl2c.env.opening.manifest_of", "dl2c.lint.check.examine"):
-        patch.setattr(name, build)
+    for name in ("env.opening.build", "env.opening.kept", "env.opening.manifest_of", "lint.check.examine"):
+        patch.setattr(f"dl2c.{name}", build)
 
 
 def test_version(capsys: Any) -> None:

@@ -144,11 +144,14 @@ def _without_quantifiers(formula: tree.Formula, values: Values) -> bool:
 
 @dataclass(slots=True)
 class Run:
-    """One run: `decisions` are taken in order as the program asks for them."""
+    """One run: `decisions` are taken in order as the program asks for them. `in_time` is called now and
+    then; what it raises ends the run.
+    """
 
     values: dict[str, Fraction]
     decisions: Sequence[tuple[Event, Fraction]]
     taken: list[tuple[str, Fraction]] = field(default_factory=list[tuple[str, Fraction]])
+    in_time: Callable[[], object] = lambda: None
 
     def violates(self, formula: tree.Formula) -> bool:
         """Whether this run shows that a formula is false. Raises `Inexact`, `Blocked`."""
@@ -231,7 +234,7 @@ class Run:
             return
         try:
             curves = solved(ode, self.values)
-            everywhere({**constant(self.values), **curves}, ode.domain, duration)
+            everywhere({**constant(self.values), **curves}, ode.domain, duration, self.in_time)
         except Undefined:
             raise Inexact("an undefined rate") from None
         at = fmpq(duration.numerator, duration.denominator)
@@ -300,11 +303,13 @@ def along(term: tree.Term, curves: Curves) -> fmpq_poly:
             return fmpq_poly([fmpq(value.numerator, value.denominator)])
 
 
-def everywhere(curves: Curves, formula: tree.Formula, until: Fraction) -> None:
-    """Check that a formula holds on all of [0, until]. Raises `Blocked`, `Inexact`."""
+def everywhere(
+    curves: Curves, formula: tree.Formula, until: Fraction, in_time: Callable[[], object]
+) -> None:
+    """Check that a formula holds on all of [0, until]. Raises `Blocked`, `Inexact`, what `in_time` raises."""
     margins: list[fmpq_poly] = []
     shape = _shape(formula, curves, margins, False)
-    for signs in sign_vectors(margins, until):
+    for signs in sign_vectors(margins, until, in_time):
         if not shape(signs):
             raise Blocked
 

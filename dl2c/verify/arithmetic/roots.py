@@ -1,29 +1,73 @@
 """The signs of polynomials of one variable on an interval, exactly: at every root and between."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from itertools import pairwise
+from typing import TypeAlias
 
 from flint import fmpq, fmpq_poly
 
 
-def sign_vectors(margins: Sequence[fmpq_poly], until: Fraction) -> Iterator[list[int]]:
-    """The signs that polynomials take together on [0, until]: at its ends, at every root and between."""
+Root: TypeAlias = tuple[fmpq, fmpq, fmpq_poly]
+"""An interval with one root of a squarefree polynomial, as `isolated` gives them, and the polynomial."""
+
+
+def sign_vectors(
+    margins: Sequence[fmpq_poly], until: Fraction, in_time: Callable[[], object] = lambda: None
+) -> Iterator[list[int]]:
+    """The signs that polynomials take together on [0, until]: at its ends, at every root and between.
+
+    `in_time` is called now and then; what it raises ends the search.
+    """
     end = fmpq(until.numerator, until.denominator)
     yield [_sign(p(fmpq(0))) for p in margins]
     yield [_sign(p(end)) for p in margins]
-    product = fmpq_poly([1])
-    for p in margins:
-        if p.degree() > 0:
-            product = product * (p / product.gcd(p))
-    product = _squarefree(product)
-    roots = list(isolated(product, fmpq(0), end))
-    for low, high in roots:
-        yield [_sign_at_root(p, product, low, high) for p in margins]
-    edges = [fmpq(0), *(x for pair in roots for x in pair), end]
+    roots: list[Root] = []
+    for part in _coprime(margins):
+        in_time()
+        roots += ((low, high, part) for low, high in isolated(part, fmpq(0), end))
+    roots = _apart(roots, in_time)
+    for low, high, part in roots:
+        in_time()
+        yield [_sign_at_root(p, part, low, high) for p in margins]
+    edges = [fmpq(0), *(x for low, high, _ in roots for x in (low, high)), end]
     for low, high in zip(edges[::2], edges[1::2], strict=True):
         middle = (low + high) / 2
         yield [_sign(p(middle)) for p in margins]
+
+
+def _coprime(margins: Sequence[fmpq_poly]) -> Iterator[fmpq_poly]:
+    """Squarefree polynomials without roots in common, that have all roots of the margins."""
+    product = fmpq_poly([1])
+    for p in margins:
+        if p.degree() > 0:
+            single = _squarefree(p)
+            part = single / single.gcd(product)
+            product = product * part
+            if part.degree() > 0:
+                yield part
+
+
+def _apart(roots: list[Root], in_time: Callable[[], object]) -> list[Root]:
+    """The roots in order, in intervals without a point in common."""
+    roots = sorted(roots, key=_place)
+    k = 1
+    while k < len(roots):
+        (a, b, _), (c, d, _) = roots[k - 1], roots[k]
+        if b < c:
+            k += 1
+            continue
+        in_time()
+        wide = k - 1 if b - a > d - c else k
+        low, high, part = roots[wide]
+        roots[wide] = (*_halved(part, low, high), part)
+        roots[k - 1 : k + 1] = sorted(roots[k - 1 : k + 1], key=_place)
+        k = max(1, k - 1)
+    return roots
+
+
+def _place(root: Root) -> tuple[fmpq, fmpq]:
+    return root[0], root[1]
 
 
 def _sign(value: fmpq) -> int:
