@@ -303,9 +303,7 @@ def along(term: tree.Term, curves: Curves) -> fmpq_poly:
             return fmpq_poly([fmpq(value.numerator, value.denominator)])
 
 
-def everywhere(
-    curves: Curves, formula: tree.Formula, until: Fraction, in_time: Callable[[], object]
-) -> None:
+def everywhere(curves: Curves, formula: tree.Formula, until: Fraction, in_time: Callable[[], object]) -> None:
     """Check that a formula holds on all of [0, until]. Raises `Blocked`, `Inexact`, what `in_time` raises."""
     margins: list[fmpq_poly] = []
     shape = _shape(formula, curves, margins, False)

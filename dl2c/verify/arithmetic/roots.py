@@ -7,7 +7,6 @@ from typing import TypeAlias
 
 from flint import fmpq, fmpq_poly
 
-
 Root: TypeAlias = tuple[fmpq, fmpq, fmpq_poly]
 """An interval with one root of a squarefree polynomial, as `isolated` gives them, and the polynomial."""
 
