@@ -21,7 +21,7 @@
 
 #include <string.h>
 
-enum { DL2C_LANES_OF_BOXES = 8, DL2C_MOST_WIDTH = 256, DL2C_MOST_LAYERS = 12, DL2C_MOST_DIMENSIONS = 12 };
+enum { DL2C_LANES_OF_BOXES = 8, DL2C_MOST_WIDTH = 256, DL2C_MOST_LAYERS = 12, DL2C_MOST_DIMENSIONS = 24 };
 
 /* Functions over lanes exist for several instruction sets. */
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(DL2C_NO_TARGET_CLONES)

@@ -13,7 +13,7 @@
 
 #include <stdint.h>
 
-enum { DL2C_MOST_STEPS = 400, DL2C_MOST_SYMBOLS = 24, DL2C_ROUNDS = 4 };
+enum { DL2C_MOST_STEPS = 400, DL2C_MOST_SYMBOLS = 32, DL2C_ROUNDS = 4 };
 
 typedef enum dl2c_operation {
   DL2C_NUMBER,

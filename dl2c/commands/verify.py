@@ -367,11 +367,11 @@ def show_policy(report: "PolicyReport") -> None:
         if question.lead:
             decided = ", ".join(f"{key} = {alternative}" for key, alternative in question.lead)
             console.print(f"the environment takes  {decided}")
-        asked = ", ".join(f"{n} = {decimal(v)}" for n, v in found.requests.items())
+        asked = "" if question.shares else ", ".join(f"{n} = {decimal(v)}" for n, v in found.requests.items())
         choices = f"({found.about})" if asked and found.about else found.about
         if asked or choices:
-            console.print(f"it asks for   {asked} {choices}".rstrip())
-        console.print("which no control path admits")
+            console.print(f"it asks for   {' '.join(filter(None, (asked, choices)))}")
+        console.print(f"which no control path admits{', whatever the values' if question.shares else ''}")
     if (said := report.confirmation) is not None:
         console.print(f"{'confirmed' if said.confirmed else 'not confirmed'}: {said.text}")
     for warning in report.warnings:

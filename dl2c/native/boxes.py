@@ -28,7 +28,7 @@ OPEN, OUTSIDE, PROVED, SUSPECT = range(4)
 NO_SPLIT = 255
 """Instead of a dimension where a box cannot be split."""
 
-MOST_STEPS, MOST_SYMBOLS, MOST_DIMENSIONS, MOST_WIDTH, MOST_LAYERS, MOST_OUTPUTS = 400, 24, 12, 256, 12, 64
+MOST_STEPS, MOST_SYMBOLS, MOST_DIMENSIONS, MOST_WIDTH, MOST_LAYERS, MOST_OUTPUTS = 400, 32, 24, 256, 12, 64
 """Limits of the library, as in its headers."""
 
 CDEF = """

@@ -102,7 +102,7 @@ def questions(claim: Claim, policy: Acting) -> tuple[Question, ...]:
     leads = leading_drafts(model)
     if not leads:
         raise NotCovered("no run of the model comes to where the policy decides")
-    _check(model, drafts, {key for lead in leads for key in lead.alternatives})
+    _check(model, drafts, {key for lead in leads for key in lead.alternatives}, policy.squash)
     return tuple(_question(claim, model, policy, drafts, lead) for lead in leads)
 
 
@@ -112,8 +112,10 @@ def _following(lead: Draft, drafts: Sequence[Draft]) -> list[Draft]:
     return [d for d in drafts if all(taken.get(k, a) == a for k, a in d.alternatives.items())]
 
 
-def _check(model: Model, drafts: Sequence[Draft], before: Set[str]) -> None:
-    """Raises `NotCovered`. Decisions taken `before` the policy observes are known."""
+def _check(model: Model, drafts: Sequence[Draft], before: Set[str], shares: bool) -> None:
+    """Raises `NotCovered`. Decisions taken `before` the policy observes are known. With `shares` of what is
+    admissible, the environment may give values afterwards: it gives such that are.
+    """
     if not drafts:
         raise NotCovered("no control path can be executed")
     for draft in drafts:
@@ -127,7 +129,7 @@ def _check(model: Model, drafts: Sequence[Draft], before: Set[str]) -> None:
             raise NotCovered(f"{decision.key} is decided after the first motion of a step", drafts[0].span)
     given = {key for draft in drafts for key in draft.inputs}
     for assignment in assignments_of(model.body):
-        if assignment.role != "agent" and assignment.key in given:
+        if assignment.role != "agent" and assignment.key in given and not shares:
             why = f"the environment gives {assignment.variable} its value after the policy"
             raise NotCovered(why, assignment.span)
         if assignment.role == "agent" and assignment.key not in given:
@@ -175,6 +177,7 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
         tuple((c.symbol, c.term) for c in computed),
         tuple(lead.alternatives.items()),
         tuple((s.name, value) for s, value in given.items()),
+        policy.squash,
     )
 
 

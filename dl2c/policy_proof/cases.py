@@ -10,6 +10,7 @@ from itertools import combinations, pairwise, product
 
 import numpy as np
 
+from dl2c.diagnostics import CompileError
 from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import (
     atoms,
@@ -28,6 +29,7 @@ from dl2c.ir.logic import (
 )
 from dl2c.ir.model import (
     ZERO,
+    Bound,
     Call,
     Compare,
     Comparison,
@@ -40,10 +42,11 @@ from dl2c.ir.model import (
     Term,
     Truth,
 )
-from dl2c.paths.enumerate import Draft, decisions_of
+from dl2c.paths.enumerate import Draft, assignments_of, decisions_of
 from dl2c.paths.path import Decision
 from dl2c.policy_proof.acting import Acting
 from dl2c.policy_proof.question import Arithmetic, Case, NotCovered, Premise, Request
+from dl2c.quantifiers.eliminate import Quantifier, eliminated
 
 MOST_CASES = 4096
 
@@ -51,6 +54,15 @@ MOST_ALTERNATIVES = 40
 """Of which pairs are looked at."""
 
 HALF = Fraction(1, 2)
+
+SLACK: dict[Arithmetic, Fraction] = {
+    "real": Fraction(0),
+    "double": Fraction(1, 2**50),
+    "float32": Fraction(1, 2**21),
+}
+"""More than rounding errors can move the limits between alternatives that are spread over -1..1: an addition
+and a multiplication, of numbers up to 2.
+"""
 
 
 def cases_of(
@@ -69,15 +81,20 @@ def cases_of(
     counts = policy.rounded
     if counts and tuple(len(d.alternatives) for d in keys) != counts:
         raise NotCovered("its choices are not those of the model")
+    own = len(requests) - len(counts)
+    divided = () if policy.squash else requests[:own]
     cases: list[Case] = []
     for taken in product(*map(range, counts)):
         chosen = {d.key: k for d, k in zip(keys, taken, strict=False)}
-        paths = [_possible(d, policy.variables, given, requests) for d in drafts if _agrees(d, chosen)]
-        conclusion = observed(disjunction(paths))
-        own = len(requests) - len(counts)
-        fixed = tuple(_alternative(own + k, a, n) for k, (a, n) in enumerate(zip(taken, counts, strict=True)))
+        met = [d for d in drafts if _agrees(d, chosen)]
+        if policy.squash:
+            paths = [_enabled(model, d) for d in met]
+            fixed = [_spread(own + k, a, requests[own + k], arithmetic) for k, a in enumerate(taken)]
+        else:
+            paths = [_possible(d, policy.variables, given, requests) for d in met]
+            fixed = [_alternative(own + k, a, counts[k]) for k, a in enumerate(taken)]
         about = ", ".join(f"{key}={k}" for key, k in chosen.items())
-        cases += _divided(requests[:own], conclusion, fixed, about)
+        cases += _divided(divided, exhausted(observed(disjunction(paths))), tuple(fixed), about)
         if len(cases) > MOST_CASES:
             raise NotCovered(f"there are more than {MOST_CASES} cases")
     return requests, tuple(cases)
@@ -124,11 +141,13 @@ def _discrete(
 
 
 def _requests(policy: Acting, arithmetic: Arithmetic) -> tuple[Request, ...]:
-    names = (*policy.inputs, *policy.variables, *(f"choice {k}" for k in range(len(policy.rounded))))
+    values = (*policy.inputs, *policy.variables)
+    names = (*values, *(f"choice {k}" for k in range(len(policy.rounded))))
+    last = (*(None for _ in values), *(n - 1 if policy.squash else None for n in policy.rounded))
     low, high = ([in_arithmetic(v, arithmetic) for v in ends] for ends in (policy.low, policy.high))
     return tuple(
-        Request(Fraction(low), Fraction(high), policy.network.bounded, Symbol(f"request {name}", "input"))
-        for name, low, high in zip(names, low, high, strict=True)
+        Request(Fraction(low), Fraction(high), policy.network.bounded, Symbol(f"request {name}", "input"), to)
+        for name, low, high, to in zip(names, low, high, last, strict=True)
     )
 
 
@@ -164,6 +183,33 @@ def _possible(
     return substituted(found, values)
 
 
+def _enabled(model: Model, draft: Draft) -> Formula:
+    """That a path can be taken with some values of its inputs within the bounds of their variables, also of
+    those that the environment gives. Raises `NotCovered`.
+    """
+    bounds, variable = {v.name: v.bound for v in model.variables}, dict[str, str]()
+    for assignment in assignments_of(model.body):
+        variable[assignment.key] = assignment.variable
+    symbol_of = {key: Symbol(key, "input") for key in draft.inputs}
+    limits = [part for key, s in symbol_of.items() for part in _within(s, bounds[variable[key]])]
+    found = conjunction([draft.tests, *_assigned(draft), *limits])
+    for key, symbol in reversed(symbol_of.items()):
+        span = draft.place_of(key)
+        try:
+            found = eliminated(Quantifier(False, variable[key], symbol, False, span), found)
+        except CompileError as problem:
+            why = f"whether `{variable[key]}` has an admissible value is not known in general"
+            raise NotCovered(why, span, problem.diagnostics[0].label) from None
+    return found
+
+
+def _within(symbol: Symbol, bound: Bound) -> Iterator[Formula]:
+    if bound.low is not None:
+        yield Compare(">=", symbol, Number(bound.low))
+    if bound.high is not None:
+        yield Compare("<=", symbol, Number(bound.high))
+
+
 def _assigned(draft: Draft) -> Iterator[Formula]:
     """That every value that a path assigns is there."""
     return _defined(value for _, value in draft.updates)
@@ -182,6 +228,16 @@ def _alternative(request: int, taken: int, count: int) -> Premise:
     """That a request is rounded to an alternative; a request between two may be rounded to both."""
     low = None if taken == 0 else taken - HALF
     high = None if taken == count - 1 else taken + HALF
+    return Premise(request, low, high, False, Fraction(taken))
+
+
+def _spread(request: int, taken: int, spread: Request, arithmetic: Arithmetic) -> Premise:
+    """That a request is rounded to an alternative of those that are spread over its limits."""
+    assert spread.last is not None
+    ends = [None if taken == 0 else taken - HALF, None if taken == spread.last else taken + HALF]
+    low, high = (None if end is None else -1 + 2 * end / spread.last for end in ends)
+    slack = SLACK[arithmetic]
+    low, high = low if low is None else low - slack, high if high is None else high + slack
     return Premise(request, low, high, False, Fraction(taken))
 
 

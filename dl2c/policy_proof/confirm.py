@@ -24,6 +24,8 @@ from dl2c.policy_proof.question import Question
 
 CONFIRMED = "the exported C asks for the same, and the monitor refuses it"
 ACCEPTED = "the exported C asks for the same, but the monitor accepts it"
+IMPOSSIBLE = "the exported C takes the same alternatives, and finds no values for them"
+POSSIBLE = "the exported C takes the same alternatives, but finds values for them within its tolerance"
 
 State = Mapping[str, float]
 
@@ -54,9 +56,9 @@ def confirmation(question: Question, found: Violation, unit: Unit, policy: Netwo
         return Confirmation(
             False, f"the exported C is not asked: no state of {unit.real} numbers is this one"
         )
-    state, lead = _completed(exact, unit), dict(question.lead)
+    state, lead, asked = _completed(exact, unit), dict(question.lead), replace(policy, masked=False)
     with tempfile.TemporaryDirectory() as folder:
-        return _Exported(unit, replace(policy, masked=False), exact, state, lead, Path(folder)).judged()
+        return _Exported(unit, asked, exact, state, lead, question.shares, Path(folder)).judged()
 
 
 def _held(value: Fraction, unit: Unit) -> float:
@@ -77,13 +79,16 @@ def _within(bound: Bound) -> Fraction:
 
 @dataclass(frozen=True, slots=True)
 class _Exported:
-    """The exported program of a policy, and the violation that it is asked about."""
+    """The exported program of a policy, and the violation that it is asked about: of requests, or where these
+    are `shares` of what is admissible, of the alternatives that are taken.
+    """
 
     unit: Unit
     policy: NetworkPolicy
     exact: Violation
     state: State
     lead: Mapping[str, int]
+    shares: bool
     folder: Path
 
     @property
@@ -106,6 +111,10 @@ class _Exported:
         asked = dict(zip(keys, map(float, answer[outputs : outputs + len(keys)]), strict=True))
         choices = tuple(map(int, answer[outputs + len(keys) :]))
         self._compare([Fraction(float(text)) for text in answer[:outputs]], asked, choices)
+        if self.shares:
+            numbers = [*asked.values(), *given[len(keys) :], *choices]
+            impossible = answers(program, [self._line("run", self.state, numbers)])[0].split()[0] == "0"
+            return Confirmation(impossible, IMPOSSIBLE if impossible else POSSIBLE, self.state)
         led = dict(self._led(asked, choices))
         verdicts = answers(program, [self._transition(state) for state in led.values()])
         passed = [run for run, verdict in zip(led, verdicts, strict=True) if verdict.split()[0] == "0"]

@@ -17,7 +17,7 @@ from dl2c.ir.evaluate import truth as exact_truth
 from dl2c.ir.evaluate import value_of
 from dl2c.ir.logic import subterms
 from dl2c.ir.model import Call, Formula, Symbol, Term
-from dl2c.policy_proof.question import Case, Question
+from dl2c.policy_proof.question import Case, Question, Request
 
 State = Mapping[Symbol, Fraction]
 
@@ -28,7 +28,8 @@ LARGEST = 10**30
 @dataclass(frozen=True, slots=True)
 class Violation:
     """A state in which what the policy asks for is not admissible. `outputs` are those of its network,
-    `requests` what is asked for, by name, `violated` the condition that does not hold.
+    `requests` what is asked for, by name, or which share of what is admissible; `violated` is the condition
+    that does not hold.
     """
 
     state: Mapping[str, Fraction]
@@ -99,15 +100,24 @@ def _taken(question: Question, case: Case, outputs: Sequence[Fraction], requests
         if outputs[first] < outputs[second] or (outputs[first] == outputs[second] and second < first):
             return False
     for p in case.premises:
-        asked = requests[p.request]
-        rounded = question.requests[p.request].symbol.name.startswith("request choice ")
-        if rounded and round(asked) != p.value:
+        asked, request = requests[p.request], question.requests[p.request]
+        rounded = request.symbol.name.startswith("request choice ")
+        if rounded and round(_placed(question, request, asked)) != p.value:
             return False
         if not rounded and p.value is not None and asked != p.value:
             return False
         if p.inside and not (p.low is not None and p.high is not None and p.low < asked < p.high):
             return False
     return True
+
+
+def _placed(question: Question, request: Request, asked: Fraction) -> Fraction:
+    """A request among alternatives, which may be spread over -1..1."""
+    if request.last is None:
+        return asked
+    number = _number(question)
+    placed = (number(asked if number is Fraction else float(asked)) + 1) / 2 * request.last
+    return placed if isinstance(placed, Fraction) else Fraction(float(placed))
 
 
 def _requests(question: Question, outputs: Sequence[Fraction]) -> list[Fraction]:

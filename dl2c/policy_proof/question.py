@@ -46,12 +46,15 @@ class Observed:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """An output as a request: stretched from -1..1 over the limits where `stretched`, and clipped to them."""
+    """An output as a request: stretched from -1..1 over the limits where `stretched`, and clipped to them.
+    Where alternatives from 0 to `last` are spread over the limits, it is rounded to one of these.
+    """
 
     low: Fraction
     high: Fraction
     stretched: bool
     symbol: Symbol
+    last: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +86,8 @@ class Case:
 class Question:
     """All of it. `requests` have symbols that occur in conclusions. `computed` are dimensions with the terms
     that the program computes for them; `lead` are the alternatives that the environment takes before, `given`
-    names to which the claim gives a value.
+    names to which the claim gives a value. Where requests are `shares` of what is admissible, cases are about
+    alternatives only, and conclude that there is something admissible.
     """
 
     dimensions: tuple[Symbol, ...]
@@ -98,6 +102,7 @@ class Question:
     computed: tuple[tuple[Symbol, Term], ...] = ()
     lead: tuple[tuple[str, int], ...] = ()
     given: tuple[tuple[str, Fraction], ...] = ()
+    shares: bool = False
 
     @property
     def fixed(self) -> Mapping[str, Fraction]:

@@ -18,6 +18,7 @@ from dl2c.ir.logic import symbols
 from dl2c.native.boxes import NO_SPLIT, OPEN, OUTSIDE, PROVED, SUSPECT, Bytes, Doubles, Judge
 from dl2c.policy_proof.exact import Violation, violation
 from dl2c.policy_proof.leaves import ask
+from dl2c.policy_proof.points import violation_on_equations
 from dl2c.policy_proof.question import Question
 from dl2c.policy_proof.tables import box_of, tables_of
 from dl2c.policy_proof.tree import BY_BOUNDS, BY_SOLVER, LEFT_OPEN, MOST_BOXES, NO_STATE
@@ -116,6 +117,8 @@ class _Search:
         level = box_of(self.question)[None]
         self.oracle.total = min(LEAVES_SECONDS, self.limits.seconds)
         self.widths = np.maximum(level[0, :, 1] - level[0, :, 0], np.finfo(float).tiny)
+        if not self.before.tree and (found := violation_on_equations(self.question)) is not None:
+            return self._found("refuted", level, found)
         for number in range(MOST_LEVELS):
             self.limits.note(f"{self.decided:.2%} decided, {len(level)} boxes open")
             try:

@@ -140,7 +140,7 @@ def verified(
             break
     hypotheses = tuple(map(_states, asked))
     seconds = time.monotonic() - begun
-    warnings = tuple(_warnings(claim, found))
+    warnings = tuple(_warnings(claim, asked, found))
     return PolicyReport(*names, hypotheses, claim.arithmetic, tuple(found), warnings, seconds, asked)
 
 
@@ -154,10 +154,12 @@ def _states(question: Question) -> str:
     return f"{', '.join(limits)}; {print_formula(question.hypothesis)}"
 
 
-def _warnings(claim: Claim, found: Sequence[Found]) -> list[str]:
+def _warnings(claim: Claim, asked: Sequence[Question], found: Sequence[Found]) -> list[str]:
     said: list[str] = []
     if all(f.answer == "proved" and not f.states for f in found):
         said.append("no state satisfies what is assumed: the proof says nothing")
+    if any(question.shares for question in asked):
+        said.append("values are shares of what is admissible; the claim is that there are admissible ones")
     if _goes_on(claim):
         said.append("tests and domains after the first motion of a step are not part of the claim")
     return said

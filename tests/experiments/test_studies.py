@@ -95,12 +95,32 @@ def test_the_judgement_of_a_policy_is_that_of_its_model(tmp_path: Path) -> None:
     assert asks == pytest.approx(0.6 - 0.1 * l) and not (asks <= most and 0 <= l + asks - q <= 5)
 
 
+@pytest.mark.parametrize("example", ["static_safety", "passive_safety"])
+def test_states_on_a_circle_are_judged(tmp_path: Path, example: str) -> None:
+    """Who always stands still is refused while driving, and brakes where nothing else is said."""
+    study = study_of(example)
+    assert study is not None
+    manifest = open_library(source_of(f"example:{example}"), study.options).manifest
+    interface = interface_of(manifest)
+    weight = np.zeros((len(interface.low), len(interface.observations)))
+    for choice, share in ((-1.0, 1.0), (0.0, 0.0)):
+        network = Network((), (Layer(weight, np.array([0.0, 0.0, 0.0, choice]), "identity"),))
+        policy = NetworkPolicy(manifest.name, interface, network, False, manifest.options)
+        found = judged(write_policy(policy, tmp_path), study, seconds=3, states=2000)
+        assert found.claims["admissible"] == ("proved" if share else "refuted")
+        assert found.admissible.value == share
+        assert (found.request == {"choice_0": "1"}) == (not share)
+
+
 def test_a_policy_that_is_not_covered_has_a_reason(tmp_path: Path) -> None:
     study = study_of("watertank")
     assert study is not None
-    squashed = {"action_map": "squash"}
-    found = judged(untrained(tmp_path, squashed), replace(study, options=squashed))
-    assert "action_map=squash" in found.reason and not found.claims
+    folder = untrained(tmp_path)
+    data = json.loads(folder.read_text())
+    data["layers"][0]["activation"] = "elu"
+    folder.write_text(json.dumps(data))
+    found = judged(folder, study)
+    assert "its network uses elu" in found.reason and not found.claims
 
 
 def test_a_study_that_does_not_exist_is_said() -> None:

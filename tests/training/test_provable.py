@@ -119,7 +119,7 @@ REFUSED = {
     ("--algo", "sac"): "--provable is for ppo without --normalize",
     ("--algo", "maskable-ppo"): "--provable is for ppo without --normalize",
     ("--normalize",): "--provable is for ppo without --normalize",
-    ("--action-map", "squash"): "verify a policy that was trained with action_map=project",
+    ("--action-map", "squash"): "not shares of what is admissible (action_map=squash)",
     ("--hyper", "activation=elu"): "its network uses elu, not relu or tanh",
     ("--hyper", "net_arch=[300]"): "256",
 }

@@ -1,7 +1,7 @@
 """What `dl2c verify --policy` says of a study's policy, whose requests nothing corrects there."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import nan
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from dl2c.policy_proof.tables import box_of, tables_of
 from dl2c.policy_proof.verdict import PolicyReport, decimal
 from dl2c.training.evaluation import rate
 from dl2c.training.run import Estimate
+from dl2c.training.states import States
 
 SECONDS = 60.0
 
@@ -32,6 +33,7 @@ class Judgement:
     """The answer to each claim, none where the policy is not covered: `reason` says why. `decided` is the
     share of the volume that the search decided; `admissible` the share of states, drawn within the bounds, in
     which the request is admissible. `state`, with what the environment takes, is one where `request` is not.
+    With `shares` of what is admissible, requests are alternatives.
     """
 
     claims: Mapping[str, str] = field(default_factory=dict[str, str])
@@ -40,6 +42,7 @@ class Judgement:
     state: Mapping[str, str] = field(default_factory=dict[str, str])
     request: Mapping[str, str] = field(default_factory=dict[str, str])
     reason: str = ""
+    shares: bool = False
 
 
 def judged(policy: Path, study: Study, seconds: float = SECONDS, states: int = DRAWN) -> Judgement:
@@ -51,21 +54,25 @@ def judged(policy: Path, study: Study, seconds: float = SECONDS, states: int = D
         return Judgement(reason=problem.diagnostics[0].label)
     drawn = [are_admissible(question, states) for question in report.questions]
     admissible = rate(np.concatenate(drawn))
-    return Judgement(report.claims, report.share, admissible, *_example(report))
+    shares = any(question.shares for question in report.questions)
+    return Judgement(report.claims, report.share, admissible, *_example(report), shares=shares)
 
 
 def are_admissible(question: Question, count: int) -> NDArray[np.bool_]:
     """Whether the request is admissible, as far as doubles tell, in those states of the hypothesis that are
-    among so many drawn uniformly within the bounds.
+    among so many drawn uniformly within the bounds, and moved to where equations hold.
     """
     box = box_of(question)
     low = np.array([enclosure(low).high for low, _ in question.box])
     high = np.array([enclosure(high).low for _, high in question.box])
-    points = np.random.default_rng(0).uniform(low, np.maximum(low, high), (count, len(box)))
+    states = States(question, np.random.default_rng(0))
+    points = states.settled(states.rng.uniform(low, np.maximum(low, high), (count, len(box))))
+    points = points[states.is_assumed(points)] if states.equations else points
     boxes = np.stack([points, points], axis=2)
     inner = len(box) - len(question.computed)
     boxes[:, inner:] = box[inner:]
-    verdicts, _ = Judge(tables_of(question)).verdicts(boxes, THREADS)
+    judge = Judge(tables_of(replace(question, hypothesis=states.other_assumptions)))
+    verdicts, _ = judge.verdicts(boxes, THREADS)
     return verdicts[(verdicts == PROVED) | (verdicts == SUSPECT)] == PROVED
 
 
@@ -76,6 +83,7 @@ def _example(report: PolicyReport) -> tuple[Mapping[str, str], Mapping[str, str]
     question, found = report.violated
     state = {name: decimal(value) for name, value in found.state.items()}
     state |= {str(key): str(alternative) for key, alternative in question.lead}
-    request = {name: decimal(value) for name, value in found.requests.items() if name.isidentifier()}
+    shown = () if question.shares else tuple(filter(str.isidentifier, found.requests))
+    request = {name: decimal(found.requests[name]) for name in shown}
     decided = [pair.partition("=") for pair in found.about.split(", ") if pair]
     return state, request | {key: alternative for key, _, alternative in decided}

@@ -83,13 +83,15 @@ def _judgement(found: Judgement) -> Iterator[str]:
         return
     yield "`dl2c verify --policy` asks whether it ever requests what the model does not admit.\n"
     yield _lines([["claim", "answer"], ["---", "---"], *map(list, found.claims.items())])
-    shares = f"Its request is admissible in {_percent(found.admissible)} of states drawn within the bounds"
+    what = "What it takes has admissible values" if found.shares else "Its request is admissible"
+    share = f"{what} in {_percent(found.admissible)} of states drawn within the bounds"
     if found.claims["admissible"] == "unknown":
-        shares += f"; {found.decided:.1%} of their volume is decided"
-    yield f"{shares}.\n"
+        share += f"; {found.decided:.1%} of their volume is decided"
+    yield f"{share}.\n"
     if found.state:
         yield f"In this state it is not, so that guards act:\n\n```text\n{_listed(found.state)}\n```\n"
-        yield f"The policy asks for\n\n```text\n{_listed(found.request)}\n```\n"
+        asks = "takes, for which no values are admissible," if found.shares else "asks for"
+        yield f"The policy {asks}\n\n```text\n{_listed(found.request)}\n```\n"
 
 
 def _listed(values: Mapping[str, str]) -> str:
