@@ -102,6 +102,9 @@ def questions(claim: Claim, policy: Acting) -> tuple[Question, ...]:
     leads = leading_drafts(model)
     if not leads:
         raise NotCovered("no run of the model comes to where the policy decides")
+    for lead in leads:
+        if lead.flow is not None or lead.target != END:
+            raise NotCovered("there is a flow or a loop before the policy observes", lead.span)
     _check(model, drafts, {key for lead in leads for key in lead.alternatives}, policy.squash)
     return tuple(_question(claim, model, policy, drafts, lead) for lead in leads)
 
@@ -139,8 +142,6 @@ def _check(model: Model, drafts: Sequence[Draft], before: Set[str], shares: bool
 
 def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft], lead: Draft) -> Question:
     """The question after one way through the leading statements."""
-    if lead.flow is not None or lead.target != END:
-        raise NotCovered("there is a flow or a loop before the policy observes", lead.span)
     shown = {Symbol(name, "variable"): term for name, term in lead.updates}
     given = _given(claim, bounds := _bounds(model, lead), shown, lead)
     known = {c.symbol: c.value for c in model.constants if c.value is not None} | given
@@ -152,9 +153,9 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
     def observed(formula: Formula) -> Formula:
         return at_start(substituted(formula, shown))
 
-    always = conjunction(c for c in conjuncts(model.precondition) if _is_steady(model, c))
-    hypothesis = conjunction(map(at_start, (always, claim.invariant, lead.tests)))
-    hypothesis = conjunction([hypothesis, observed(claim.outside)])
+    always = (c for c in conjuncts(model.precondition) if _is_steady(model, c))
+    assumed = map(at_start, (*always, claim.invariant, lead.tests))
+    hypothesis = conjunction([*assumed, observed(claim.outside)])
     requests, cases = cases_of(model, policy, _following(lead, drafts), observed, claim.arithmetic)
     names = [_seen(claim, policy, entry, shown, values) for entry in policy.observations]
     terms = {n.name: substituted_term(dict(lead.updates)[n.name], values) for n in names if _is_computed(n)}
@@ -162,8 +163,8 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
     used |= {o.value for o in names if isinstance(o.value, Symbol) and not _is_computed(o)}
     dimensions = tuple(sorted(used, key=lambda s: (s.kind, s.name)))
     box = _box(bounds, hypothesis, dimensions, lead)
-    around = dict(zip(dimensions, box, strict=True))
-    computed = [dimension(n, term, around, claim.arithmetic, lead.span) for n, term in terms.items()]
+    where = dict(zip(dimensions, box, strict=True)), claim.arithmetic, lead.span
+    computed = [dimension(n, term, *where) for n, term in terms.items()]
     return Question(
         (*dimensions, *(c.symbol for c in computed)),
         (*box, *(c.range for c in computed)),
@@ -174,10 +175,10 @@ def _question(claim: Claim, model: Model, policy: Acting, drafts: Sequence[Draft
         requests,
         cases,
         claim.arithmetic,
-        tuple((c.symbol, c.term) for c in computed),
-        tuple(lead.alternatives.items()),
-        tuple((s.name, value) for s, value in given.items()),
-        policy.squash,
+        computed=tuple((c.symbol, c.term) for c in computed),
+        lead=tuple(lead.alternatives.items()),
+        given=tuple((s.name, value) for s, value in given.items()),
+        shares=policy.squash,
     )
 
 
