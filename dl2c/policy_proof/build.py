@@ -123,7 +123,8 @@ def _check(model: Model, drafts: Sequence[Draft], before: Set[str], shares: bool
         raise NotCovered("no control path can be executed")
     for draft in drafts:
         if draft.flow is None and draft.target != END:
-            raise NotCovered("there is a while loop before the first flow", draft.span)
+            why = "there is a while loop before the first flow, or a branch after what the environment gives"
+            raise NotCovered(why, draft.span)
     own = {key for draft in drafts for key in draft.alternatives}
     for decision in decisions_of(model.body):
         if decision.role != "agent" and decision.key in own - before:

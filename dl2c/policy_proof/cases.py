@@ -20,6 +20,7 @@ from dl2c.ir.logic import (
     fold,
     folded,
     holds,
+    negation,
     operands,
     rewritten,
     subterms,
@@ -29,7 +30,6 @@ from dl2c.ir.logic import (
 )
 from dl2c.ir.model import (
     ZERO,
-    Bound,
     Call,
     Compare,
     Comparison,
@@ -184,30 +184,35 @@ def _possible(
 
 
 def _enabled(model: Model, draft: Draft) -> Formula:
-    """That a path can be taken with some values of its inputs within the bounds of their variables, also of
-    those that the environment gives. Raises `NotCovered`.
+    """That some values of its inputs take a path, also of those that the environment gives, and that what it
+    assigns has a value whichever these are. Values are within the bounds of their variables. Raises
+    `NotCovered`.
     """
-    bounds, variable = {v.name: v.bound for v in model.variables}, dict[str, str]()
-    for assignment in assignments_of(model.body):
-        variable[assignment.key] = assignment.variable
-    symbol_of = {key: Symbol(key, "input") for key in draft.inputs}
-    limits = [part for key, s in symbol_of.items() for part in _within(s, bounds[variable[key]])]
-    found = conjunction([draft.tests, *_assigned(draft), *limits])
-    for key, symbol in reversed(symbol_of.items()):
-        span = draft.place_of(key)
-        try:
-            found = eliminated(Quantifier(False, variable[key], symbol, False, span), found)
-        except CompileError as problem:
-            why = f"whether `{variable[key]}` has an admissible value is not known in general"
-            raise NotCovered(why, span, problem.diagnostics[0].label) from None
-    return found
+    bounds = {v.name: v.bound for v in model.variables}
+    variable = {a.key: a.variable for a in assignments_of(model.body)}
+    inputs = {key: Symbol(key, "input") for key in draft.inputs}
+    passing = [draft.tests]
+    for key, symbol in inputs.items():
+        low, high = (bound := bounds[variable[key]]).low, bound.high
+        if low is None or high is None:
+            name = variable[key]
+            why, advice = f"`{name}` has no bounds", f"declare `bound=[...]` of {name}"
+            raise NotCovered(f"{why}, within which values are looked for", draft.place_of(key), advice)
+        passing += [Compare(">=", symbol, Number(low)), Compare("<=", symbol, Number(high))]
 
+    def some(formulas: Iterable[Formula]) -> Formula:
+        found = conjunction(formulas)
+        for key, symbol in reversed(inputs.items()):
+            span = draft.place_of(key)
+            try:
+                found = eliminated(Quantifier(False, variable[key], symbol, False, span), found)
+            except CompileError as problem:
+                why = f"whether `{variable[key]}` has an admissible value is not known in general"
+                raise NotCovered(why, span, problem.diagnostics[0].label) from None
+        return found
 
-def _within(symbol: Symbol, bound: Bound) -> Iterator[Formula]:
-    if bound.low is not None:
-        yield Compare(">=", symbol, Number(bound.low))
-    if bound.high is not None:
-        yield Compare("<=", symbol, Number(bound.high))
+    undefined = [some([*passing, negation(defined)]) for defined in _assigned(draft)]
+    return conjunction([some(passing), *map(negation, undefined)])
 
 
 def _assigned(draft: Draft) -> Iterator[Formula]:

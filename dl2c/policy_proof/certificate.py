@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from dl2c.inputs import checked_input, read_json
-from dl2c.ir.logic import conjunction, conjuncts, symbols
+from dl2c.ir.logic import conjunction, conjuncts, oriented, symbols
 from dl2c.ir.model import Add, Compare, Formula, Number, Sub, Symbol
 from dl2c.policy.network import PolicyError
 from dl2c.policy_proof.fixed_point import ONE, Ends, down, judged, programmed, up
@@ -184,6 +184,8 @@ class _Checker:
         self.hypothesis = conjunction(
             c for c in conjuncts(question.hypothesis) if not symbols(c) & {*self.computed}
         )
+        conditions = conjuncts(oriented(self.hypothesis))
+        self.ordered = [c for c in conditions if isinstance(c, Compare) and c.op in ("<", "<=")]
         pairs = dict.fromkeys(pair for case in question.cases for pair in case.largest)
         self.wanted = [*((k, -1) for k in range(len(question.requests))), *pairs]
 
@@ -195,7 +197,7 @@ class _Checker:
             return False
         dimensions = self.question.dimensions
         values = {dimensions[k]: (down(Fraction(box[k][0])), up(Fraction(box[k][1]))) for k in self.free}
-        if judged(self.hypothesis, values) == "false":
+        if judged(self.hypothesis, values) == "false" or not self._narrow(values):
             return True
         close = self._complete(values)
         if code == BY_SOLVER:
@@ -206,6 +208,17 @@ class _Checker:
             return False
         widest = max(self.free, key=lambda k: (box[k][1] - box[k][0]) / self.widths[k])
         return all(self.decides(half, code, splits - 1) for half in _halves(box, widest))
+
+    def _narrow(self, values: dict[Symbol, Ends]) -> bool:
+        """Limit names to what the hypothesis compares them with; whether something is left."""
+        for atom in self.ordered:
+            if isinstance(atom.left, Symbol) and isinstance(atom.right, Number):
+                low, high = values[atom.left]
+                values[atom.left] = low, min(high, up(atom.right.value))
+            if isinstance(atom.left, Number) and isinstance(atom.right, Symbol):
+                low, high = values[atom.right]
+                values[atom.right] = max(low, down(atom.left.value)), high
+        return all(low <= high for low, high in values.values())
 
     def _complete(self, values: dict[Symbol, Ends]) -> Formula | None:
         """Add what the program computes for the states of a box; how close that is to its terms. None where
@@ -273,4 +286,6 @@ class _Checker:
         for pair in case.largest:
             if ranges[self.wanted.index(pair)][1] < 0:
                 return True
-        return judged(case.conclusion, values, frozenset(nonzero)) == "true"
+        assumed = conjuncts(self.hypothesis)
+        conclusion = conjunction(c for c in conjuncts(case.conclusion) if c not in assumed)
+        return judged(conclusion, values, frozenset(nonzero)) == "true"

@@ -1,17 +1,20 @@
 """Exact states where equations hold, such as `x^2 + y^2 = 1` among what is assumed: no box has one as its
-middle, so some are drawn in which a policy is judged before the search.
+middle, so in some a policy is judged before the search. Some are drawn; others are solutions of Z3, in which
+what the policy might ask for is not admissible.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Set
 from fractions import Fraction
+from itertools import chain, takewhile
 from math import isqrt
 from random import Random
 
-from dl2c.ir.evaluate import value_of
+from dl2c.ir.evaluate import truth, value_of
 from dl2c.ir.logic import conjuncts, difference, symbols
-from dl2c.ir.model import Compare, Symbol, Term
+from dl2c.ir.model import Compare, Number, Symbol, Term
 from dl2c.policy_proof.exact import State, Violation, violation
 from dl2c.policy_proof.question import Question, Range
+from dl2c.smt.query import Impossible, Oracle
 
 SIMPLE, MORE = 60, 60
 """How many states are judged: with simple numbers in equations, which doubles are, then with other ones."""
@@ -25,18 +28,33 @@ GRID = 1024
 HYPOTENUSE = 65
 """Many sums of squares of its multiples are squares."""
 
+EACH_SECONDS, ALL_SECONDS = 1.0, 3.0
+"""For solutions of Z3."""
 
-def violation_on_equations(question: Question) -> Violation | None:
-    """A violation among drawn states in which the equations of the hypothesis hold; None without any."""
+COMPLETED, NEAR = 40, Fraction(1, 8)
+"""States for each solution, and how far away its numbers may be where they are not rational: a share of the
+limits.
+"""
+
+DIGITS = 1000
+"""Of irrational values: the largest denominator of what they are replaced by."""
+
+
+def violation_on_equations(question: Question, late: Callable[[], bool] = lambda: False) -> Violation | None:
+    """A violation among states in which the equations of the hypothesis hold, as long as it is not `late`;
+    None without equations.
+    """
     equations = _equations(question)
     if not equations:
         return None
     rng = Random(0)
-    for count, denominator in ((SIMPLE, 1), (MORE, HYPOTENUSE)):
-        for state in _drawn(question, equations, rng, count, denominator):
-            if (found := violation(question, state)) is not None:
-                return found
-    return None
+    drawn = (
+        _drawn(question, equations, rng, count, denominator)
+        for count, denominator in ((SIMPLE, 1), (MORE, HYPOTENUSE))
+    )
+    states = chain(*drawn, _near_solutions(question, equations, rng))
+    found = (violation(question, state) for state in takewhile(lambda _: not late(), states))
+    return next((v for v in found if v is not None), None)
 
 
 def _equations(question: Question) -> list[Compare]:
@@ -61,9 +79,52 @@ def _drawn(
             return
 
 
+def _near_solutions(question: Question, equations: list[Compare], rng: Random) -> Iterator[State]:
+    """States near solutions, with any values of names on which these do not depend. Where the numbers of a
+    solution are not rational, others nearby solve the equations.
+    """
+    limits = dict(zip(question.dimensions, question.box, strict=True))
+    bound = sorted(symbols(*equations), key=str)
+    for solution, used in _solutions(question):
+        exact = all(truth(equation, solution, exact=True) for equation in equations)
+        for _ in range(COMPLETED):
+            state = {s: v if s in used else _on_grid(rng, limits[s]) for s, v in solution.items()}
+            if not exact:
+                state |= {s: state[s] + _step(rng, limits[s]) for s in bound}
+            if exact or all(_solved(e, state, limits, rng, HYPOTENUSE) for e in equations):
+                yield state
+
+
+def _solutions(question: Question) -> Iterator[tuple[State, Set[Symbol]]]:
+    """States in which a case about alternatives would end badly, whether or not the policy takes these, and
+    the names on which that depends.
+    """
+    oracle = Oracle(EACH_SECONDS, ALL_SECONDS)
+    assumed = [question.hypothesis]
+    for s, (low, high) in zip(question.dimensions, question.box, strict=True):
+        assumed += [Compare("<=", Number(low), s), Compare("<=", s, Number(high))]
+    requests = {r.symbol for r in question.requests}
+    for conclusion in dict.fromkeys(c.conclusion for c in question.cases):
+        if (used := symbols(conclusion)) & requests:
+            continue
+        answer = oracle.exists(assumed, [Impossible((), conclusion)], [s.name for s in question.dimensions])
+        if answer.verdict == "yes":
+            solution = {s: _exact(answer.witness[s.name]) for s in question.dimensions}
+            yield solution, used | symbols(question.hypothesis)
+
+
+def _exact(value: Fraction | str) -> Fraction:
+    return value if isinstance(value, Fraction) else Fraction(value.rstrip("?")).limit_denominator(DIGITS)
+
+
 def _on_grid(rng: Random, ends: Range) -> Fraction:
     low, high = ends
     return low + (high - low) * Fraction(rng.randrange(GRID + 1), GRID)
+
+
+def _step(rng: Random, ends: Range) -> Fraction:
+    """To somewhere near."""
+    return (ends[1] - ends[0]) * NEAR * Fraction(rng.randrange(-GRID, GRID + 1), GRID)
 
 
 def _solved(

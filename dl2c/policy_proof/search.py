@@ -39,6 +39,9 @@ FIRST_LEAVES, EACH_LEVELS, MOST_LEAVES = 24, 4, 64
 
 LEAF_SECONDS, LEAVES_SECONDS = 1.0, 600.0
 
+ON_EQUATIONS = 0.25
+"""Of the time, for states in which equations hold."""
+
 NOT_ALL = nextafter(1.0, 0.0)
 """The largest share of a volume of which some is open, which may be too little for the sum to show it."""
 
@@ -117,8 +120,10 @@ class _Search:
         level = box_of(self.question)[None]
         self.oracle.total = min(LEAVES_SECONDS, self.limits.seconds)
         self.widths = np.maximum(level[0, :, 1] - level[0, :, 0], np.finfo(float).tiny)
-        if not self.before.tree and (found := violation_on_equations(self.question)) is not None:
-            return self._found("refuted", level, found)
+        if not self.before.tree:
+            found = violation_on_equations(self.question, lambda: self._late(ON_EQUATIONS))
+            if found is not None:
+                return self._found("refuted", level, found)
         for number in range(MOST_LEVELS):
             self.limits.note(f"{self.decided:.2%} decided, {len(level)} boxes open")
             try:
@@ -229,8 +234,8 @@ class _Search:
                     return found
         return None
 
-    def _late(self) -> bool:
-        return time.monotonic() - self.begun > self.limits.seconds
+    def _late(self, share: float = 1.0) -> bool:
+        return time.monotonic() - self.begun > share * self.limits.seconds
 
     def _ended(self, answer: Answer, level: Doubles, reason: str) -> Found:
         """The end inside a level, all of whose boxes are open."""

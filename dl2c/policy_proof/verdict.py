@@ -159,7 +159,7 @@ def _warnings(claim: Claim, asked: Sequence[Question], found: Sequence[Found]) -
     if all(f.answer == "proved" and not f.states for f in found):
         said.append("no state satisfies what is assumed: the proof says nothing")
     if any(question.shares for question in asked):
-        said.append("values are shares of what is admissible; the claim is that there are admissible ones")
+        said.append("values are shares of what is admissible; the claim is that some real numbers are")
     if _goes_on(claim):
         said.append("tests and domains after the first motion of a step are not part of the claim")
     return said

@@ -62,3 +62,21 @@ def test_without_equations_nothing_is_drawn(monkeypatch: pytest.MonkeyPatch) -> 
     free = question(about.layers, about.box, Compare("<", ASKED, ASKED), Compare("<=", X, Y))
     monkeypatch.setattr(Random, "randrange", None)
     assert violation_on_equations(free) is None
+
+
+@pytest.mark.parametrize("name", ["circle", "ellipse"])
+def test_a_rare_violation_is_a_solution(name: str) -> None:
+    """Whatever is asked for: in a corner that is hardly ever drawn."""
+    corner = Compare("<=", Add(Mul(Number(Fraction(1000)), Z), Y), Number(Fraction(10005, 10)))
+    about = asked(name, corner)
+    found = violation_on_equations(about)
+    assert found is not None
+    state = {s: found.state[s.name] for s in (X, Y, Z)}
+    assert truth(about.hypothesis, state, exact=True) and not truth(corner, state, exact=True)
+
+
+def test_it_ends_when_it_is_late() -> None:
+    about = asked("circle", Compare("<=", ASKED, Number(Fraction(1, 5))))
+    looks = iter([False] * 3)
+    assert violation_on_equations(about, lambda: next(looks, True)) is None
+    assert next(looks, None) is None

@@ -57,26 +57,32 @@ def model(folder: Path, text: str = PUSH, test: str = "u * w >= x / 2") -> str:
     return str(folder / "model.kyx")
 
 
-def policy(folder: Path, choice: tuple[float, float] = (0.0, 0.0), last: int = 3) -> Path:
-    """Its values are in the middle, its choice is `slope * x + offset`."""
-    slope, offset = choice
-    keys, names = (("assign_u", "assign_w"), "xuw") if last else (("assign_u",), "xuy")
-    outputs = len(keys) + bool(last)
-    weight, bias = np.zeros((outputs, 3)), np.zeros(outputs)
-    weight[-1, 0], bias[-1] = slope, offset
-    limits = {"x": (-2.0, 2.0), "u": (-1.0, 1.0), "w": (-1.0, 1.0), "y": (0.0, 1.0)}
+LIMITS = {"x": (-2.0, 2.0), "u": (-1.0, 1.0), "w": (-1.0, 1.0), "y": (0.0, 1.0)}
+
+
+def policy(
+    folder: Path,
+    choice: tuple[float, float] | None = (0.0, 0.0),
+    seen: str = "xuw",
+    inputs: str = "uw",
+    name: str = "push",
+) -> Path:
+    """Its values are in the middle, its choice, if any, is `slope * x + offset`."""
+    outputs = len(inputs) + (choice is not None)
+    weight, bias = np.zeros((outputs, len(seen))), np.zeros(outputs)
+    if choice is not None:
+        weight[-1, 0], bias[-1] = choice
     interface = Interface(
-        tuple((n, *limits[n]) for n in names),
+        tuple((n, *LIMITS[n]) for n in seen),
         "float32",
         "box",
-        (last,) if last else (),
-        inputs=keys,
+        (3,) if choice is not None else (),
+        inputs=tuple(f"assign_{u}" for u in inputs),
         low=(-1.0,) * outputs,
         high=(1.0,) * outputs,
         squash=True,
     )
     network = Network((), (Layer(weight, bias, "identity"),))
-    name = "push" if last else "later"
     return write_policy(NetworkPolicy(name, interface, network, False, {**SQUASH}), folder)
 
 
@@ -127,12 +133,56 @@ def test_a_violation_is_confirmed_and_replayed(tmp_path: Path, capsys: Any) -> N
 
 def test_the_environment_gives_values_that_are_admissible(tmp_path: Path) -> None:
     """Below -1 there are none for u and y together."""
-    path, file = model(tmp_path, LATER), policy(tmp_path, last=0)
+    path, file = model(tmp_path, LATER), policy(tmp_path, None, "xuy", "u", "later")
     report = report_on(path, Asked(file, seconds=20), SQUASH)
     assert report.answer == "refuted" and report.violation is not None
     assert report.violation.state["x"] < -1
     above = report_on(path, Asked(file, seconds=20, outside="x < -1"), SQUASH)
     assert above.answer == "proved"
+
+
+ONE = """Theorem "one"
+ProgramVariables
+  /* @var: bound=[-2:2] */ Real x;
+  {u}
+  /* @var: observe=false */ Real w;
+End.
+Problem
+  -2 <= x & x <= 2 -> [{u := *; ?{test}; w := {w}; x := x / 2;}*@invariant(-2 <= x & x <= 2)] x <= 2
+End.
+End.
+"""
+
+
+def one(folder: Path, test: str, w: str = "u", bound: str = "bound=[-1:1], ") -> str:
+    text = ONE.replace("{u}", f"/* @var: {bound}observe=false */ Real u;").replace("{w}", w)
+    return model(folder, text, test)
+
+
+@pytest.mark.parametrize(("test", "answer"), [("u >= x / 2", "refuted"), ("u != 0 & u <= 1", "proved")])
+def test_what_is_computed_has_a_value_whatever_is_given(tmp_path: Path, test: str, answer: str) -> None:
+    """The share decides which of the values that pass it is."""
+    path, file = one(tmp_path, test, "1 / u"), policy(tmp_path, None, "x", "u", "one")
+    assert report_on(path, Asked(file, seconds=20), SQUASH).answer == answer
+
+
+def test_values_are_looked_for_within_declared_bounds_only(tmp_path: Path) -> None:
+    """Others are limited by options, or by what tests say at first."""
+    file = policy(tmp_path, None, "x", "u", "one")
+    assert report_on(one(tmp_path, "u >= 3 * x"), Asked(file, seconds=20), SQUASH).answer == "refuted"
+    with pytest.raises(NotCovered) as refused:
+        report_on(one(tmp_path, "u >= 3 * x", bound=""), Asked(file), {**SQUASH, "default_bound": "-1:1"})
+    assert "`u` has no bounds" in str(refused.value)
+
+
+@pytest.mark.parametrize("outside", ["x < -1", "x + 1 < 0"])
+def test_a_certificate_may_need_what_is_assumed(tmp_path: Path, outside: str) -> None:
+    """The conclusion does not hold in all of any box around -1."""
+    path, kept = model(tmp_path, LATER), tmp_path / "proof.json"
+    file = policy(tmp_path, None, "xuy", "u", "later")
+    asked = Asked(file, seconds=20, outside=outside, certificate=kept)
+    assert report_on(path, asked, SQUASH).answer == "proved"
+    assert checked_certificate(path, Asked(file, outside=outside), SQUASH, kept).leaves > 0
 
 
 def test_what_cannot_be_decided_is_said(tmp_path: Path) -> None:
