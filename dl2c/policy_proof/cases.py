@@ -47,6 +47,7 @@ from dl2c.paths.path import Decision
 from dl2c.policy_proof.acting import Acting
 from dl2c.policy_proof.question import Arithmetic, Case, NotCovered, Premise, Request
 from dl2c.quantifiers.eliminate import Quantifier, eliminated
+from dl2c.quantifiers.linear import some_between
 
 MOST_CASES = 4096
 
@@ -88,13 +89,13 @@ def cases_of(
         chosen = {d.key: k for d, k in zip(keys, taken, strict=False)}
         met = [d for d in drafts if _agrees(d, chosen)]
         if policy.squash:
-            paths = [_enabled(model, d) for d in met]
+            paths = [_enabled(model, d, observed) for d in met]
             fixed = [_spread(own + k, a, requests[own + k], arithmetic) for k, a in enumerate(taken)]
         else:
-            paths = [_possible(d, policy.variables, given, requests) for d in met]
+            paths = [observed(_possible(d, policy.variables, given, requests)) for d in met]
             fixed = [_alternative(own + k, a, counts[k]) for k, a in enumerate(taken)]
         about = ", ".join(f"{key}={k}" for key, k in chosen.items())
-        cases += _divided(divided, exhausted(observed(disjunction(paths))), tuple(fixed), about)
+        cases += _divided(divided, exhausted(disjunction(paths)), tuple(fixed), about)
         if len(cases) > MOST_CASES:
             raise NotCovered(f"there are more than {MOST_CASES} cases")
     return requests, tuple(cases)
@@ -183,7 +184,7 @@ def _possible(
     return substituted(found, values)
 
 
-def _enabled(model: Model, draft: Draft) -> Formula:
+def _enabled(model: Model, draft: Draft, observed: Callable[[Formula], Formula]) -> Formula:
     """That some values of its inputs take a path, also of those that the environment gives, and that what it
     assigns has a value whichever these are. Values are within the bounds of their variables. Raises
     `NotCovered`.
@@ -191,7 +192,7 @@ def _enabled(model: Model, draft: Draft) -> Formula:
     bounds = {v.name: v.bound for v in model.variables}
     variable = {a.key: a.variable for a in assignments_of(model.body)}
     inputs = {key: Symbol(key, "input") for key in draft.inputs}
-    passing = [draft.tests]
+    passing = [observed(draft.tests)]
     for key, symbol in inputs.items():
         low, high = (bound := bounds[variable[key]]).low, bound.high
         if low is None or high is None:
@@ -203,6 +204,9 @@ def _enabled(model: Model, draft: Draft) -> Formula:
     def some(formulas: Iterable[Formula]) -> Formula:
         found = conjunction(formulas)
         for key, symbol in reversed(inputs.items()):
+            if (between := some_between(symbol, found)) is not None:
+                found = between
+                continue
             span = draft.place_of(key)
             try:
                 found = eliminated(Quantifier(False, variable[key], symbol, False, span), found)
@@ -211,7 +215,7 @@ def _enabled(model: Model, draft: Draft) -> Formula:
                 raise NotCovered(why, span, problem.diagnostics[0].label) from None
         return found
 
-    undefined = [some([*passing, negation(defined)]) for defined in _assigned(draft)]
+    undefined = [some([*passing, observed(negation(defined))]) for defined in _assigned(draft)]
     return conjunction([some(passing), *map(negation, undefined)])
 
 

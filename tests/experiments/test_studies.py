@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +93,16 @@ def test_the_judgement_of_a_policy_is_that_of_its_model(tmp_path: Path) -> None:
     most, q, l = (float(found.state[name]) for name in ("U", "q", "l"))
     asks = float(found.request["assign_u"])
     assert asks == pytest.approx(0.6 - 0.1 * l) and not (asks <= most and 0 <= l + asks - q <= 5)
+
+
+def test_with_shares_it_is_judged_whether_there_is_something_admissible(tmp_path: Path) -> None:
+    """In the tank there always is."""
+    study = study_of("watertank")
+    assert study is not None
+    squashed = {"action_map": "squash"}
+    found = judged(untrained(tmp_path, squashed), replace(study, options=squashed), seconds=20)
+    assert found.claims == {"admissible": "proved", "kept": "proved", "for ever": "proved"}
+    assert found.admissible.value == 1.0
 
 
 @pytest.mark.parametrize("example", ["static_safety", "passive_safety"])
