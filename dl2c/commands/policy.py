@@ -200,6 +200,8 @@ def verifier(
     from dl2c.training.lessons import Teacher
 
     found = compilation_of(model, options)
+    if found.resolved.options.action_map == "squash":
+        raise NotCovered("it is taught values, not shares of what is admissible (action_map=squash)")
     claim = _claim(found, asked)
     about = questions_of(model, asked, options, network)[1]
     for question in about:

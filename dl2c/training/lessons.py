@@ -113,10 +113,8 @@ class Teacher(States):
 
     def finds_states(self) -> bool:
         """Whether states of the hypothesis are found by drawing. Raises `NotCovered` where there is too much
-        to decide at once, or where requests are shares of what is admissible.
+        to decide at once.
         """
-        if self.question.shares:
-            raise NotCovered("it is taught values, not shares of what is admissible (action_map=squash)")
         _ = self.axes if self.question.requests else self.winners
         return len(self.drawn(ENOUGH)) > 0
 
