@@ -5,6 +5,7 @@ clipped, 0 where it divides by one. So there is a case for each such number and 
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations, pairwise, product
 
@@ -243,11 +244,10 @@ def _alternative(request: int, taken: int, count: int) -> Premise:
 def _spread(request: int, taken: int, spread: Request, arithmetic: Arithmetic) -> Premise:
     """That a request is rounded to an alternative of those that are spread over its limits."""
     assert spread.last is not None
-    ends = [None if taken == 0 else taken - HALF, None if taken == spread.last else taken + HALF]
-    low, high = (None if end is None else -1 + 2 * end / spread.last for end in ends)
-    slack = SLACK[arithmetic]
+    among, slack = _alternative(request, taken, spread.last + 1), SLACK[arithmetic]
+    low, high = (None if end is None else -1 + 2 * end / spread.last for end in (among.low, among.high))
     low, high = low if low is None else low - slack, high if high is None else high + slack
-    return Premise(request, low, high, False, Fraction(taken))
+    return replace(among, low=low, high=high)
 
 
 def _divided(

@@ -61,7 +61,7 @@ def decided(question: Question, linear: Rows, box: Limits, centers: Centers, ora
         return Leaf(False)
     scales = [o[2] for o in outputs_of(question)]
     bounds = [_bounds(question, centers, *args) for args in zip(linear, scales, strict=True)]
-    inside = conjunction([question.hypothesis, *_limits(question, box)])
+    inside = conjunction([question.hypothesis, *within(question, box)])
     names = [s.name for s in question.dimensions]
     for case in question.cases:
         state: Mapping[str, Fraction | str] = {}
@@ -81,7 +81,8 @@ def _is_root(term: Term) -> bool:
     return isinstance(term, Call) and term.function == "sqrt"
 
 
-def _limits(question: Question, box: Limits) -> Iterator[Formula]:
+def within(question: Question, box: Limits) -> Iterator[Formula]:
+    """That a state is in a box."""
     for s, (low, high) in zip(question.dimensions, box, strict=True):
         yield Compare("<=", Number(Fraction(low)), s)
         yield Compare("<=", s, Number(Fraction(high)))

@@ -3,17 +3,18 @@ middle, so in some a policy is judged before the search. Some are drawn; others 
 what the policy might ask for is not admissible.
 """
 
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from fractions import Fraction
 from itertools import chain, takewhile
-from math import isqrt
 from random import Random
 
 from dl2c.ir.evaluate import truth, value_of
-from dl2c.ir.logic import conjuncts, difference, symbols
-from dl2c.ir.model import Compare, Number, Symbol, Term
+from dl2c.ir.logic import difference, symbols
+from dl2c.ir.model import Compare, Symbol, Term
 from dl2c.policy_proof.exact import State, Violation, violation
+from dl2c.policy_proof.leaves import within
 from dl2c.policy_proof.question import Question, Range
+from dl2c.quantifiers.quadratic import root_of
 from dl2c.smt.query import Impossible, Oracle
 
 SIMPLE, MORE = 60, 60
@@ -44,7 +45,7 @@ def violation_on_equations(question: Question, late: Callable[[], bool] = lambda
     """A violation among states in which the equations of the hypothesis hold, as long as it is not `late`;
     None without equations.
     """
-    equations = _equations(question)
+    equations = [equation for equation in question.equations if symbols(equation)]
     if not equations:
         return None
     rng = Random(0)
@@ -57,15 +58,8 @@ def violation_on_equations(question: Question, late: Callable[[], bool] = lambda
     return next((v for v in found if v is not None), None)
 
 
-def _equations(question: Question) -> list[Compare]:
-    """Those about dimensions that are not computed."""
-    computed = {symbol for symbol, _ in question.computed}
-    found = (c for c in conjuncts(question.hypothesis) if isinstance(c, Compare) and c.op == "=")
-    return [c for c in found if symbols(c) and not symbols(c) & computed]
-
-
 def _drawn(
-    question: Question, equations: list[Compare], rng: Random, count: int, denominator: int
+    question: Question, equations: Sequence[Compare], rng: Random, count: int, denominator: int
 ) -> Iterator[State]:
     """At most so many states; numbers in equations but for one are multiples of a fraction."""
     limits = dict(zip(question.dimensions, question.box, strict=True))
@@ -79,7 +73,7 @@ def _drawn(
             return
 
 
-def _near_solutions(question: Question, equations: list[Compare], rng: Random) -> Iterator[State]:
+def _near_solutions(question: Question, equations: Sequence[Compare], rng: Random) -> Iterator[State]:
     """States near solutions, with any values of names on which these do not depend. Where the numbers of a
     solution are not rational, others nearby solve the equations.
     """
@@ -100,9 +94,7 @@ def _solutions(question: Question) -> Iterator[tuple[State, Set[Symbol]]]:
     the names on which that depends.
     """
     oracle = Oracle(EACH_SECONDS, ALL_SECONDS)
-    assumed = [question.hypothesis]
-    for s, (low, high) in zip(question.dimensions, question.box, strict=True):
-        assumed += [Compare("<=", Number(low), s), Compare("<=", s, Number(high))]
+    assumed = [question.hypothesis, *within(question, question.box)]
     requests = {r.symbol for r in question.requests}
     for conclusion in dict.fromkeys(c.conclusion for c in question.cases):
         if (used := symbols(conclusion)) & requests:
@@ -159,14 +151,5 @@ def _roots(term: Term, state: State, unknown: Symbol) -> list[Fraction]:
         return []
     if not a:
         return [-c / b] if b else []
-    root = _root(b * b - 4 * a * c)
-    return [] if root is None else [(-b - root) / (2 * a), (-b + root) / (2 * a)]
-
-
-def _root(square: Fraction) -> Fraction | None:
-    """The square root, where it is rational."""
-    if square < 0:
-        return None
-    above, below = isqrt(square.numerator), isqrt(square.denominator)
-    root = Fraction(above, below)
-    return root if root * root == square else None
+    square = root_of({(): b * b - 4 * a * c})
+    return [] if square is None else [(-b + sign * square[()]) / (2 * a) for sign in (-1, 1)]

@@ -14,7 +14,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from dl2c.diagnostics import CompileError, error
-from dl2c.ir.model import Formula, Symbol, Term
+from dl2c.ir.logic import conjuncts, symbols
+from dl2c.ir.model import Compare, Formula, Symbol, Term
 from dl2c.policy.network import Layer, Scaling
 from dl2c.source import NOWHERE, Span
 
@@ -103,6 +104,12 @@ class Question:
     lead: tuple[tuple[str, int], ...] = ()
     given: tuple[tuple[str, Fraction], ...] = ()
     shares: bool = False
+
+    @property
+    def equations(self) -> tuple[Compare, ...]:
+        """Those among what is assumed, but for what is computed."""
+        found, computed = conjuncts(self.hypothesis), {symbol for symbol, _ in self.computed}
+        return tuple(c for c in found if isinstance(c, Compare) and c.op == "=" and not symbols(c) & computed)
 
     @property
     def fixed(self) -> Mapping[str, Fraction]:

@@ -8,6 +8,7 @@ alternatives that meet where two bounds are equal: no enclosure shows around the
 from collections.abc import Sequence
 from fractions import Fraction
 from itertools import product
+from math import prod
 
 from dl2c.ir.logic import ascending, conjunction, conjuncts, difference, disjunction, symbols
 from dl2c.ir.model import Compare, Formula, Or, Symbol
@@ -37,10 +38,7 @@ def _clauses(formula: Formula, x: Symbol) -> list[list[Formula]]:
                 parts.append([clause for child in children for clause in _clauses(child, x)])
             case _:
                 parts.append([[c]])
-    count = 1
-    for part in parts:
-        count *= len(part)
-    if count > MOST_CLAUSES:
+    if prod(map(len, parts)) > MOST_CLAUSES:
         return [[formula]]
     return [[c for clause in chosen for c in clause] for chosen in product(*parts)]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dl2c.ir.arrays import truths
 from dl2c.ir.arrays import values as value_in
-from dl2c.ir.logic import conjunction, conjuncts, difference, symbols
+from dl2c.ir.logic import conjunction, conjuncts, difference
 from dl2c.ir.model import Compare, Formula, Symbol, Term
 from dl2c.policy_proof.question import Question
 
@@ -51,10 +51,7 @@ class States:
 
     @cached_property
     def equations(self) -> tuple[Compare, ...]:
-        """Those among what is assumed, but for what is computed."""
-        found = conjuncts(self.question.hypothesis)
-        computed = {s for s, _ in self.question.computed}
-        return tuple(c for c in found if isinstance(c, Compare) and c.op == "=" and not symbols(c) & computed)
+        return self.question.equations
 
     @cached_property
     def other_assumptions(self) -> Formula:
