@@ -33,20 +33,28 @@ DL2C_INLINE real dl2c_exit_linear(real c0, real c1)
   return dl2c_select(c1 < 0.0, distance / -c1, (real)INFINITY);
 }
 
-/* Where the margin of a starting point on or inside the boundary crosses zero; INFINITY for never. */
-static inline real dl2c_leaves_at(real c0, real c1, real c2, bool touching_counts)
+/*
+ * Where the margin of a starting point on or inside the boundary crosses zero; INFINITY for never. Without
+ * branches: all cases share one division and one root.
+ */
+DL2C_INLINE real dl2c_leaves_at(real c0, real c1, real c2, bool touching_counts)
 {
-  if (c2 == 0.0) return dl2c_exit_linear(c0, c1);
-  if (c0 <= 0.0) {
-    if (c1 <= 0.0) return c1 < 0.0 || c2 < 0.0 ? 0.0 : (real)INFINITY;
-    return c2 < 0.0 ? -c1 / c2 : (real)INFINITY;
-  }
-  if (c1 >= 0.0 && c2 >= 0.0) return (real)INFINITY;
+  const bool linear = c2 == 0.0;
+  const bool at_edge = c0 <= 0.0;
+  const bool falls = c1 < 0.0;
   const real disc = c1 * c1 - 4.0 * c2 * c0;
-  if (disc < 0.0 || (disc == 0.0 && c2 > 0.0 && !touching_counts)) return (real)INFINITY;
   const real root = sqrt(disc);
-  if (c1 < 0.0) return c0 / ((root - c1) / 2.0);
-  return (-(c1 + root) / 2.0) / c2;
+  const bool avoids = ((c1 >= 0.0) & (c2 >= 0.0)) | (disc < 0.0)
+      | ((disc == 0.0) & (c2 > 0.0) & !touching_counts);
+  const bool never = (at_edge & !(c2 < 0.0)) | (!at_edge & avoids);
+
+  real part = dl2c_select(falls, c0, -(c1 + root) / 2.0);
+  real whole = dl2c_select(falls, (root - c1) / 2.0, c2);
+  part = dl2c_select(at_edge, -c1, part);
+  whole = dl2c_select(at_edge, c2, whole);
+  real at = dl2c_select(never, (real)INFINITY, part / whole);
+  at = dl2c_select(at_edge & (c1 <= 0.0), dl2c_select(falls | (c2 < 0.0), 0.0, (real)INFINITY), at);
+  return dl2c_select(linear, dl2c_exit_linear(c0, c1), at);
 }
 
 /* margin >= 0: leaves where the margin becomes negative. */
@@ -64,7 +72,9 @@ static inline real dl2c_exit_positive(real c0, real c1, real c2)
 /* margin != 0: leaves where it becomes zero from either side. */
 static inline real dl2c_exit_nonzero(real c0, real c1, real c2)
 {
-  return c0 < 0.0 ? dl2c_leaves_at(-c0, -c1, -c2, true) : dl2c_leaves_at(c0, c1, c2, true);
+  const bool below = c0 < 0.0;
+  return dl2c_leaves_at(dl2c_select(below, -c0, c0), dl2c_select(below, -c1, c1),
+                        dl2c_select(below, -c2, c2), true);
 }
 
 /* margin = 0 that motion changes: leaves at once. */
