@@ -86,9 +86,51 @@ DL2C_INLINE void dl2c_conclude(dl2c_batch *b, int64_t first, int64_t count, cons
                b->out.rewards + first);
 }
 
-/* Observations, from a row for each entry to a row for each environment. */
+#if defined(__has_builtin)
+#if __has_builtin(__builtin_shufflevector)
+#define DL2C_SHUFFLES 1
+#endif
+#endif
+
+#ifdef DL2C_SHUFFLES
+/* Four observation entries. */
+typedef dl2c_obs dl2c_four __attribute__((vector_size(4 * sizeof(dl2c_obs))));
+
+/* Four entries of four environments.   columns: a row of DL2C_BLOCK for each entry   obs: (4, NOBS) */
+DL2C_INLINE void dl2c_four_rows(const dl2c_obs *restrict columns, dl2c_obs *restrict obs)
+{
+  dl2c_four a[4];
+  for (int k = 0; k < 4; k++) memcpy(&a[k], columns + k * DL2C_BLOCK, sizeof a[k]);
+  const dl2c_four low = __builtin_shufflevector(a[0], a[1], 0, 4, 1, 5);
+  const dl2c_four high = __builtin_shufflevector(a[0], a[1], 2, 6, 3, 7);
+  const dl2c_four low_next = __builtin_shufflevector(a[2], a[3], 0, 4, 1, 5);
+  const dl2c_four high_next = __builtin_shufflevector(a[2], a[3], 2, 6, 3, 7);
+  const dl2c_four rows[4] = {
+      __builtin_shufflevector(low, low_next, 0, 1, 4, 5),
+      __builtin_shufflevector(low, low_next, 2, 3, 6, 7),
+      __builtin_shufflevector(high, high_next, 0, 1, 4, 5),
+      __builtin_shufflevector(high, high_next, 2, 3, 6, 7),
+  };
+  for (int k = 0; k < 4; k++) memcpy(obs + k * NOBS, &rows[k], sizeof rows[k]);
+}
+#endif
+
+/*
+ * Observations, from a row for each entry to a row for each environment: four by four in registers. The last
+ * four entries may overlap those before.
+ */
 DL2C_INLINE void dl2c_rows(int64_t count, const dl2c_obs *restrict columns, dl2c_obs *restrict obs)
 {
+#ifdef DL2C_SHUFFLES
+  if (NOBS >= 4 && count % 4 == 0) {
+    for (int64_t i = 0; i < count; i += 4)
+      for (int k = 0; k < NOBS; k += 4) {
+        const int first = k + 4 <= NOBS ? k : NOBS - 4;
+        dl2c_four_rows(columns + first * DL2C_BLOCK + i, obs + i * NOBS + first);
+      }
+    return;
+  }
+#endif
   for (int64_t i = 0; i < count; i++) {
     DL2C_UNROLL
     for (int k = 0; k < NOBS; k++) obs[i * NOBS + k] = columns[k * DL2C_BLOCK + i];

@@ -28,9 +28,10 @@ from dl2c.progress import LOG
 from dl2c.version import install
 
 CODE_FLAGS = ("-std=c11", "-O3", "-fno-trapping-math", "-fno-math-errno", "-fvisibility=hidden", "-fPIC")
-GCC_FLAGS = ("-fno-tree-pre", "-fno-code-hoisting")
-"""Without a pass of GCC that takes most of the time in large models and makes this code no faster; it runs
-where one of the two is wanted."""
+GCC_FLAGS = ("-fno-tree-pre", "-fno-code-hoisting", "-fno-tree-slp-vectorize")
+"""Without a pass of GCC that takes most of the time in large models and makes this code no faster (it runs
+where one of the first two is wanted), and without vectors of values of a single environment, which make its
+step slower; loops over lanes are vectorised by another pass."""
 
 LONG_CODE, LONG_FLAGS = 200_000, ("-O1",)
 """Characters beyond which generated code is optimised less; the largest example has a third of that."""
