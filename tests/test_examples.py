@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,12 @@ from gymnasium.utils.env_checker import check_env
 
 import dl2c
 from dl2c.commands.describe import describe
+from dl2c.env.actions import encoding
+from dl2c.env.opening import manifest_of
 from dl2c.env.registration import EXAMPLES
+from dl2c.env.spaces import observation_space
 from dl2c.native.binding import Batch
-from dl2c.options import Options
+from dl2c.options import Options, UnknownOption
 from dl2c.parse.parser import parse_archive
 from dl2c.pipeline import check_model
 from dl2c.source import Source
@@ -86,6 +90,39 @@ def test_info_says_which_kernel_follows_a_flow_and_why(name: str, capsys: pytest
     assert ode.startswith("{") and tuple(columns) == KERNELS[name]
     assert [event[1] for event in events] == [condition for condition, _ in manifest.flows[0].events]
     assert all("certified" in how or how == "exact" for _, how in manifest.flows[0].events)
+
+
+FORMATS = ["auto", "dict", "box", "discrete", "multidiscrete"]
+
+
+def shown(space: gym.Space[Any]) -> str:
+    """A space as Gymnasium writes it, but a Box by its size and type."""
+    match space:
+        case gym.spaces.Box():
+            return f"Box({space.shape[0]}, {space.dtype})"
+        case gym.spaces.Dict():
+            return f"Dict({', '.join(f'{key!r}: {shown(part)}' for key, part in space.items())})"
+        case _:
+            return str(space)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_info_shows_the_spaces_of_the_environment(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    manifest = manifest_of(f"example:{name}", {})
+    for action_format in FORMATS:
+        given = replace(manifest, options=manifest.options | {"action_format": action_format})
+        try:
+            actions = encoding(given).space()
+        except UnknownOption as problem:
+            assert action_format.endswith("discrete")
+            with pytest.raises(UnknownOption, match=re.escape(str(problem))):
+                describe(given)
+            capsys.readouterr()
+            continue
+        describe(given)
+        lines = capsys.readouterr().out.splitlines()
+        assert lines[1] == f"observation space  {shown(observation_space(given))}"
+        assert lines[2] == f"action space       {shown(actions)}"
 
 
 @pytest.mark.parametrize("name", ["waypoint", "dubins"])

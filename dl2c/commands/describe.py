@@ -5,8 +5,6 @@ from collections.abc import Iterable
 from rich.console import Console
 from rich.table import Table
 
-from dl2c.env.actions import encoding
-from dl2c.env.spaces import observation_space
 from dl2c.native.manifest import ChoiceSpec, InputSpec, Manifest, Quantity
 
 PIPED_WIDTH = 160
@@ -24,10 +22,11 @@ def describe(manifest: Manifest) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=PIPED_WIDTH)
-    box = observation_space(manifest)
     console.print(f"[bold]{manifest.name}[/bold]  (dl2c {manifest.dl2c_version}, build {manifest.key})")
-    console.print(f"observation space  Box({len(manifest.observations)}, {box.dtype})", markup=False)
-    console.print(f"action space       {encoding(manifest).space()}", markup=False)
+    console.print(
+        f"observation space  Box({len(manifest.observations)}, {manifest.options['obs_dtype']})", markup=False
+    )
+    console.print(f"action space       {_action_space(manifest)}", markup=False)
     console.print(f"initial states     {manifest.certificate}", markup=False)
     theorem = manifest.theorem
     console.print(f'theorem            "{theorem.name}": {theorem.known}', markup=False)
@@ -56,6 +55,27 @@ def describe(manifest: Manifest) -> None:
             console.print(_table(title, columns, found))
     for note in manifest.notes:
         console.print(f"note: {note}", markup=False)
+
+
+def _action_space(manifest: Manifest) -> str:
+    """As Gymnasium writes it, a Box by its size alone: the table of inputs has the limits."""
+    counts = [len(c.alternatives) for c in manifest.choices]
+    dtype = manifest.options["obs_dtype"]
+    match manifest.action_form():
+        case "none":
+            return "Discrete(1)"
+        case "one choice":
+            return f"Discrete({counts[0]})"
+        case "choices":
+            return f"MultiDiscrete([{' '.join(map(str, counts))}])"
+        case "runs":
+            return f"Discrete({len(manifest.runs)})"
+        case "box":
+            return f"Box({len(manifest.inputs) + len(counts)}, {dtype})"
+        case "dict":
+            boxes = [f"'{i.key}': Box(1, {dtype})" for i in manifest.inputs]
+            choices = [f"'{c.key}': Discrete({n})" for c, n in zip(manifest.choices, counts, strict=True)]
+            return f"Dict({', '.join(sorted(boxes + choices))})"
 
 
 def _table(title: str, columns: Iterable[str], rows: Iterable[tuple[str, ...]]) -> Table:

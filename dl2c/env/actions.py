@@ -5,7 +5,6 @@ import numpy as np
 from dl2c.env.encodings import Choices, Encoding, Flat, Floats, Ints, Named, NoDecision, OneChoice, Runs
 from dl2c.env.spaces import float_type
 from dl2c.native.manifest import Manifest
-from dl2c.options import UnknownOption
 
 
 def encoding(manifest: Manifest, action_format: str | None = None) -> Encoding:
@@ -14,25 +13,19 @@ def encoding(manifest: Manifest, action_format: str | None = None) -> Encoding:
     Raises `UnknownOption` where the format cannot express the model's decisions.
     """
     counts = np.array([len(c.alternatives) for c in manifest.choices], np.int64)
-    if not manifest.choices and not manifest.inputs:
-        return NoDecision()
-    match action_format or manifest.options["action_format"]:
-        case "auto":
-            mixed = bool(manifest.choices) and bool(manifest.inputs)
-            return _named(manifest, counts) if mixed else _plain(manifest, counts)
+    match manifest.action_form(action_format):
+        case "none":
+            return NoDecision()
+        case "one choice":
+            return OneChoice(int(counts[0]))
+        case "choices":
+            return Choices(counts)
+        case "runs":
+            return _runs(manifest, counts)
+        case "box":
+            return Flat(*_limits(manifest), counts, _squash(manifest))
         case "dict":
             return _named(manifest, counts)
-        case "box":
-            low, high = _limits(manifest)
-            return Flat(low, high, counts, _squash(manifest))
-        case "discrete":
-            _refuse_inputs(manifest, "discrete")
-            return _runs(manifest, counts)
-        case "multidiscrete":
-            _refuse_inputs(manifest, "multidiscrete")
-            return Choices(counts)
-        case other:
-            raise AssertionError(other)
 
 
 def flat_format(manifest: Manifest) -> str:
@@ -40,13 +33,6 @@ def flat_format(manifest: Manifest) -> str:
     chosen = manifest.options["action_format"]
     mixed = bool(manifest.choices) and bool(manifest.inputs)
     return "box" if chosen == "dict" or (chosen == "auto" and mixed) else chosen
-
-
-def _plain(manifest: Manifest, counts: Ints) -> Encoding:
-    if manifest.inputs:
-        low, high = _limits(manifest)
-        return Flat(low, high, counts, _squash(manifest))
-    return OneChoice(int(counts[0])) if len(counts) == 1 else Choices(counts)
 
 
 def _named(manifest: Manifest, counts: Ints) -> Named:
@@ -75,11 +61,3 @@ def _limits(manifest: Manifest) -> tuple[Floats, Floats]:
         np.array([i.low for i in manifest.inputs]).astype(dtype),
         np.array([i.high for i in manifest.inputs]).astype(dtype),
     )
-
-
-def _refuse_inputs(manifest: Manifest, name: str) -> None:
-    if manifest.inputs:
-        keys = ", ".join(i.key for i in manifest.inputs)
-        raise UnknownOption(
-            f"action_format={name!r} cannot express the inputs {keys}; use 'auto', 'dict' or 'box'"
-        )

@@ -9,11 +9,11 @@ import math
 import sys
 from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any, NoReturn, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NoReturn, TypeAlias, cast, get_args, get_origin, get_type_hints
 
 from dl2c.inputs import checked_input, read_text
 from dl2c.native.errors import NativeError
-from dl2c.options import OPTIONS, Options, with_options
+from dl2c.options import OPTIONS, Options, UnknownOption, with_options
 
 MANIFEST_VERSION = 6
 
@@ -130,6 +130,10 @@ class TheoremSpec:
     known: str
 
 
+ActionForm: TypeAlias = Literal["none", "one choice", "choices", "runs", "box", "dict"]
+"""How actions are written: each form is a class of dl2c/env/encodings.py."""
+
+
 @dataclass(frozen=True, slots=True)
 class Manifest:
     """One compiled model. `observations` are the entries of an observation in order.
@@ -166,6 +170,30 @@ class Manifest:
     conditions: tuple[ConditionSpec, ...]
     theorem: TheoremSpec
     scene: SceneSpec
+
+    def action_form(self, action_format: str | None = None) -> "ActionForm":
+        """The form of actions under `action_format` (default: the model's option), as semantics 2 says.
+
+        Raises `UnknownOption` where the format cannot express the model's decisions.
+        """
+        if not self.choices and not self.inputs:
+            return "none"
+        match action_format or self.options["action_format"]:
+            case "auto":
+                if self.inputs:
+                    return "dict" if self.choices else "box"
+                return "one choice" if len(self.choices) == 1 else "choices"
+            case "dict" | "box" as named:
+                return named
+            case "discrete" | "multidiscrete" as named:
+                if keys := ", ".join(i.key for i in self.inputs):
+                    raise UnknownOption(
+                        f"action_format={named!r} cannot express the inputs {keys}; "
+                        "use 'auto', 'dict' or 'box'"
+                    )
+                return "runs" if named == "discrete" else "choices"
+            case other:
+                raise AssertionError(other)
 
     def to_json(self) -> str:
         """Stable text: the same manifest gives the same bytes. Infinite limits are "inf" and "-inf"."""
