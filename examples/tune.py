@@ -5,7 +5,7 @@
 
 The first trial has the defaults of `dl2c train`; with `--like FILE` two more have what was found for another
 model. The best trial and the defaults are then trained and measured again with other seeds, since who is the
-best of many was lucky, too.
+best of many was lucky, too. The file says all that there was to choose, so that it goes on meaning the same.
 """
 
 import argparse
@@ -21,7 +21,7 @@ import yaml
 
 import dl2c
 from dl2c.training.evaluation import FIRST_SEED, outcomes
-from dl2c.training.hyper import ON_POLICY
+from dl2c.training.hyper import DEFAULTS
 from dl2c.training.learning import train
 from dl2c.training.run import Settings
 
@@ -34,7 +34,7 @@ SEEDS = (101, 102, 103)
 CHOICES: dict[str, tuple[Any, ...]] = {
     "gamma": (0.95, 0.98, 0.99, 0.995),
     "gae_lambda": (0.9, 0.95, 0.98),
-    "n_steps": (32, 64, 128),
+    "n_steps": (16, 32, 64, 128),
     "batch_size": (256, 1024),
     "n_epochs": (3, 6, 10),
     "ent_coef": (0.0, 0.003, 0.01),
@@ -42,7 +42,8 @@ CHOICES: dict[str, tuple[Any, ...]] = {
 }
 """What a trial picks from, beside the learning rate. The last one is an option of the environment."""
 
-DEFAULTS = {name: ON_POLICY.get(name, "project") for name in (*CHOICES, "learning_rate")}
+_, N_ENVS, DEFAULT = DEFAULTS["ppo"]
+PLAIN = {name: DEFAULT.get(name, "project") for name in (*CHOICES, "learning_rate")}
 
 
 def suggested(trial: optuna.Trial) -> dict[str, Any]:
@@ -52,18 +53,18 @@ def suggested(trial: optuna.Trial) -> dict[str, Any]:
 
 
 def configuration(model: str, steps: int, values: Mapping[str, Any]) -> dict[str, Any]:
-    """What `dl2c train --config` reads; values that are defaults are left out."""
+    """What `dl2c train --config` reads."""
     manifest = dl2c.make(model).manifest
     algo = "ppo" if manifest.inputs else "maskable-ppo"
-    changed = {name: value for name, value in values.items() if value != DEFAULTS[name]}
-    action_map = changed.pop("action_map", None)
-    chosen: dict[str, Any] = {"model": model, "algo": algo, "steps": steps, "hyper": changed}
-    return chosen | ({"options": {"action_map": action_map}} if action_map and manifest.inputs else {})
+    hyper = {name: value for name, value in values.items() if name != "action_map"}
+    chosen: dict[str, Any] = {"model": model, "algo": algo, "steps": steps, "n_envs": N_ENVS, "hyper": hyper}
+    return chosen | ({"options": {"action_map": values["action_map"]}} if manifest.inputs else {})
 
 
 def score(chosen: Mapping[str, Any], seed: int, first_episode: int) -> float:
     """The mean return of the policy that this training gives."""
-    settings, options = Settings(steps=chosen["steps"], hyper=chosen["hyper"]), chosen.get("options", {})
+    settings = Settings(steps=chosen["steps"], n_envs=chosen["n_envs"], hyper=chosen["hyper"])
+    options = chosen.get("options", {})
     with tempfile.TemporaryDirectory() as folder:
         given: Values = {"directory": Path(folder), "settings": settings, "whole": True} | options
         run = train(chosen["model"], chosen["algo"], seed=seed, **given)
@@ -75,19 +76,17 @@ def score(chosen: Mapping[str, Any], seed: int, first_episode: int) -> float:
 def values_of(path: Path) -> list[dict[str, Any]]:
     """The values that a file says, for both ways to map actions."""
     said = yaml.safe_load(path.read_text(encoding="utf-8")).get("hyper", {})
-    values = {name: said.get(name, value) for name, value in DEFAULTS.items()}
+    values = {name: said.get(name, value) for name, value in PLAIN.items()}
     return [values | {"action_map": action_map} for action_map in CHOICES["action_map"]]
 
 
 def tuned(model: str, trials: int, steps: int, first: Sequence[Values]) -> tuple[Values, float, float]:
-    """The best configuration, its mean return over `SEEDS`, and that of the defaults, which are the best if
-    nothing is better. The `first` trials are given.
-    """
+    """The best configuration (that of the defaults if none is better), its mean return, and theirs."""
     study = optuna.create_study(direction="maximize", sampler=optuna.samplers.TPESampler(seed=0))
     for values in first:
         study.enqueue_trial(values)
     study.optimize(lambda t: score(configuration(model, steps, suggested(t)), 0, 2 * FIRST_SEED), trials)
-    best, plain = (configuration(model, steps, values) for values in (study.best_params, DEFAULTS))
+    best, plain = (configuration(model, steps, values) for values in (study.best_params, PLAIN))
     found, before = (
         float(np.mean([score(chosen, seed, 3 * FIRST_SEED) for seed in SEEDS])) for chosen in (best, plain)
     )
@@ -103,7 +102,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=120_000)
     parser.add_argument("--like", type=Path, action="append", default=[], metavar="FILE")
     given = parser.parse_args()
-    first = [DEFAULTS, *chain(*map(values_of, given.like))]
+    first = [PLAIN, *chain(*map(values_of, given.like))]
     best, found, before = tuned(given.model, given.trials, given.steps, first)
     said = f"mean return {found:.4g}, with the defaults {before:.4g}"
     if found == before:

@@ -55,7 +55,13 @@ EXTRAS = {
 EXTRAS_ARE_NEEDED = {
     *("env/sb3.py", "report/callback.py"),
     *("lsp/serve.py", "lsp/server.py", "lsp/answers.py", "lsp/convert.py"),
-    *("training/learning.py", "training/callbacks.py", "training/standardised.py", "training/teaching.py"),
+    *(
+        "training/learning.py",
+        "training/callbacks.py",
+        "training/activations.py",
+        "training/standardised.py",
+        "training/teaching.py",
+    ),
 }
 """Optional libraries, and the modules that are of no use without them: others import these lazily."""
 

@@ -3,6 +3,7 @@
 Imports stable_baselines3, so it is itself imported on first use only (`dl2c.make_sb3`).
 """
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import repeat
@@ -21,10 +22,21 @@ from dl2c.env.seeding import begin
 from dl2c.env.spaces import observation_space
 from dl2c.env.state import state_line
 from dl2c.env.targeted import check_uniform
+from dl2c.native.manifest import Manifest
+
+MOST_THREADS = 4
+"""With some hundred environments more of them wait for each other more than they gain."""
+
+
+def threads_that_pay(manifest: Manifest) -> int:
+    """How many threads should share a step: one where all motion is a closed form, which takes no time."""
+    costly = any(flow.kernel != "exact" for flow in manifest.flows)
+    return min(os.cpu_count() or 1, MOST_THREADS) if costly else 1
 
 
 class Dl2cVecEnv(VecEnv):
-    """`num_envs` environments of one model, shared by `num_threads`; `model` and `options` as for `Dl2cEnv`.
+    """`num_envs` environments of one model, shared by `num_threads` (None: as many as pay; results are the
+    same); `model` and `options` as for `Dl2cEnv`.
 
     Stable-Baselines3 knows no Dict actions: a model with both kinds of decisions gets the Box format.
     An episode that ends says so in its info: `terminal_observation`, `TimeLimit.truncated`,
@@ -36,7 +48,7 @@ class Dl2cVecEnv(VecEnv):
         model: Model,
         num_envs: int = 1,
         *,
-        num_threads: int = 1,
+        num_threads: int | None = 1,
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
@@ -44,8 +56,9 @@ class Dl2cVecEnv(VecEnv):
         library = open_library(self.source, options)
         self.manifest = library.manifest
         check_uniform(self.manifest)
+        threads = threads_that_pay(self.manifest) if num_threads is None else num_threads
         self.batch = library.batch(
-            num_envs, autoreset="same_step", threads=num_threads, **batch_options(self.manifest)
+            num_envs, autoreset="same_step", threads=threads, **batch_options(self.manifest)
         )
         self.encoding = encoding(self.manifest, flat_format(self.manifest))
         self._reasons = reason_names(self.manifest)

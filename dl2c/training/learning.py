@@ -19,6 +19,7 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from dl2c.env.opening import Model, source_of
 from dl2c.env.sb3 import Dl2cVecEnv
 from dl2c.native.manifest import Manifest
+from dl2c.training.activations import Tanh
 from dl2c.training.callbacks import Every, Watch
 from dl2c.training.folders import Training, opened
 from dl2c.training.hyper import complete, constructor
@@ -55,8 +56,9 @@ def train(
     if tensorboard is not None and find_spec("tensorboard") is None:
         raise TrainingError("TensorBoard is not installed; `pip install tensorboard`, or leave it out")
     torch.set_num_threads(chosen.threads)
+    torch.distributions.Distribution.set_default_validate_args(False)
     source = source_of(model)
-    env = Dl2cVecEnv(source, chosen.n_envs or 1, **options)
+    env = Dl2cVecEnv(source, chosen.n_envs or 1, num_threads=None, **options)
     check_decisions(algo, env.manifest)
     given = Given(env.manifest.name, algo, seed, env.manifest.options, chosen)
     learner, earlier = _begun(given, env) if resume is None else opened(resume, given, env)
@@ -103,6 +105,8 @@ def _begun(given: Given, env: Dl2cVecEnv) -> tuple[Any, Run]:
     hyper = dict(settings.hyper)
     layers, activation = hyper.pop("net_arch"), ACTIVATION[hyper.pop("activation")]
     policy: dict[str, Any] = {"net_arch": layers, "activation_fn": activation}
+    if given.algo != "sac":
+        policy["optimizer_kwargs"] = {"eps": 1e-5, "fused": True}
     if not settings.normalize:
         moments = _moments(env, given.seed)
         policy |= {"features_extractor_class": Standardised, "features_extractor_kwargs": moments}
@@ -121,7 +125,7 @@ def _begun(given: Given, env: Dl2cVecEnv) -> tuple[Any, Run]:
 
 
 ACTIVATION: dict[str, type[torch.nn.Module]] = {
-    "tanh": torch.nn.Tanh,
+    "tanh": Tanh,
     "relu": torch.nn.ReLU,
     "elu": torch.nn.ELU,
     "sigmoid": torch.nn.Sigmoid,
