@@ -137,20 +137,24 @@ def train(
 # Policies that are proved --------------------------------------------------------------------------
 
 SMALL = {"net_arch": [32, 32], "activation": "relu"}
-"""Networks that are quickly proved, and of relu, for which certificates can be checked."""
+"""Networks that are quickly proved, and of relu, for which certificates can be checked. With these PPO learns
+less in large steps, so that they are trained with `CAREFUL` and as many environments as belong to it.
+"""
 
 
 def _provable(wanted: Wanted, json: bool) -> int:
     """Train a policy and teach it until it is proved; the exit code."""
     from dl2c.commands.policy import Asked, blank, verifier
     from dl2c.commands.verify import UNDECIDED, show_policy
-    from dl2c.training.hyper import complete
+    from dl2c.training.hyper import CAREFUL, CAREFUL_ENVS, complete
 
     if wanted.algo != "ppo" or wanted.settings.normalize:
         raise CommandError("--provable is for ppo without --normalize")
-    wanted = replace(wanted, settings=replace(wanted.settings, hyper=SMALL | dict(wanted.settings.hyper)))
-    hyper = complete(wanted.algo, wanted.settings).hyper
-    network = partial(blank, hidden=hyper["net_arch"], activation=hyper["activation"])
+    given = wanted.settings
+    hyper = CAREFUL | SMALL | dict(given.hyper)
+    wanted = replace(wanted, settings=replace(given, n_envs=given.n_envs or CAREFUL_ENVS, hyper=hyper))
+    chosen = complete(wanted.algo, wanted.settings).hyper
+    network = partial(blank, hidden=chosen["net_arch"], activation=chosen["activation"])
     verify = verifier(wanted.model, Asked(wanted.output), wanted.options, network)
     run = _trained(wanted)
     if run.interrupted:

@@ -12,7 +12,7 @@ from dl2c.experiments.paper.forced import Approach, Forced
 from dl2c.experiments.paper.safe_lock import LINE, PLANE, Locked
 from dl2c.experiments.paper.waypoint import Driven
 from dl2c.experiments.parallel import in_parallel
-from dl2c.training.hyper import CAREFUL
+from dl2c.training.hyper import CAREFUL, CAREFUL_ENVS
 from dl2c.training.run import Algorithm, Settings
 
 FOLDER = Path("build/paper")
@@ -56,9 +56,11 @@ FULL = Budget(
     proper=True,
     seeds=(1, 2, 3, 4, 5),
     episodes=400,
-    line=Settings(steps=100_000, n_envs=64, hyper=CAREFUL | {"gamma": 0.99}),
+    line=Settings(steps=100_000, n_envs=CAREFUL_ENVS, hyper=CAREFUL | {"gamma": 0.99}),
     plane=Settings(steps=10_000, n_envs=8, hyper=PAPER_PPO),
-    masked=Settings(steps=65_536, n_envs=64, hyper=CAREFUL, eval_every=8_192, eval_options=waypoint.STRICT),
+    masked=Settings(
+        steps=65_536, n_envs=CAREFUL_ENVS, hyper=CAREFUL, eval_every=8_192, eval_options=waypoint.STRICT
+    ),
     unmasked=Settings(
         steps=6_000_000, n_envs=512, hyper=GUARDS, eval_every=400_000, eval_options=waypoint.STRICT
     ),

@@ -5,7 +5,7 @@ from typing import Any
 
 from dl2c.env.opening import source_of
 from dl2c.source import Source
-from dl2c.training.hyper import CAREFUL
+from dl2c.training.hyper import CAREFUL, CAREFUL_ENVS
 from dl2c.training.run import Settings
 
 
@@ -92,7 +92,7 @@ STUDIES: tuple[Study, ...] = (
         "it may have and lets the fallback brake, which is safe and uncomfortable. With its guard taken "
         "away the same policy crashes in most episodes.",
         "?d + vl^2 / (2 * b) > v^2 / (2 * b) + (A / b + 1) * (A / 2 * ep^2 + ep * v);",
-        Settings(steps=1_000_000, n_envs=64, hyper=CAREFUL),
+        Settings(steps=1_000_000, n_envs=CAREFUL_ENVS, hyper=CAREFUL),
         has_goal=False,
     ),
     Study(
@@ -106,7 +106,7 @@ STUDIES: tuple[Study, ...] = (
         "keeps the level a little less well; it is as good without its guard, so what differs is what was "
         "learned, not what is allowed.",
         "?(0 <= l + (u - q) * ep & l + (u - q) * ep <= m);",
-        Settings(steps=300_000, n_envs=64, hyper=CAREFUL),
+        Settings(steps=300_000, n_envs=CAREFUL_ENVS, hyper=CAREFUL),
         has_goal=False,
     ),
     Study(
@@ -119,7 +119,7 @@ STUDIES: tuple[Study, ...] = (
         "with that taken away it exceeds the limit in more than half of its episodes. Random torques never "
         "come near.",
         "if (energy(theta, w) + ep * U^2 / (4 * d) <= Emax)",
-        Settings(steps=300_000, n_envs=64, hyper=CAREFUL),
+        Settings(steps=300_000, n_envs=CAREFUL_ENVS, hyper=CAREFUL),
         "if (true)",
     ),
     Study(
