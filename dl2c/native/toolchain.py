@@ -33,9 +33,9 @@ GCC_FLAGS = (
     *("-fno-unswitch-loops", "-fno-split-loops", "-fno-peel-loops", "-fno-loop-unroll-and-jam"),
     *("-fno-tree-loop-distribution", "-fno-ipa-cp-clone", "-fno-schedule-insns2", "-fno-tree-slp-vectorize"),
 )
-"""Without passes of GCC that make this code no faster: they take a fifth of the time, and the first (which runs
-unless both of its flags are there) most of it in large models. The last one, which makes vectors of values of a
-single environment, makes its steps slower; loops over lanes are vectorised by another pass.
+"""Without passes of GCC that make this code no faster: they take a fifth of the time, and the first (which
+runs unless both of its flags are there) most of it in large models. The last one makes vectors of values of a
+single environment, with which its steps are slower; loops over lanes are vectorised by another pass.
 """
 
 LONG_CODE, LONG_FLAGS = 200_000, ("-O1",)
