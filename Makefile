@@ -9,11 +9,11 @@ READY := .venv/.ready
 WORKERS ?= 2
 FUZZ_SECONDS ?= 300
 
-.PHONY: help demo paper studies environments test test-slow test-events test-hostile prove prove-slow test-target test-ray test-clients lint docs bench bench-start growth corpus corpus-table sampling-report fuzz clean
+.PHONY: help demo paper studies environments test test-slow test-events test-hostile prove prove-slow test-target test-ray test-clients lint docs bench bench-start bench-train growth corpus corpus-table sampling-report fuzz clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo | paper | studies | environments | test | test-slow | test-events | test-hostile | prove | prove-slow | test-target | test-ray | test-clients | lint | docs | bench | bench-start | growth | corpus | sampling-report | fuzz | clean"
+	@echo "make demo | paper | studies | environments | test | test-slow | test-events | test-hostile | prove | prove-slow | test-target | test-ray | test-clients | lint | docs | bench | bench-start | bench-train | growth | corpus | sampling-report | fuzz | clean"
 
 demo: $(READY)
 	$(BIN)/dl2c demo
@@ -161,6 +161,12 @@ endif
 bench-start: $(READY)
 	@test -n "$(AGAINST)" || { echo "make bench-start: set AGAINST to a revision" >&2; exit 1; }
 	$(COMPARED) --start
+
+# Trainings instead: steps per second and returns of five seeds, an hour or so for all examples.
+bench-train: $(READY)
+	@test -n "$(AGAINST)" || { echo "make bench-train: set AGAINST to a revision" >&2; exit 1; }
+	PYTHONPATH=tests $(BIN)/python tests/bench/training.py $(AGAINST) $(if $(EXAMPLES),--examples $(EXAMPLES)) \
+	  $(if $(REQUIRE),--require $(REQUIRE))
 
 # How the cost of steps and builds grows with variables, paths and degrees: a quarter of an hour or so on one core.
 growth: $(READY)

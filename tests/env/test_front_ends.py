@@ -2,6 +2,7 @@
 Stable-Baselines3 with its wrappers and learners. Checkers of single environments are in test_examples.py.
 """
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -77,3 +78,22 @@ def test_users_may_make_errors_of_numpy_exceptions(name: str) -> None:
             several.step(several.action_space.sample())
             learner.step(np.array([learner.action_space.sample()]))
         assert one.observation_space.contains(one.step(one.action_space.sample())[0])
+
+
+@pytest.mark.parametrize(("model", "costly"), [("watertank", False), ("dubins", True)])
+def test_threads_are_as_many_as_pay(model: str, costly: bool) -> None:
+    """Which does not change what they compute."""
+    pytest.importorskip("stable_baselines3")
+    from dl2c.env.sb3 import MOST_THREADS, Dl2cVecEnv, threads_that_pay
+
+    envs = [Dl2cVecEnv(f"example:{model}", 130, num_threads=count) for count in (None, 1)]
+    assert threads_that_pay(envs[0].manifest) == (min(os.cpu_count() or 1, MOST_THREADS) if costly else 1)
+    rng = np.random.default_rng(0)
+    for env in envs:
+        env.seed(3)
+    assert np.array_equal(*(env.reset() for env in envs))
+    space: Any = envs[0].action_space
+    for _ in range(20):
+        actions = rng.uniform(space.low, space.high, (130, *space.shape))
+        (obs, rewards, *_), (same, as_much, *_) = (env.step(actions) for env in envs)
+        assert np.array_equal(obs, same) and np.array_equal(rewards, as_much)
