@@ -165,7 +165,7 @@ bench-start: $(READY)
 # Trainings instead: steps per second and returns of five seeds, an hour or so for all examples.
 bench-train: $(READY)
 	@test -n "$(AGAINST)" || { echo "make bench-train: set AGAINST to a revision" >&2; exit 1; }
-	PYTHONPATH=tests $(BIN)/python tests/bench/training.py $(AGAINST) $(if $(EXAMPLES),--examples $(EXAMPLES)) \
+	PYTHONPATH=tests $(BIN)/python tests/bench/trainings.py $(AGAINST) $(if $(EXAMPLES),--examples $(EXAMPLES)) \
 	  $(if $(REQUIRE),--require $(REQUIRE))
 
 # How the cost of steps and builds grows with variables, paths and degrees: a quarter of an hour or so on one core.

@@ -4,7 +4,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from bench.training import ROOT, TOLERATED, Trained, better, faster, trained
+from bench.trainings import ROOT, TOLERATED, Trained, better, faster, trained
 
 SPREAD = (0.98, 1.01, 1.0, 1.02, 0.99)
 

@@ -1,4 +1,4 @@
-"""What a training gives in one tree, asked by `training.py`.
+"""What a training gives in one tree, asked by `trainings.py`.
 
     python training_worker.py MODEL ALGO STEPS SEED
 

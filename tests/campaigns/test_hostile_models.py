@@ -77,6 +77,7 @@ def test_more_of_them_compile_than_before() -> None:
     assert sum(last[number] == COMPILED for number in once) > sum(o == COMPILED for o in once.values())
 
 
+@pytest.mark.slow
 def test_some_hostile_models_are_built_or_refused(tmp_path: Path) -> None:
     check(SHORT, tmp_path)
 

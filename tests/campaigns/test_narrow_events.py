@@ -32,7 +32,7 @@ def test_narrow_events(kernel: str) -> None:
     assert tally.counts["ended"] > FLOWS // 4
 
 
-@pytest.mark.parametrize("motion", (LINE, CURVE), ids=lambda m: m.name)
+@pytest.mark.parametrize("motion", (LINE, pytest.param(CURVE, marks=pytest.mark.slow)), ids=lambda m: m.name)
 def test_both_forms_meet_them_alike(motion: Motion) -> None:
     """To the last bit; with widths that rounding hides."""
     random = Random(f"{SEED} both {motion.name}")

@@ -147,6 +147,7 @@ def test_a_note_is_about_one_text_with_its_options(place: Mapping[str, str], tmp
         dl2c(place, "build", "model.kyx", folder=tmp_path)
 
 
+@pytest.mark.slow
 def test_broken_notes_are_not_used(place: Mapping[str, str], tmp_path: Path) -> None:
     build, check = ("build", str(MODEL), "-o", str(tmp_path)), ("check", str(MODEL))
     first = [dl2c(place, *words) for words in (build, check)]

@@ -65,6 +65,7 @@ def test_intervals_know_that_seeds_differ() -> None:
     assert mean_over_seeds([np.array([1.0]), np.array([3.0])]).high == pytest.approx(2 + 12.7062)
 
 
+@pytest.mark.slow
 def test_the_whole_evaluation_runs(capsys: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Whatever was learned: it is safe, ends when predicted, and with masks takes the optimum's time."""
     pytest.importorskip("sb3_contrib")

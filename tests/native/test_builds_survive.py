@@ -119,6 +119,7 @@ def texts_in(folder: Path) -> dict[str, str]:
     return {path.name: path.read_text(encoding="utf-8") for path in paths}
 
 
+@pytest.mark.slow
 def test_killed_builds_leave_nothing_broken(tmp_path: Path) -> None:
     check_kills(tmp_path, [model()], 5, 1)
 

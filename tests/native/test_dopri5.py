@@ -171,6 +171,7 @@ def agreement(seed: int, count: int, folder: Path) -> tuple[int, int]:
     return compared, ended
 
 
+@pytest.mark.slow
 def test_random_flows_end_as_with_cvodes(tmp_path: Path) -> None:
     compared, ended = agreement(0, 700, tmp_path)
     assert compared > 500 and ended > 100

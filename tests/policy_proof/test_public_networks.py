@@ -52,7 +52,7 @@ def asked_of(
     return report_on(str(tmp_path / "acc.kyx"), given, {})
 
 
-@pytest.mark.parametrize("arithmetic", ["real", "double"])
+@pytest.mark.parametrize("arithmetic", ["real", pytest.param("double", marks=pytest.mark.slow)])
 def test_safe_outside_the_fallback(tmp_path: Path, arithmetic: str) -> None:
     report = asked_of(tmp_path, RETRAINED, arithmetic, FALLBACK)
     assert report.answer == "proved" and not report.warnings

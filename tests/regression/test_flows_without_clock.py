@@ -89,6 +89,7 @@ def test_when_other_flows_without_a_clock_end(
     assert duration == 0.1 or state["x"] == (1 if "x >= 1" in domain and "/" not in domain else 0.01)
 
 
+@pytest.mark.slow
 def test_a_dt_is_a_cap_and_max_flow_the_patience() -> None:
     motion, start = "{x' = -1 & x >= 0}", "x = 5"
     assert once(motion, start)[1] == 5

@@ -132,6 +132,7 @@ def test_a_browser_runs_what_is_not_escaped(server: Heard, tmp_path: Path) -> No
     assert "<title>mine</title>" in document and said
 
 
+@pytest.mark.slow
 def test_a_report_of_hostile_text_does_nothing(server: Heard, tmp_path: Path) -> None:
     check(" ".join(ATTACKS), server, tmp_path)
 

@@ -236,6 +236,7 @@ def test_a_case_that_does_not_move_is_assumed_away(prover: Prover) -> None:
     assert not one.keeps(formula("a > 0 | x >= 0"), [])
 
 
+@pytest.mark.slow
 def test_values_that_double_do_not_take_for_ever() -> None:
     text = "x := x*x + 1;" * 60
     model = f'ArchiveEntry "H"\nProgramVariables Real x; End.\nProblem x = 0 -> [{text}] x >= 0 End.\nEnd.\n'

@@ -1,6 +1,6 @@
 """How fast `dl2c train` learns as a multiple of another revision, and whether it learns as much by then.
 
-    python tests/bench/training.py REV [--examples waypoint,acc] [--algo maskable-ppo] [--steps N] \
+    python tests/bench/trainings.py REV [--examples waypoint,acc] [--algo maskable-ppo] [--steps N] \
         [--require 2]
 
 Both trees train policies with the same seeds in turn, with the defaults of each. A row has the ratio of
