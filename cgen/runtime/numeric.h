@@ -231,7 +231,8 @@ static dl2c_motion dl2c_integrate_with(dl2c_integrator *integrator, dl2c_integra
   dl2c_track track;
   int8_t sign[NMARGIN];
   real place = 1.0;
-  track.degree = 0; /* not every compiler sees that a track is computed before it is used */
+  track.from = track.length = 0.0; /* compilers do not see that a track is computed before it is used */
+  track.degree = 0;
   memcpy(task->y, x, sizeof(real) * NX);
   task->duration = 0.0;
   task->ended = false;
