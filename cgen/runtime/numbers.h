@@ -84,15 +84,7 @@ typedef double real;
 /* a where the condition holds, else b, without a branch: loops over lanes vectorise. */
 static inline real dl2c_select(bool condition, real a, real b)
 {
-  uint64_t first;
-  uint64_t second;
-  memcpy(&first, &a, sizeof first);
-  memcpy(&second, &b, sizeof second);
-  const uint64_t mask = -(uint64_t)condition;
-  const uint64_t chosen = (first & mask) | (second & ~mask);
-  real result;
-  memcpy(&result, &chosen, sizeof result);
-  return result;
+  return condition ? a : b;
 }
 
 /* The same for whole numbers; the condition is 0 or 1. */
