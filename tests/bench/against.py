@@ -20,18 +20,16 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from statistics import fmean, stdev
+from statistics import fmean
 from tempfile import TemporaryDirectory
 
+from bench.intervals import ratio_interval
 from bench.processes import in_turn, kept, seconds_of_commands
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKER = Path(__file__).with_name("worker.py")
 
 ROUNDS = 9
-QUANTILE = 2.306
-"""97.5 % of Student's t with `ROUNDS` - 1 degrees of freedom."""
-
 OVERALL = 0.98
 """The least geometric mean of the rows of which nothing else is required."""
 
@@ -58,10 +56,8 @@ class Ratio:
 
 def ratio_of(row: str, here: Sequence[float], there: Sequence[float], required: float | None) -> Ratio:
     """Of rates in rounds that belong together: the geometric mean and its interval."""
-    logs = [math.log(a / b) for a, b in zip(here, there, strict=True)]
-    middle = fmean(logs)
-    half = QUANTILE * stdev(logs) / math.sqrt(len(logs))
-    return Ratio(row, math.exp(middle), math.exp(middle - half), math.exp(middle + half), required)
+    found = ratio_interval(here, there)
+    return Ratio(row, found.mean, found.low, found.high, required)
 
 
 def required_of(row: str, required: Mapping[str, float]) -> float | None:

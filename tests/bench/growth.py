@@ -8,7 +8,6 @@ depend on the size counts less. Each round measures all sizes in turn and gives 
 """
 
 import argparse
-import math
 import os
 import resource
 import sys
@@ -16,12 +15,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import fmean, median, stdev
+from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from bench import families
+from bench.intervals import Interval, interval
 
 from dl2c.configuration import resolve_options
 from dl2c.emit.names import file_stem
@@ -32,8 +32,6 @@ from dl2c.pipeline import Compilation
 from dl2c.source import Source
 
 ROUNDS, BUILDS = 7, 3
-QUANTILES = {3: 4.303, 5: 2.776, 7: 2.447}
-"""97.5 % of Student's t for so many rounds."""
 
 SLICE = 0.02
 """Seconds of processor time in which a step is repeated."""
@@ -65,24 +63,13 @@ Curve = dict[int, list[float]]
 """By size, what each round measured, in seconds."""
 
 
-@dataclass(frozen=True, slots=True)
-class Exponent:
-    """The slope of a curve with the ends of its interval."""
-
-    mean: float
-    low: float
-    high: float
-
-
-def exponent(curve: Curve) -> Exponent:
-    """The exponent over the larger half of the sizes, of as many rounds as `QUANTILES` knows."""
+def exponent(curve: Curve) -> Interval:
+    """The exponent over the larger half of the sizes, with its interval over the rounds."""
     sizes = sorted(curve)[len(curve) // 2 - 1 :]
     logs = np.log(sizes)
     rounds = np.log([curve[size] for size in sizes]).T
     slopes = [float(np.polyfit(logs, values, 1)[0]) for values in rounds]
-    half = QUANTILES[len(slopes)] * stdev(slopes) / math.sqrt(len(slopes))
-    middle = fmean(slopes)
-    return Exponent(middle, middle - half, middle + half)
+    return interval(slopes)
 
 
 def built(text: str, folder: Path) -> tuple[float, float]:

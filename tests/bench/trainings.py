@@ -11,22 +11,20 @@ ratio is below what is required, or that of a share below -`TOLERATED`. Needs gi
 
 import argparse
 import json
-import math
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import fmean, stdev
+from statistics import fmean
 
 from bench.against import ROOT, checked_out, environment
+from bench.intervals import Interval, interval, ratio_interval
 from bench.processes import in_turn
 
 WORKER = Path(__file__).with_name("training_worker.py")
 
 SEEDS = 5
-QUANTILE = 2.776
-"""97.5 % of Student's t with `SEEDS` - 1 degrees of freedom."""
 
 TOLERATED = 0.02
 """The share of what is learned that may be lost."""
@@ -41,28 +39,9 @@ class Trained:
     random: float
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """A mean with its ends."""
-
-    mean: float
-    low: float
-    high: float
-
-    def __str__(self) -> str:
-        return f"{self.mean:7.3f} [{self.low:.3f}, {self.high:.3f}]"
-
-
-def interval(values: Sequence[float]) -> Interval:
-    """Of `SEEDS` values."""
-    middle, half = fmean(values), QUANTILE * stdev(values) / math.sqrt(len(values))
-    return Interval(middle, middle - half, middle + half)
-
-
 def faster(here: Sequence[Trained], there: Sequence[Trained]) -> Interval:
     """How many times as many steps a second: the geometric mean over the seeds."""
-    logs = interval([math.log(a.rate / b.rate) for a, b in zip(here, there, strict=True)])
-    return Interval(math.exp(logs.mean), math.exp(logs.low), math.exp(logs.high))
+    return ratio_interval([t.rate for t in here], [t.rate for t in there])
 
 
 def better(here: Sequence[Trained], there: Sequence[Trained]) -> Interval:

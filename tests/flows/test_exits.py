@@ -11,10 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dl2c.code import cgen_dir
+from dl2c.emit.simulator.flow_c import EXITS
 from dl2c.flows.exact import exit_time
 from dl2c.native.toolchain import CODE_FLAGS, EXACT_FLAGS, STRICT_FLAGS, find_compiler
-
-EXITS = {"closed": "dl2c_exit_nonnegative", "open": "dl2c_exit_positive", "unequal": "dl2c_exit_nonzero"}
 
 NEAR = st.sampled_from([0.0, -0.0, 1.0, -1.0, 0.5, 2.0, -4.0, 4.0, 1e-9, -4.905])
 NUMBERS = NEAR | st.floats(-1e6, 1e6, allow_nan=False)
