@@ -50,6 +50,18 @@ static bool dl2c_passes(const dl2c_search *search, int place, real value)
   return !DL2C_JOINT_INPUTS || met->following < 0 || dl2c_any(search, met->following);
 }
 
+/* Whether it is known that no double between these two passes. */
+static inline bool dl2c_refuses(const dl2c_search *search, int place, real low, real high)
+{
+#ifdef DL2C_REFUSES
+  const int input = PATHS[search->path].inputs[place].input;
+  return model_refuses(search->path, input, search->x, search->p, search->u, (dl2c_hull){low, high});
+#else
+  (void)search, (void)place, (void)low, (void)high;
+  return false;
+#endif
+}
+
 static bool dl2c_number_passes(const dl2c_search *search, int place, int64_t number)
 {
   return dl2c_passes(search, place, dl2c_from_ordinal(number));
@@ -187,6 +199,9 @@ static bool dl2c_try_nearby(const dl2c_search *search, int place, dl2c_probes *p
 {
   if (!probes->critical[k] || k == 0 || k + 1 == probes->count) return false;
   if (probes->passes[k - 1] || probes->passes[k] || probes->passes[k + 1]) return false;
+  const real low = dl2c_from_ordinal(probes->at[k - 1]);
+  const real high = dl2c_from_ordinal(probes->at[k + 1]);
+  if (dl2c_refuses(search, place, low, high)) return false;
   for (int n = 0; n < DL2C_NEARBY; n++)
     for (int direction = -1; direction <= 1; direction += 2) {
       const int64_t number = dl2c_moved(probes->at[k], direction, (uint64_t)1 << (2 * n));
@@ -224,6 +239,7 @@ static bool dl2c_any(const dl2c_search *search, int place)
 {
   const int input = PATHS[search->path].inputs[place].input;
   if (search->given[input]) return dl2c_passes(search, place, search->u[input]);
+  if (dl2c_refuses(search, place, INPUT_LOW[input], INPUT_HIGH[input])) return false;
   if (PATHS[search->path].inputs[place].interval) {
     real low;
     return dl2c_interval(search, place, &low, NULL);
@@ -235,7 +251,8 @@ static bool dl2c_any(const dl2c_search *search, int place)
   if (pins >= 0) return false;
   dl2c_probes probes;
   dl2c_list_probes(search, place, &probes);
-  for (int k = 0; k < probes.count; k++) {
+  for (int n = 0; n < probes.count; n++) {
+    const int k = (probes.count / 2 + n) % probes.count; /* from the middle on: ends pass less often */
     probes.passes[k] = dl2c_number_passes(search, place, probes.at[k]);
     if (probes.passes[k]) return true;
   }

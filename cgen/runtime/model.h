@@ -39,6 +39,8 @@
  *   int model_criticals(int path, int input, x, p, u, real *root)   where its tests may change; how many
  *   int model_pins(int path, int input, x, p, u, real *root)     all that an equality leaves; -1: there is none
  *   bool model_admits(int path, int input, x, p, u)              tests that this input decides
+ *   bool model_refuses(int path, int input, x, p, u, dl2c_hull z)   surely none of its values in z passes
+ *                                                                them; only with DL2C_REFUSES
  *   bool model_update(int path, x, p, u, real *y)                false: a value is undefined
  *   bool model_assign(int64_t path, x, p, u, real *y)            the same by selection, for lanes
  *   DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, ...                  kernels: how flows are followed (dl2c/flows/kernel.py)

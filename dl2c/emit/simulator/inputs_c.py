@@ -1,13 +1,14 @@
 """The values of inputs in C: where the tests on a path may change, and whether a value passes.
 
 Sections, in order: leaf functions (through `Leaves`), `model_limits`, `model_criticals`,
-`model_pins`, `model_admits`.
+`model_pins`, `model_admits`, `model_refuses`.
 """
 
 from collections.abc import Callable, Iterator
 
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import function, place, wrapped
+from dl2c.emit.hulls import refutation
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import slot
 from dl2c.emit.plan import BuildPlan
@@ -18,6 +19,7 @@ from dl2c.ir.printer import print_formula, print_term
 from dl2c.paths.admission import Admission, Solved
 from dl2c.paths.path import Input, Path
 from dl2c.paths.zeros import zero_count
+from dl2c.symbolic.tape import formula_tape
 
 STATE = "int path, int input, const real *x, const real *p, const real *u"
 
@@ -32,6 +34,7 @@ def input_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
         _criticals(build, leaves),
         _pins(build, leaves),
         _admits(build, leaves),
+        *_refuses(build, leaves),
     ]
 
 
@@ -124,6 +127,27 @@ def _admits(build: BuildPlan, leaves: Leaves) -> str:
         [*_each(build, lines), "return true;"],
         "Whether the value of an input passes the tests of it and of no later input.",
     )
+
+
+def _refuses(build: BuildPlan, leaves: Leaves) -> Iterator[str]:
+    def lines(k: int, path: Path, admission: Admission) -> Iterator[str]:
+        own = path.admissions.index(admission)
+        asked = any(other.following == own for other in path.admissions)
+        if not asked or admission.solved or admission.condition == TRUE:
+            return
+        tape = formula_tape(leaves.builder, admission.condition)
+        slots = {s.name: slot(s) for s in tape.inputs}
+        moving = build.paths.inputs[admission.input].key
+        yield from refutation(tape, slots.__getitem__, moving, "z") or ()
+
+    if body := _each(build, lines):
+        yield "#define DL2C_REFUSES\n"
+        yield function(
+            f"static inline bool model_refuses({STATE}, dl2c_hull z)",
+            [*body, "return false;"],
+            "Whether no double of an input in z passes the tests that model_admits looks at, as far as "
+            "intervals prove that.",
+        )
 
 
 def _solved(leaves: Leaves, k: int, solved: Solved, given: Input) -> str:
