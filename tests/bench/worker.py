@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import dl2c
-from dl2c.experiments.bench.rows import POLICY, rows, subject
+from dl2c.experiments.bench.rows import POLICY, batch_row, rows, subject
 from dl2c.source import Source
 
 KEPT = ("gym", "batch", "scalar", "vector", "sb3_")
@@ -24,6 +24,11 @@ KEPT = ("gym", "batch", "scalar", "vector", "sb3_")
 
 SHARED = "shared1024"
 """A vector environment that returns its own arrays."""
+
+DOPRI = "dopri1024"
+"""A batch whose flows dopri5 follows, where not all have a closed form."""
+
+SOLVER: dict[str, Any] = {"integrator": "dopri5", "rtol": 1e-6, "atol": 1e-6}
 
 SLICE = 0.08
 """Seconds of processor time for one answer."""
@@ -33,8 +38,12 @@ Run = Callable[[int], None]
 
 def rows_of(model: Path) -> dict[str, tuple[int, Run]]:
     """By key: how many environments a call steps, and what makes so many calls."""
-    found, _ = rows(subject(Source.read(model), {}))
+    source = Source.read(model)
+    what = subject(source, {})
+    found, _ = rows(what)
     kept = {row.key: (row.n, row.run) for row in found if row.key.startswith(KEPT)}
+    if any(flow.kernel != "exact" for flow in what.library.manifest.flows):
+        kept[DOPRI] = (1024, batch_row(subject(source, SOLVER), 1024).run)
     return kept | {SHARED: (1024, _shared(model, 1024))}
 
 
