@@ -1,8 +1,10 @@
 """How fast two trees' commands are: how often they are done in a second of processor time, children's too."""
 
+import re
 import resource
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,17 +19,18 @@ TRAINED = ("--steps", "2048", "--n-envs", "8", "--algo", "ppo")
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What is started; a `cold` one finds nothing that is kept. In a tree without the flag `--debug` it is
-    left out.
+    """What is started; a `cold` one finds nothing that is kept, an `edited` one a model with another reward.
+    In a tree without the flag `--debug` it is left out.
     """
 
     row: str
     words: tuple[str, ...]
     cold: bool = False
+    edited: bool = False
 
 
-def commands_of(model: str, run: str) -> tuple[Command, ...]:
-    """What people do with a model, and with the folder of a training."""
+def commands_of(model: str, run: str, edited: str) -> tuple[Command, ...]:
+    """What people do with a model, with a copy that they edit, and with the folder of a training."""
     return (
         Command("version", ("--version",)),
         Command("build-kept", ("build", model)),
@@ -35,6 +38,7 @@ def commands_of(model: str, run: str) -> tuple[Command, ...]:
         Command("info", ("info", model)),
         Command("build-cold", ("build", model), cold=True),
         Command("build-debug", ("build", model, "--debug"), cold=True),
+        Command("build-edited", ("build", edited), edited=True),
         Command("report", ("report", run, "--episodes", "50")),
     )
 
@@ -71,11 +75,25 @@ def _run_of(tree: Path, example: str) -> Path:
     return kept(tree) / example
 
 
+def _edited(tree: Path, example: str) -> Path:
+    """The place of the copy of a model."""
+    return kept(tree) / f"{example}.kyx"
+
+
+def with_another_reward(text: str, number: int) -> str:
+    """A model whose first reward or penalty has other decimals."""
+    return re.sub(r"(reward|penalty)=(-?\d+)", rf"\1=\2.{number}", text, count=1)
+
+
 def _round(tree: Path, example: str, given: Mapping[str, str]) -> Iterator[tuple[str, float]]:
     """Every command once."""
     cold = Path(given["DL2C_CACHE_DIR"]) / "cold"
-    for command in commands_of(f"examples/{example}.kyx", str(_run_of(tree, example))):
+    model, edited = tree / "examples" / f"{example}.kyx", _edited(tree, example)
+    for command in commands_of(str(model), str(_run_of(tree, example)), str(edited)):
         rmtree(cold, ignore_errors=True)
+        if command.edited:
+            changed = with_another_reward(model.read_text(encoding="utf-8"), time.time_ns())
+            edited.write_text(changed, encoding="utf-8")
         place = {"DL2C_CACHE_DIR": str(cold)} if command.cold else {}
         known = _has_debug(tree)
         words = tuple(word for word in command.words if known or word != "--debug")

@@ -7,6 +7,10 @@ from pathlib import Path
 import pytest
 from bench import against
 from bench.against import ROUNDS, Rates, ratio_of, ratios, required_of
+from bench.processes import with_another_reward
+
+from dl2c.resolve.unreadable import read_file
+from dl2c.source import Source
 
 
 def rounds(faster: float, seed: int = 1) -> tuple[list[float], list[float]]:
@@ -44,6 +48,14 @@ def test_only_rows_of_both_are_compared() -> None:
         yield "acc", {"gym": here, "new": here}, {"gym": there}
 
     assert [r.row for r in ratios(measured(), {})] == ["acc/gym"]
+
+
+def test_every_example_has_a_reward_to_edit() -> None:
+    for model in sorted(against.ROOT.glob("examples/*.kyx")):
+        text = model.read_text(encoding="utf-8")
+        edited = with_another_reward(text, 123)
+        assert len(edited) == len(text) + 4 and edited != text
+        assert read_file(Source(model.name, edited), None)
 
 
 @pytest.mark.slow
