@@ -136,5 +136,6 @@ def pixels(figure: Any) -> NDArray[np.uint8]:
 def data_uri(figure: Any) -> str:
     """The picture as PNG in a URI, for pages."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=DPI, format="png", metadata={"Software": None})
+    figure.set_dpi(DPI)
+    figure.canvas.print_png(buffer, metadata={"Software": None})  # `savefig` would draw twice
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
