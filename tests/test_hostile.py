@@ -26,6 +26,10 @@ LIMIT = 60.0
 """Seconds for one file on a busy machine; Z3 alone may take ten."""
 
 
+LONG = ("implicit_many", "hard_for_z3", "doubling_loops")
+"""Cases that take ten seconds or more."""
+
+
 class Checker:
     """A process of its own that reads models, so that one that hangs can be stopped."""
 
@@ -72,7 +76,11 @@ def _stop() -> Iterator[None]:
     RUNNING.clear()
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, marks=pytest.mark.slow) if c.name in LONG else c for c in CASES],
+    ids=lambda case: case.name,
+)
 def test_hostile_models_are_built_or_refused(case: Case, checker: Checker, tmp_path: Path) -> None:
     path = tmp_path / f"{case.name}.kyx"
     path.write_bytes(case.content)

@@ -37,7 +37,7 @@ def test_both_forms_meet_them_alike(motion: Motion) -> None:
     """To the last bit; with widths that rounding hides."""
     random = Random(f"{SEED} both {motion.name}")
     both = Both(narrow_model(motion), default_bound="-1e6:1e6", on_blocked="terminate")
-    for _ in range(400):
+    for _ in range(200):
         case = draw_case(motion, random, thin=-11)
         if not begins_outside("exact", motion, case, FORMS[case.form]):
             continue

@@ -23,7 +23,7 @@ import dl2c
 PROGRAMS = int(os.environ.get("DL2C_PROGRAMS", "500"))
 SEED = int(os.environ.get("DL2C_SEED", "7"))
 ONLY = os.environ.get("DL2C_PROGRAM")
-QUICK, BATCH = 15, 25
+QUICK, BATCH = 9, 25
 EPISODES, STEPS = 12, 5
 
 

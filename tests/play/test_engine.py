@@ -60,7 +60,7 @@ def check(example: str, steps: int, folder: Path) -> None:
     assert seed >= 1
 
 
-@pytest.mark.parametrize("example", ["watertank", "pendulum"])
+@pytest.mark.parametrize("example", [pytest.param("watertank", marks=pytest.mark.slow), "pendulum"])
 def test_a_page_computes_what_a_library_computes(example: str, tmp_path: Path) -> None:
     check(example, 2000, tmp_path)
 

@@ -60,7 +60,7 @@ print("well")
 
 
 @pytest.mark.parametrize(
-    ("seconds", "processes", "times"), [(20, 2, 4), pytest.param(150, 4, 30, marks=pytest.mark.slow)]
+    ("seconds", "processes", "times"), [(20, 2, 2), pytest.param(150, 4, 30, marks=pytest.mark.slow)]
 )
 def test_builds_are_loaded_while_the_cache_is_cleared(
     seconds: int, processes: int, times: int, tmp_path: Path

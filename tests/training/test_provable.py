@@ -81,6 +81,7 @@ def test_the_zip_file_is_the_policy_that_is_proved(tmp_path: Path, capsys: Any, 
         assert (one.weight == two.weight).all() and (one.bias == two.bias).all()
 
 
+@pytest.mark.slow
 def test_a_seed_gives_one_proved_policy(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
     make_small(monkeypatch)
     model, _ = files(tmp_path)
