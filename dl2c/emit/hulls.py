@@ -20,7 +20,8 @@ REFUTED = {
 
 FUNCTIONS = {"neg": "-", "abs": "fabs", "min": "dl2c_min", "max": "dl2c_max", "sqrt": "sqrt"}
 ARITHMETIC = frozenset({"add", "sub", "mul", "div", *FUNCTIONS})
-KNOWN = frozenset({"input", "constant", "and", "or", *REFUTED}) | ARITHMETIC
+JOINING = frozenset({"and", "or"})
+KNOWN = frozenset({"input", "constant", *REFUTED}) | ARITHMETIC | JOINING
 
 
 def refutation(tape: Tape, place: Callable[[str], str], moving: str, within: str) -> list[str] | None:
@@ -28,7 +29,9 @@ def refutation(tape: Tape, place: Callable[[str], str], moving: str, within: str
     `moving` has `within` an interval; other inputs are where `place` says. None for a tape without one.
     """
     steps = tape.instructions
-    mixed = any(steps[a].operation in TRUTHS for s in steps if s.operation in ARITHMETIC for a in s.args)
+    mixed = any(
+        (steps[a].operation in TRUTHS) != (s.operation in JOINING) for s in steps for a in s.args
+    )  # truths that count as numbers, or numbers as truths
     if mixed or not all(s.operation in KNOWN for s in steps) or steps[tape.result].operation not in TRUTHS:
         return None
     printed = _Printed(steps, place, moving, within)

@@ -14,7 +14,7 @@ from dl2c.emit.cexpr import print_tape
 from dl2c.emit.hulls import refutation
 from dl2c.ir.model import Add, And, Call, Compare, Div, Formula, Mul, Neg, Number, Or, Pow, Sub, Symbol, Term
 from dl2c.native.toolchain import CODE_FLAGS, EXACT_FLAGS, STRICT_FLAGS, find_compiler
-from dl2c.symbolic.tape import Tape, formula_tape
+from dl2c.symbolic.tape import Instruction, Tape, formula_tape
 from dl2c.symbolic.terms import Builder
 
 U, A = Symbol("u", "input"), Symbol("a", "variable")
@@ -113,6 +113,13 @@ def test_a_square_knows_its_sign() -> None:
     tape = formula_tape(Builder(), Compare("<=", Add(Mul(U, U), Number(Fraction(1))), Number(Fraction(0))))
     proof = refutation(tape, str, "u", "z")
     assert proof is not None and any("dl2c_hull_square(z)" in line for line in proof)
+
+
+def test_numbers_that_count_as_truths_refute_nothing() -> None:
+    steps = [Instruction("input", name="u"), Instruction("constant", value=1.0)]
+    steps += [Instruction("le", (0, 1)), Instruction("and", (2, 1))]
+    assert refutation(Tape((U,), tuple(steps), 3), str, "u", "z") is None
+    assert refutation(Tape((U,), tuple(steps[:3]), 2), str, "u", "z") is not None
 
 
 def test_operations_without_intervals_refute_nothing() -> None:
