@@ -7,7 +7,7 @@ what they compute from doubles between them.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from dl2c.emit.cexpr import INFIX, TRUTHS, number
+from dl2c.emit.cexpr import FUNCTIONS, INFIX, TRUTHS, number
 from dl2c.symbolic.tape import Instruction, Tape
 
 REFUTED = {
@@ -18,8 +18,7 @@ REFUTED = {
 }
 """When no values of two intervals compare so: never where ends are NaN."""
 
-FUNCTIONS = {"neg": "-", "abs": "fabs", "min": "dl2c_min", "max": "dl2c_max", "sqrt": "sqrt"}
-ARITHMETIC = frozenset({"add", "sub", "mul", "div", *FUNCTIONS})
+ARITHMETIC = frozenset({"add", "sub", "mul", "div", "neg", "abs", "min", "max", "sqrt"})
 JOINING = frozenset({"and", "or"})
 KNOWN = frozenset({"input", "constant", *REFUTED}) | ARITHMETIC | JOINING
 
@@ -97,4 +96,5 @@ class _Printed:
         if step.operation in INFIX:
             values = [f"({v})" if v.startswith("-") else v for v in values]
             return f"{values[0]} {INFIX[step.operation][0]} {values[1]}"
-        return f"{FUNCTIONS[step.operation]}({', '.join(values)})"
+        called = "-" if step.operation == "neg" else FUNCTIONS[step.operation]
+        return f"{called}({', '.join(values)})"

@@ -75,11 +75,6 @@ def _run_of(tree: Path, example: str) -> Path:
     return kept(tree) / example
 
 
-def _edited(tree: Path, example: str) -> Path:
-    """The place of the copy of a model."""
-    return kept(tree) / f"{example}.kyx"
-
-
 def with_another_reward(text: str, number: int) -> str:
     """A model whose first reward or penalty has other decimals."""
     return re.sub(r"(reward|penalty)=(-?\d+)", rf"\1=\2.{number}", text, count=1)
@@ -88,7 +83,7 @@ def with_another_reward(text: str, number: int) -> str:
 def _round(tree: Path, example: str, given: Mapping[str, str]) -> Iterator[tuple[str, float]]:
     """Every command once."""
     cold = Path(given["DL2C_CACHE_DIR"]) / "cold"
-    model, edited = tree / "examples" / f"{example}.kyx", _edited(tree, example)
+    model, edited = tree / "examples" / f"{example}.kyx", kept(tree) / f"{example}.kyx"
     for command in commands_of(str(model), str(_run_of(tree, example)), str(edited)):
         rmtree(cold, ignore_errors=True)
         if command.edited:

@@ -1,19 +1,16 @@
 """Conditions that intervals refute hold for none of the doubles inside."""
 
 import random
-import subprocess
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
-import cffi
 import pytest
+from c_functions import functions
 
-from dl2c.code import cgen_dir
 from dl2c.emit.cexpr import print_tape
 from dl2c.emit.hulls import refutation
 from dl2c.ir.model import Add, And, Call, Compare, Div, Formula, Mul, Neg, Number, Or, Pow, Sub, Symbol, Term
-from dl2c.native.toolchain import CODE_FLAGS, EXACT_FLAGS, STRICT_FLAGS, find_compiler
 from dl2c.symbolic.tape import Instruction, Tape, formula_tape
 from dl2c.symbolic.terms import Builder
 
@@ -58,7 +55,6 @@ def tapes() -> list[Tape]:
 @pytest.fixture(scope="module")
 def native(tapes: list[Tape], tmp_path_factory: pytest.TempPathFactory) -> Any:
     """`holds` and `refuted` by number of the condition."""
-    folder = tmp_path_factory.mktemp("hulls")
     lines = ["#include <stdbool.h>", '#include "flow_exact.h"', '#include "functions.h"']
     for k, tape in enumerate(tapes):
         printed = print_tape(tape, str, True)
@@ -69,26 +65,16 @@ def native(tapes: list[Tape], tmp_path_factory: pytest.TempPathFactory) -> Any:
         lines.append(
             f"static bool refuted{k}(dl2c_hull z, double a) {{ (void)z, (void)a; {' '.join(proof)} }}"
         )
-    declared = [
-        "bool holds(int k, double u, double a)",
-        "bool refuted(int k, double low, double high, double a)",
-    ]
     tables = [
         f"static bool (*const all_{name}[])({kinds}) = "
         f"{{{', '.join(f'{name}{k}' for k in range(len(tapes)))}}};"
         for name, kinds in (("holds", "double, double"), ("refuted", "dl2c_hull, double"))
     ]
-    calls = ["all_holds[k](u, a)", "all_refuted[k]((dl2c_hull){low, high}, a)"]
-    shown = '__attribute__((visibility("default")))'
-    lines += [*tables, *(f"{shown} {d} {{ return {c}; }}" for d, c in zip(declared, calls, strict=True))]
-    source, library = folder / "hulls.c", folder / "libhulls.so"
-    source.write_text("\n".join(lines) + "\n")
-    command = [*find_compiler().command, *CODE_FLAGS, *STRICT_FLAGS, "-Wno-missing-prototypes", "-shared"]
-    command += ["-Wno-unused-function", f"-I{cgen_dir() / 'runtime'}", str(source), "-o", str(library), "-lm"]
-    subprocess.run([*command, *EXACT_FLAGS], check=True)
-    ffi = cffi.FFI()
-    ffi.cdef("\n".join(f"{line};" for line in declared))
-    return ffi.dlopen(str(library))
+    calls = {
+        "bool holds(int k, double u, double a)": "all_holds[k](u, a)",
+        "bool refuted(int k, double low, double high, double a)": "all_refuted[k]((dl2c_hull){low, high}, a)",
+    }
+    return functions(tmp_path_factory.mktemp("hulls"), "\n".join([*lines, *tables]), calls)
 
 
 def test_what_is_refuted_holds_nowhere_inside(native: Any, tapes: list[Tape]) -> None:

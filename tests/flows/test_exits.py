@@ -2,18 +2,15 @@
 
 import math
 import struct
-import subprocess
 from typing import Any
 
-import cffi
 import pytest
+from c_functions import functions
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dl2c.code import cgen_dir
 from dl2c.emit.simulator.flow_c import EXITS
 from dl2c.flows.exact import exit_time
-from dl2c.native.toolchain import CODE_FLAGS, EXACT_FLAGS, STRICT_FLAGS, find_compiler
 
 NEAR = st.sampled_from([0.0, -0.0, 1.0, -1.0, 0.5, 2.0, -4.0, 4.0, 1e-9, -4.905])
 NUMBERS = NEAR | st.floats(-1e6, 1e6, allow_nan=False)
@@ -22,20 +19,10 @@ NUMBERS = NEAR | st.floats(-1e6, 1e6, allow_nan=False)
 @pytest.fixture(scope="module")
 def native(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A library with the exits of cgen/runtime/flow_exact.h."""
-    folder = tmp_path_factory.mktemp("exits")
-    declared = [f"double {kind}(double c0, double c1, double c2)" for kind in EXITS]
-    bodies = [
-        f'__attribute__((visibility("default"))) {line} {{ return {name}(c0, c1, c2); }}'
-        for line, name in zip(declared, EXITS.values(), strict=True)
-    ]
-    source, library = folder / "exits.c", folder / "libexits.so"
-    source.write_text('#include "flow_exact.h"\n' + "\n".join(bodies) + "\n")
-    command = [*find_compiler().command, *CODE_FLAGS, *STRICT_FLAGS, "-Wno-missing-prototypes", "-shared"]
-    command += [f"-I{cgen_dir() / 'runtime'}", str(source), "-o", str(library), "-lm", *EXACT_FLAGS]
-    subprocess.run(command, check=True)
-    ffi = cffi.FFI()
-    ffi.cdef("\n".join(f"{line};" for line in declared))
-    return ffi.dlopen(str(library))
+    calls = {
+        f"double {kind}(double c0, double c1, double c2)": f"{c}(c0, c1, c2)" for kind, c in EXITS.items()
+    }
+    return functions(tmp_path_factory.mktemp("exits"), '#include "flow_exact.h"', calls)
 
 
 @given(st.sampled_from(list(EXITS)), NUMBERS, NUMBERS, NUMBERS)
