@@ -4,7 +4,8 @@ One row for every entry of every file of the shared corpus: what became of it, i
 seconds of processor time. An entry is `built` once its C is written; none is compiled here. Else
 its outcome is the codes of the diagnostics that refuse it. Names without a bound get -10:10. No
 entry that is built may need more than a third of the budget of work. Seconds above one are divided
-by how much slower this processor is, just then, at a fixed piece of work.
+by how much slower this processor is, just then, at a fixed piece of work; an entry that seems to need
+too many is compiled again, twice, and the least of its times counts.
 """
 
 import json
@@ -105,6 +106,15 @@ def expected() -> dict[str, int]:
     return json.loads(EXPECTED.read_text(encoding="utf-8"))
 
 
+def least(row: Row, more: int = 2) -> Row:
+    """The row with the least time of its entry, compiled `more` times again by a process of its own."""
+    for _ in range(more):
+        with ProcessPoolExecutor(1) as pool:
+            again = pool.submit(rows_of, CORPUS / row.file).result()[row.number - 1]
+        row = min(row, again, key=lambda row: row.seconds)
+    return row
+
+
 def main(target: Path) -> int:
     """Write and print the table; 1 where the outcomes are not the expected ones, or take too long."""
     begun = time.perf_counter()
@@ -117,7 +127,9 @@ def main(target: Path) -> int:
     for outcome, count in counts.items():
         print(f"{count:5}  {outcome}")
     print(f"{len(rows):5}  entries in {time.perf_counter() - begun:.0f} s; all of them: {target}")
-    slowest = max((row for row in rows if row.outcome == BUILT), key=lambda row: row.seconds)
+    built = [row for row in rows if row.outcome == BUILT]
+    built = [least(row) if row.seconds > MOST_SECONDS else row for row in built]
+    slowest = max(built, key=lambda row: row.seconds)
     print(f"most time: {slowest}")
     faults = []
     if counts != expected():
