@@ -61,6 +61,9 @@ EXTRAS_ARE_NEEDED = {
         "training/activations.py",
         "training/standardised.py",
         "training/teaching.py",
+        "training/ppo/heads.py",
+        "training/ppo/networks.py",
+        "training/ppo/update.py",
     ),
 }
 """Optional libraries, and the modules that are of no use without them: others import these lazily."""

@@ -42,7 +42,7 @@ class PictureCallback(BaseCallback):
         env: Any = self.training_env
         while not isinstance(env, Dl2cVecEnv):
             env = env.venv
-        masked = "sb3_contrib" in type(self.model).__module__
+        masked = _is_masked(self.model)
         seen = episodes_of(self._act, env.source, self.episodes, FIRST_SEED, masked, **env.manifest.options)
         title = f"{env.manifest.name} after {self.num_timesteps:,} steps"
         figure = episode_figure(model_of(seen[0]), [track_of(e) for e in seen], title)
@@ -52,5 +52,10 @@ class PictureCallback(BaseCallback):
         model: Any = self.model
         scaled = model.get_vec_normalize_env()
         given = observations if scaled is None else scaled.normalize_obs(observations)
-        kept = {"action_masks": masks} if "sb3_contrib" in type(model).__module__ else {}
+        kept = {"action_masks": masks} if _is_masked(model) else {}
         return model.predict(given, deterministic=True, **kept)[0]
+
+
+def _is_masked(model: Any) -> bool:
+    """Whether its policy takes masks."""
+    return "sb3_contrib" in type(model.policy).__module__

@@ -5,12 +5,20 @@ from typing import Any, cast
 import torch
 
 
-class _Tanh(torch.autograd.Function):
-    """2 / (1 + exp(-2 x)) - 1, within 2e-7 of tanh: torch computes exp in a sixth of the time."""
+def tanh_(x: torch.Tensor) -> torch.Tensor:
+    """Tanh in place."""
+    return _of_double(x.mul_(2.0))
 
+
+def _of_double(x: torch.Tensor) -> torch.Tensor:
+    """2 / (1 + exp(-x)) - 1 in place, within 2e-7 of tanh(x/2): torch computes exp in a sixth of the time."""
+    return x.sigmoid_().mul_(2.0).sub_(1.0)
+
+
+class _Tanh(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, x: torch.Tensor) -> torch.Tensor:
-        value = torch.sigmoid(x + x).mul_(2.0).sub_(1.0)
+        value = _of_double(x + x)
         ctx.save_for_backward(value)
         return value
 

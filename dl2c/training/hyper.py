@@ -74,15 +74,19 @@ FRACTIONS = ("gamma", "gae_lambda", "tau")
 
 
 def constructor(algo: Algorithm) -> Any:
-    """The class of Stable-Baselines3 or sb3-contrib."""
+    """The class of Stable-Baselines3 or sb3-contrib, PPO with gradients in closed form."""
     match algo:
+        case "sac":
+            from stable_baselines3 import SAC
+
+            return cast("Any", SAC)
         case "ppo":
             from stable_baselines3 import PPO as Found
-        case "sac":
-            from stable_baselines3 import SAC as Found
         case "maskable-ppo":
             from sb3_contrib import MaskablePPO as Found
-    return cast("Any", Found)
+    from dl2c.training.ppo.update import closed_form
+
+    return closed_form(Found)
 
 
 def complete(algo: Algorithm, settings: Settings) -> Settings:

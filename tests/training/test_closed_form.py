@@ -1,0 +1,138 @@
+"""PPO in closed form against automatic differentiation in Stable-Baselines3."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+
+from dl2c.training.activations import Tanh
+from dl2c.training.ppo.update import closed_form, known
+
+contrib = pytest.importorskip("sb3_contrib")
+
+SPACES: tuple[spaces.Space[Any], ...] = (
+    spaces.Discrete(1),
+    spaces.Discrete(4),
+    spaces.MultiDiscrete([3, 2, 4]),
+    spaces.Box(-1.0, 1.0, (1,)),
+    spaces.Box(-1.0, 1.0, (3,)),
+)
+ACTIVATIONS = (Tanh, torch.nn.Tanh, torch.nn.ReLU, torch.nn.ELU, torch.nn.Sigmoid)
+
+ROUNDING = 2e-5
+"""Of single precision in a few steps of the optimiser, relative to the largest change of a parameter."""
+
+
+class Noise(gym.Env[Any, Any]):
+    """Observations, rewards, ends and masks that are random."""
+
+    def __init__(self, action_space: Any, seed: int) -> None:
+        self.observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float64)
+        self.action_space = self._actions = action_space
+        self._rng = np.random.default_rng(seed)
+
+    def reset(self, **_: Any) -> tuple[Any, dict[str, Any]]:
+        return self._rng.normal(size=3), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        del action
+        over = self._rng.random(2) < 0.1
+        return self._rng.normal(size=3), float(self._rng.normal()), bool(over[0]), bool(over[1]), {}
+
+    def action_masks(self) -> Any:
+        counts = getattr(self._actions, "nvec", None)
+        groups: Any = [self._actions.n] if counts is None else counts
+        return np.concatenate([self._some(int(n)) for n in groups])
+
+    def _some(self, count: int) -> NDArray[np.bool_]:
+        """At least one of so many."""
+        return (self._rng.random(count) < 0.5) | (np.arange(count) == self._rng.integers(count))
+
+
+def learned(kind: Any, env: Noise, **hyper: Any) -> tuple[Any, dict[str, torch.Tensor], dict[str, float]]:
+    """A learner after one round, its parameters, and what it told its logger."""
+    learner = kind("MlpPolicy", env, seed=3, device="cpu", **hyper)
+    learner.learn(hyper["n_steps"])
+    return learner, learner.policy.state_dict(), dict(learner.logger.name_to_value)
+
+
+def compare(kind: Any, space: spaces.Space[Any], seed: int, **hyper: Any) -> None:
+    before = kind("MlpPolicy", Noise(space, seed), seed=3, device="cpu", **hyper).policy.state_dict()
+    other, wanted, told = learned(kind, Noise(space, seed), **hyper)
+    own, found, said = learned(closed_form(kind), Noise(space, seed), **hyper)
+    assert known(own.policy) is not None
+    assert own._n_updates == other._n_updates
+    moved = max(float((wanted[name] - before[name]).abs().max()) for name in wanted)
+    assert moved > 1e-4
+    for name in wanted:
+        assert torch.allclose(found[name], wanted[name], rtol=0.0, atol=ROUNDING * max(1.0, moved)), name
+    trained = {name: value for name, value in told.items() if name.startswith("train/")}
+    assert {name: value for name, value in said.items() if name.startswith("train/")} == pytest.approx(
+        trained, rel=1e-3, abs=1e-5, nan_ok=True
+    )
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    space=st.sampled_from(SPACES),
+    activation=st.sampled_from(ACTIVATIONS),
+    layers=st.sampled_from(([], [5], [8, 6], [4, 4, 4])),
+    batch_size=st.sampled_from((16, 24, 64)),
+    normal=st.booleans(),
+)
+def test_as_much_is_learned(
+    seed: int, space: Any, activation: Any, layers: list[int], batch_size: int, normal: bool
+) -> None:
+    policy = {"net_arch": layers, "activation_fn": activation}
+    compare(
+        PPO,
+        space,
+        seed,
+        policy_kwargs=policy,
+        n_steps=64,
+        batch_size=batch_size,
+        n_epochs=2,
+        ent_coef=0.1,
+        normalize_advantage=normal,
+    )
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), space=st.sampled_from(SPACES[1:3]))
+def test_as_much_is_learned_under_masks(seed: int, space: Any) -> None:
+    compare(contrib.MaskablePPO, space, seed, n_steps=64, batch_size=24, n_epochs=2, ent_coef=0.1)
+
+
+@pytest.mark.parametrize(
+    "special",
+    [{"target_kl": 1e-3}, {"clip_range_vf": 0.1}, {"use_sde": True}, {"policy_kwargs": {"net_arch": []}}],
+)
+def test_what_is_not_known_is_left_to_the_library(special: dict[str, Any]) -> None:
+    hyper = {"n_steps": 64, "batch_size": 32, "n_epochs": 2} | special
+    _, wanted, _ = learned(PPO, Noise(SPACES[3], 0), **hyper)
+    _, found, _ = learned(closed_form(PPO), Noise(SPACES[3], 0), **hyper)
+    exact = "policy_kwargs" not in special
+    for name in wanted:
+        assert (
+            torch.equal(found[name], wanted[name])
+            if exact
+            else torch.allclose(found[name], wanted[name], atol=1e-5)
+        )
+
+
+def test_other_networks_are_not_known() -> None:
+    def parts(**policy: Any) -> Any:
+        return known(PPO("MlpPolicy", Noise(SPACES[1], 0), policy_kwargs=policy, device="cpu").policy)
+
+    assert parts() is not None
+    assert parts(activation_fn=torch.nn.LeakyReLU) is None
+    assert parts(share_features_extractor=False) is None
+    assert parts(net_arch={"pi": [4], "vf": [4, 4]}) is not None
