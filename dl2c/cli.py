@@ -8,6 +8,7 @@ import os
 import shutil
 import sys
 from collections.abc import Mapping
+from copy import copy
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -77,12 +78,25 @@ def main() -> None:
 
 def _run() -> int | str | None:
     try:
-        app(prog_name="dl2c")
+        _asked_for(sys.argv[1:])(prog_name="dl2c")
     except SystemExit as done:
         if done.code == INTERRUPTED:
             raise KeyboardInterrupt from None
         return done.code
     return 0
+
+
+def _asked_for(words: list[str]) -> typer.Typer:
+    """The command line with the one command that these words begin with, where they do: to make all commands
+    ready takes longer than many a command. `--version` needs none.
+    """
+    first = words[0] if words else ""
+    only = [c for c in app.registered_commands if first == (c.name or getattr(c.callback, "__name__", None))]
+    if not only and first != "--version":
+        return app
+    narrow = copy(app)
+    narrow.registered_commands, narrow.registered_groups = only, []
+    return narrow
 
 
 def _leave_stdout() -> None:

@@ -10,10 +10,7 @@ import os
 import sys
 import traceback
 from collections.abc import Iterable, Mapping
-from typing import Any, cast
-
-from rich.console import Console
-from rich.text import Text
+from typing import TYPE_CHECKING, Any, cast
 
 from dl2c.commands.verbosity import detailed, quiet
 from dl2c.diagnostics import MOST_SHOWN, CompileError, Diagnostic, Mistake, not_shown, render
@@ -21,6 +18,9 @@ from dl2c.native.errors import NativeError
 from dl2c.options import UnknownOption
 from dl2c.source import NOWHERE
 from dl2c.version import __version__, install
+
+if TYPE_CHECKING:
+    from rich.text import Text
 
 USER, USAGE, BUG = 1, 2, 70
 """Exit codes; 70 is EX_SOFTWARE of sysexits.h."""
@@ -82,6 +82,8 @@ def report(failure: BaseException) -> int:
 
 def show(diagnostics: Iterable[Diagnostic]) -> None:
     """Diagnostics on stderr, in colour on a terminal; of warnings none with -q."""
+    from rich.console import Console
+
     console = Console(stderr=True, highlight=False)
     wanted = [d for d in diagnostics if d.severity == "error" or not quiet()]
     for k, diagnostic in enumerate(wanted[:MOST_SHOWN]):
@@ -96,7 +98,9 @@ def show(diagnostics: Iterable[Diagnostic]) -> None:
         print(f"\n{line}", file=sys.stderr)
 
 
-def _coloured(text: str) -> Text:
+def _coloured(text: str) -> "Text":
+    from rich.text import Text
+
     styled = Text(text)
     for word, style in COLOURS.items():
         styled.highlight_regex(rf"(?m)^{word}:", style)

@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable
-from functools import wraps
+from functools import cache, wraps
 from typing import Annotated, Any
 
 import typer
@@ -20,9 +20,8 @@ def model_options(command: Callable[..., None]) -> Callable[..., None]:
 
     Gives it those of verbosity.py too.
     """
-    flagged = [option for option in OPTIONS.values() if option.kind != "constants"]
+    flagged, flags = _flags()
     own = [p for p in inspect.signature(command).parameters.values() if p.name != "options"]
-    flags = [_flag(option) for option in flagged]
     settable = _parameter("set_", list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=_SET))
 
     @wraps(command)
@@ -46,6 +45,13 @@ def _current(name: str, value: Any) -> Any:
 
 
 _SET = "Fix a constant of the model. May be repeated."
+
+
+@cache
+def _flags() -> tuple[tuple[Option, ...], tuple[inspect.Parameter, ...]]:
+    """The options that have flags of their own, and these."""
+    flagged = tuple(option for option in OPTIONS.values() if option.kind != "constants")
+    return flagged, tuple(map(_flag, flagged))
 
 
 def _flag(option: Option) -> inspect.Parameter:

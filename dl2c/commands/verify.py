@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from dl2c.commands.arguments import (
     Arithmetic,
@@ -32,6 +30,8 @@ from dl2c.diagnostics import CompileError
 from dl2c.outputs import check_outputs
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from dl2c.commands.policy import Asked
     from dl2c.emit.monitor.monitor_h import Real
     from dl2c.options import Options
@@ -306,6 +306,9 @@ def _tell_saved(report: Mapping[str, Any], saved: Mapping[str, Any], output: Pat
 
 
 def _show(report: "Report") -> None:
+    from rich.console import Console
+    from rich.text import Text
+
     console = Console(highlight=False, soft_wrap=True)
     width = max((22, *(len(o.title) for o in report.obligations)))
     for o in report.obligations:
@@ -333,7 +336,7 @@ def _show(report: "Report") -> None:
         console.print(f"  {report.basis}")
 
 
-def _show_run(console: Console, run: "Counterexample", margin: str = "") -> None:
+def _show_run(console: "Console", run: "Counterexample", margin: str = "") -> None:
     state = ", ".join(f"{name} = {value}" for name, value in run.state.items())
     console.print(f"{margin}a run from  {state}")
     for name, value in run.decisions:
@@ -343,6 +346,9 @@ def _show_run(console: Console, run: "Counterexample", margin: str = "") -> None
 
 def show_policy(report: "PolicyReport") -> None:
     """The report about a policy, for readers."""
+    from rich.console import Console
+    from rich.text import Text
+
     from dl2c.policy_proof.verdict import decimal, percent
 
     console = Console(highlight=False, soft_wrap=True)

@@ -36,10 +36,17 @@ class Leaves:
     made: dict[str, Tape] = field(default_factory=dict[str, Tape])
     called: dict[str, str] = field(default_factory=dict[str, str])
     bodies: dict[tuple[str, ...], str] = field(default_factory=dict[tuple[str, ...], str])
+    tapes: dict[Term, Tape] = field(default_factory=dict[Term, Tape])
+
+    def tape(self, term: Term) -> Tape:
+        """The tape of a term, which many functions may ask for."""
+        if (found := self.tapes.get(term)) is None:
+            found = self.tapes[term] = term_tape(self.builder, term)
+        return found
 
     def term(self, name: str, term: Term, about: str, place: Place = names.slot) -> str:
         """An expression for a term's value, each symbol read where `place` says."""
-        return self._leaf(name, term_tape(self.builder, term), "real", about, place)
+        return self._leaf(name, self.tape(term), "real", about, place)
 
     def condition(self, name: str, formula: Formula, about: str, place: Place = names.slot) -> str:
         """An expression for a formula's truth."""
@@ -66,7 +73,7 @@ class Leaves:
     def same_operations(self, first: Term, second: Term, values: Mapping[str, float]) -> bool:
         """Whether two terms are computed by the same operations, with numbers for symbols of the first."""
         known: dict[tuple[object, ...], int] = {}
-        tapes = term_tape(self.builder, first), term_tape(self.builder, second)
+        tapes = self.tape(first), self.tape(second)
         left, right = (_interned(tape, values, known) for tape in tapes)
         return left == right
 
@@ -147,7 +154,7 @@ class Locals:
 
     def term(self, term: Term) -> str:
         """An expression for a term's value; `lines` come before it."""
-        tape = term_tape(self.leaves.builder, term)
+        tape = self.leaves.tape(term)
         held = {s.name: self.symbol(s) for s in tape.inputs}
         stem = names.stem("t", self.leaves.taken)
         printed = print_tape(tape, lambda n: held[n], single=self.leaves.single, stem=stem, first=self.count)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 from dl2c.diagnostics import Diagnostic, error
 from dl2c.parse import errors
-from dl2c.parse.classics import CLASSICS
 from dl2c.parse.scan import Code
 
 MAX_BEFORE = 200
@@ -237,6 +236,8 @@ def _missing_before_choice(failure: Failure) -> Diagnostic | None:
 
 
 def _classic_mistake(failure: Failure) -> Diagnostic | None:
+    from dl2c.parse.classics import CLASSICS  # more than a hundred patterns, which most models do not need
+
     before = failure.before[-MAX_BEFORE:]
     for classic in CLASSICS:
         if classic.accepts and classic.accepts not in failure.accepted:

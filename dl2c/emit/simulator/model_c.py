@@ -5,14 +5,14 @@ dL text it stands for; functions of the flows, of the paths, of rewards and obse
 of initial states; tables, included; the runtime, compiled with the model as one unit.
 """
 
+from collections.abc import Iterable
+
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.monitor.files import monitor_sources
 from dl2c.emit.names import file_stem
 from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.flow_c import flow_functions
 from dl2c.emit.simulator.inputs_c import input_functions
 from dl2c.emit.simulator.judge_c import judge_functions
-from dl2c.emit.simulator.judging_c import judging_functions
 from dl2c.emit.simulator.model_h import model_h, title_of
 from dl2c.emit.simulator.ode_c import jacobian_function, lie_function
 from dl2c.emit.simulator.paths_c import path_functions, path_tables
@@ -37,7 +37,11 @@ def model_sources(build: BuildPlan) -> dict[str, str]:
     stem = file_stem(build.model.name)
     files = {f"{stem}.h": model_h(build), f"{stem}.c": model_c(build)}
     files[f"{stem}_tables.h"] = tables_h(build)
-    return files if build.monitor is None else files | monitor_sources(build.monitor)
+    if build.monitor is None:
+        return files
+    from dl2c.emit.monitor.files import monitor_sources
+
+    return files | monitor_sources(build.monitor)
 
 
 def model_c(build: BuildPlan) -> str:
@@ -54,9 +58,18 @@ def model_c(build: BuildPlan) -> str:
         *judge_functions(build, leaves),
         *scene_functions(build.model, leaves),
         *sampler_functions(build, leaves),
-        *(text for unit in [build.monitor] if unit for text in judging_functions(unit)),
+        *_judging_functions(build),
     ]
     return "\n".join([_head(build), *leaves.texts, *functions, _runtime(build)])
+
+
+def _judging_functions(build: BuildPlan) -> Iterable[str]:
+    """Those of the monitor of every step."""
+    if build.monitor is None:
+        return ()
+    from dl2c.emit.simulator.judging_c import judging_functions
+
+    return judging_functions(build.monitor)
 
 
 def leaves_of(build: BuildPlan) -> Leaves:
