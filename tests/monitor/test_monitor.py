@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from conftest import REPOSITORY
 from monitor_program import Program, program_of
+from selection import quick_among
 
 from dl2c import cli
 from dl2c.commands.monitor import unit_of
@@ -28,6 +29,7 @@ from dl2c.source import Source
 from dl2c.training.rollout import rollout
 
 EXAMPLES = sorted(p.stem for p in (REPOSITORY / "examples").glob("*.kyx"))
+QUICK = ("acc", "passive_safety", "pendulum", "waypoint")
 CLOSED_FORM = {
     "acc",
     "bouncing_ball",
@@ -72,7 +74,7 @@ def read(path: Path) -> Rows:
         return list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize("example", quick_among(EXAMPLES, QUICK))
 def test_steps_of_the_simulator_satisfy_the_monitor(example: str, traces: Any) -> None:
     unit = unit_of(f"example:{example}", {})
     kinds = {check.kind for check in unit.monitor.checks}
@@ -90,7 +92,7 @@ FORMS = [(real, sound) for real in ("double", "float") for sound in (False, True
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize("example", quick_among(EXAMPLES, QUICK))
 def test_exported_files_compile_without_warnings(example: str, compiler: str, tmp_path: Path) -> None:
     for real, sound in FORMS:
         unit = unit_of(f"example:{example}", {}, real=real, sound=sound)

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from monitor.test_monitor_sound import MODELS, random_row
+from monitor.test_monitor_sound import MODELS, QUICK, random_row
 from monitor.test_target import steps
 from numpy.typing import NDArray
 from oracles.exact_truth import Row, exact_check
+from selection import quick_among
 from target_program import Asked, on_host
 
 from dl2c.commands.monitor import unit_of
@@ -100,7 +101,7 @@ def verdicts_of(asked: Asked, check: Check, rows: Rows) -> tuple[NDArray[np.int3
 
 @pytest.mark.parametrize("states", [FEW, pytest.param(STATES, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("real", ["double", "float"])
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize("example", quick_among(EXAMPLES, QUICK))
 def test_no_verdict_is_wrong(
     example: str, real: str, states: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import REPOSITORY
+from selection import quick_among
 
 import dl2c
 from dl2c.commands.monitor import unit_of
@@ -19,6 +20,7 @@ from dl2c.training.evaluation import flat_environments
 from dl2c.training.policies import policy_of
 
 EXAMPLES = sorted(p.stem for p in (REPOSITORY / "examples").glob("*.kyx"))
+QUICK = ("bouncing_ball", "passive_safety", "watertank", "waypoint")
 ENVIRONMENTS = 8
 
 
@@ -33,7 +35,7 @@ def run(example: str, steps: int) -> None:
     envs.close()
 
 
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize("example", quick_among(EXAMPLES, QUICK))
 def test_every_step_satisfies_the_exported_monitor(example: str) -> None:
     run(example, 2000)
 
@@ -59,7 +61,7 @@ IN_LANES = ("acc", "forced_acceleration", "static_safety_line", "watertank", "wa
 
 @pytest.mark.parametrize("action_map", ["project", "squash"])
 @pytest.mark.parametrize("on_blocked", ["fallback", "truncate"])
-@pytest.mark.parametrize("example", [*IN_LANES, "static_safety"])
+@pytest.mark.parametrize("example", quick_among((*IN_LANES, "static_safety"), ("static_safety", "waypoint")))
 def test_steps_are_the_same_with_and_without_a_monitor(
     example: str, on_blocked: str, action_map: str
 ) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from conftest import REPOSITORY
 from monitor_program import program_of
+from selection import quick_among
 
 from dl2c.commands.monitor import unit_of
 from dl2c.emit.monitor.interval_c import COMPARISONS, enclosing, prelude
@@ -48,6 +49,7 @@ MODELS = {name: f"example:{name}" for name in EXAMPLES} | {
     "operations": OPERATIONS_USED,
     "functions": FUNCTIONS_USED,
 }
+QUICK = ("bouncing_ball", "functions", "operations", "static_safety_line", "watertank", "waypoint")
 SOMETIMES_UNDECIDED = ("operations", "functions", "pendulum")
 """Some of their boundaries are where no rounding is exact."""
 
@@ -132,7 +134,7 @@ def to_single(row: Row) -> Row:
 
 @pytest.mark.parametrize("count", [8, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("real", ["double", "float"])
-@pytest.mark.parametrize("example", MODELS)
+@pytest.mark.parametrize("example", quick_among(MODELS, QUICK))
 def test_no_verdict_near_a_boundary_is_wrong(example: str, real: str, count: int, tmp_path: Path) -> None:
     unit = unit_of(MODELS[example], {}, real=real, sound=True)
     program = program_of(unit, tmp_path)
@@ -262,7 +264,7 @@ def exact(term: Term, env: dict[Symbol, Any]) -> Fraction:
 
 
 @pytest.mark.parametrize("real", ["double", pytest.param("float", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("example", MODELS)
+@pytest.mark.parametrize("example", quick_among(MODELS, QUICK))
 def test_what_is_undecided_is_as_close_as_the_header_says(example: str, real: str, tmp_path: Path) -> None:
     unit = unit_of(MODELS[example], {}, real=real, sound=True)
     program = program_of(unit, tmp_path)
