@@ -164,6 +164,7 @@ static dl2c_status dl2c_reset_block(dl2c_batch *b, int64_t first, int64_t count,
 dl2c_status dl2c_batch_reset(dl2c_batch *b, const uint8_t *mask, const uint64_t *seeds)
 {
   if (b == NULL) return DL2C_ERR_ARG;
+  dl2c_leave_upper_halves();
   return dl2c_together(b, dl2c_reset_block, &(dl2c_order){mask, seeds});
 }
 
@@ -195,6 +196,7 @@ static dl2c_status dl2c_advance_block(dl2c_batch *b, int64_t first, int64_t coun
 dl2c_status dl2c_batch_step(dl2c_batch *b)
 {
   if (b == NULL) return DL2C_ERR_ARG;
+  dl2c_leave_upper_halves();
   return dl2c_together(b, dl2c_advance_block, NULL);
 }
 
