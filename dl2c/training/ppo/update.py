@@ -113,7 +113,7 @@ class ClosedForm:
 
 @cache
 def closed_form(learner: type[Any]) -> type[Any]:
-    """`PPO` of Stable-Baselines3, or `MaskablePPO`, with that `train`."""
+    """`PPO` of Stable-Baselines3, or `MaskablePPO`, with `ClosedForm` before it."""
     return type(learner.__name__, (ClosedForm, learner), {})
 
 
