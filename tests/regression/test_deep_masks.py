@@ -145,7 +145,7 @@ def varied(model: Model, rng: Random) -> Model:
 
 
 @pytest.mark.parametrize(
-    "seeds", [range(4), pytest.param(range(4, 120), marks=pytest.mark.slow)], ids=["some", "many"]
+    "seeds", [range(8), pytest.param(range(8, 120), marks=pytest.mark.slow)], ids=["some", "many"]
 )
 def test_both_forms_agree_whatever_is_watched_and_masked(seeds: range, tmp_path: Path) -> None:
     _, total = run_models(seeds, 40, tmp_path, judged)
