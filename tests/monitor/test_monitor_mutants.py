@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from conftest import REPOSITORY
 from monitor_program import Program, Values, program_of
+from selection import quick_among
 
 from dl2c.commands.monitor import unit_of
 from dl2c.flows.solution import Solution, solve
@@ -311,9 +312,7 @@ def test_runs_of_the_model_itself_are_accepted(example: str, tmp_path: Path) -> 
         assert {number for number, _ in program.verdicts(check.kind, rows)} == {0}
 
 
-@pytest.mark.parametrize(
-    "example", ["watertank", *(pytest.param(e, marks=pytest.mark.slow) for e in EXAMPLES if e != "watertank")]
-)
+@pytest.mark.parametrize("example", quick_among(EXAMPLES, {"watertank"}))
 def test_mutants_are_caught(example: str, tmp_path: Path) -> None:
     program = whole_program(example, tmp_path)
     found = mutants_of(example)
