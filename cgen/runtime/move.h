@@ -307,8 +307,7 @@ DL2C_INLINE void dl2c_move_block(dl2c_batch *b, int64_t first, int64_t count, in
   const uint8_t *restrict ended = b->ended + first;
   uint8_t *restrict waited = s->waited;
   for (int64_t i = 0; i < count; i++) waited[i] = waits & ended[i];
-  for (int w = 0; w < NWATCH; w++)
-    for (int64_t i = 0; i < count; i++) s->watch[w * DL2C_BLOCK + i] = DL2C_WATCHING;
+  memset(s->watch, DL2C_WATCHING, sizeof s->watch);
   uint8_t *restrict attempt = s->attempt;
   for (int64_t i = 0; i < count; i++) attempt[i] = DL2C_RAN;
   uint8_t *restrict moved = s->moves.moved;
