@@ -87,11 +87,6 @@ static inline void dl2c_leave_upper_halves(void)
 /* For a function: inlines all that it calls. */
 #define DL2C_FLAT __attribute__((flatten))
 
-/* For a function that few steps call: optimised for size, which takes half the time to compile. */
-#ifndef DL2C_COLD
-#define DL2C_COLD __attribute__((cold))
-#endif
-
 /* a where the condition holds, else b: both are known, so that compilers blend them in loops over lanes. */
 static inline real dl2c_select(bool condition, real a, real b)
 {

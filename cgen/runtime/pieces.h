@@ -9,6 +9,18 @@
 #include "taylor.h"
 
 /*
+ * For a function that few steps call where no flow is always searched: optimised for size, which takes half
+ * the time to compile.
+ */
+#ifndef DL2C_COLD
+#if DL2C_TRACKED_FLOWS
+#define DL2C_COLD
+#else
+#define DL2C_COLD __attribute__((cold))
+#endif
+#endif
+
+/*
  * x(from + s*length), s in [0,1]: variable k is the sum of c[k][i] * s^i, i <= degree. At 0 and 1
  * it is c[k][0] and end[k] to the last bit, so that tracks join.
  */
@@ -35,6 +47,18 @@ static void dl2c_track_at(const dl2c_track *track, real s, real *x)
     for (int i = track->degree - 1; i >= 0; i--) value = value * s + track->c[k][i];
     x[k] = value;
   }
+}
+
+/* How fast a state changes, relative to its size. */
+static inline real dl2c_pace(const real *y, const real *rates)
+{
+  real size = 0.0;
+  real speed = 0.0;
+  for (int k = 0; k < NX; k++) {
+    size = dl2c_max(fabs(y[k]), size);
+    speed = dl2c_max(fabs(rates[k]), speed);
+  }
+  return size > 0.0 ? speed / size : speed;
 }
 
 /*

@@ -66,15 +66,9 @@ static void dl2c_lie_signs(int flow, const real *y, const real *p, const dl2c_ta
 #if DL2C_TRACKED_FLOWS
   real lie[3 * NMARGIN];
   real rates[NX];
-  real size = 0.0;
-  real speed = 0.0;
   model_lie(flow, y, p, lie);
   model_rates(flow, y, p, rates);
-  for (int k = 0; k < NX; k++) {
-    size = dl2c_max(fabs(y[k]), size);
-    speed = dl2c_max(fabs(rates[k]), speed);
-  }
-  const real pace = size > 0.0 ? speed / size : speed;
+  const real pace = dl2c_pace(y, rates);
   for (int j = 0; j < FLOW_MARGINS[flow]; j++) {
     real least = isfinite(g[j].e) ? g[j].e : 0.0;
     for (int k = 0; at[j] == 0 && k < 3; k++) {
