@@ -6,9 +6,9 @@
 #ifndef DL2C_NUMERIC_H
 #define DL2C_NUMERIC_H
 
+#include "at_once.h"
 #include "growth.h"
 #include "project.h"
-#include "search.h"
 #if DL2C_LINEAR_FLOWS
 #include "linear.h"
 #endif
@@ -245,6 +245,11 @@ static dl2c_motion dl2c_integrate_with(dl2c_integrator *integrator, dl2c_integra
     dl2c_constant_track(x, &track);
     (void)dl2c_search_track(&stretch, false, task->watch, &place, sign);
     return DL2C_ARRIVED;
+  }
+  if (dl2c_leaves_at_once(&stretch, stop, task->watch, sign)) {
+    dl2c_constant_track(x, &track);
+    task->ended = true;
+    return dl2c_arrive(&stretch, 0.0, true, 0.0, sign, task->y, &task->duration);
   }
   if (!dl2c_integrator_start(integrator, x, stop)) return DL2C_UNSOLVED;
   const real grown = dl2c_growth_limit(x);
