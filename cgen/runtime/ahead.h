@@ -60,9 +60,14 @@ static bool dl2c_look(const dl2c_request *ask, dl2c_trial *trial, bool drawn, ui
       if (!enabled[k - first]) continue;
       const bool chance = drawn || dl2c_draws(trial, k);
       const bool sure = dl2c_surely(trial, k, chance);
+      if (sure) {
+        dl2c_see(trial, k, seen);
+        found = true;
+        continue;
+      }
       dl2c_trial ahead = *trial;
-      if (!sure) dl2c_follow(ask, &ahead, k);
-      if (sure || ahead.failure != DL2C_SOUND) {
+      dl2c_follow(ask, &ahead, k);
+      if (ahead.failure != DL2C_SOUND) {
         dl2c_see(trial, k, seen);
         found = true;
       } else if (open == 1) {
@@ -87,19 +92,23 @@ typedef struct dl2c_start {
   real draws[NSTEPDRAW + 1];
 } dl2c_start;
 
-/* Whether a step has a run from where its leading statements led to. */
+/*
+ * Whether a step has a run from where its leading statements led to. The first open path that need not be
+ * followed is enough.
+ */
 static bool dl2c_starts(const dl2c_request *request, const dl2c_trial *trial)
 {
   uint8_t enabled[NPATH];
   uint8_t seen[NMASK + 1];
   dl2c_trial ahead = *trial;
   ahead.point = 0;
-  dl2c_open(&ahead, request->p, enabled);
+  model_guards(0, ahead.x, request->p, 1, 1, enabled);
+  for (int k = 0; k < POINT_START[1]; k++) {
+    enabled[k] = enabled[k] && dl2c_is_open(&ahead, request->p, k);
+    if (enabled[k] && (!DL2C_LOOKS_AHEAD || dl2c_surely(&ahead, k, dl2c_draws(&ahead, k)))) return true;
+  }
   const dl2c_request ask = {.p = request->p, .solver = request->solver};
-  if (DL2C_LOOKS_AHEAD) return dl2c_look(&ask, &ahead, false, enabled, seen);
-  uint8_t open = 0;
-  for (int k = 0; k < POINT_START[1]; k++) open |= enabled[k];
-  return open;
+  return DL2C_LOOKS_AHEAD && dl2c_look(&ask, &ahead, false, enabled, seen);
 }
 
 /* Draws for a step and executes its leading statements. */

@@ -91,10 +91,12 @@ static void dl2c_look_from(dl2c_batch *b, int64_t i)
   const dl2c_request ask = {.p = p, .solver = b->solver};
   memset(seen, 0, NMASK);
   for (int k = 0; k < DL2C_NSTART; k++) {
+    b->enabled[k * b->stride + i] = 0;
+    if (closed || !enabled[k]) continue;
     uint8_t only[NPATH] = {0};
     dl2c_trial ahead = trial;
-    only[k] = enabled[k];
-    b->enabled[k * b->stride + i] = !closed && dl2c_look(&ask, &ahead, false, only, seen);
+    only[k] = 1;
+    b->enabled[k * b->stride + i] = dl2c_look(&ask, &ahead, false, only, seen);
   }
 }
 

@@ -141,24 +141,24 @@ static inline void dl2c_evolve(const dl2c_request *request, dl2c_trial *trial,
   if (motion == DL2C_UNSOLVED) trial->failure = DL2C_UNSOLVABLE;
 }
 
-/*
- * Which paths are open where a run stands. Decisions and inputs that it met keep their outcome.
- *   enabled: (paths of the point)
- */
+/* Whether a path whose guard holds is open to a run. Decisions and inputs that it met keep their outcome. */
+static inline bool dl2c_is_open(dl2c_trial *trial, const real *p, int path)
+{
+  for (int j = 0; j < PATHS[path].nmet; j++) {
+    const int met = PATHS[path].met[j];
+    if (trial->taken[met] >= 0 && trial->taken[met] != DECISIONS[path][met]) return false;
+  }
+  const dl2c_search search = {path, trial->x, p, trial->given, trial->value};
+  return NU == 0 || dl2c_all_have_values(&search);
+}
+
+/* Which paths are open where a run stands.   enabled: (paths of the point) */
 static inline void dl2c_open(dl2c_trial *trial, const real *p, uint8_t *enabled)
 {
   const int first = POINT_START[trial->point];
   model_guards(trial->point, trial->x, p, 1, 1, enabled);
-  for (int k = first; k < POINT_START[trial->point + 1]; k++) {
-    bool open = enabled[k - first];
-    for (int j = 0; j < PATHS[k].nmet && open; j++) {
-      const int met = PATHS[k].met[j];
-      open = trial->taken[met] < 0 || trial->taken[met] == DECISIONS[k][met];
-    }
-    const dl2c_search search = {k, trial->x, p, trial->given, trial->value};
-    if (NU > 0 && open) open = dl2c_all_have_values(&search);
-    enabled[k - first] = open;
-  }
+  for (int k = first; k < POINT_START[trial->point + 1]; k++)
+    enabled[k - first] = enabled[k - first] && dl2c_is_open(trial, p, k);
 }
 
 /*
