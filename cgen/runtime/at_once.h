@@ -50,16 +50,20 @@ static inline bool dl2c_begins_well(int flow, const real *x, const real *p, real
   return signless && dl2c_all_finite(rates, NX) && dl2c_all_finite(later, NX);
 }
 
-/* A state with more error than any track has where it begins, as models.   z: (NX) */
+/*
+ * A state with more error than any track has where it begins, as models. Variables may soon move as far as
+ * the fastest does, however slowly they begin: all have the same error.   z: (NX)
+ */
 static inline void dl2c_doubtful_state(const real *x, const real *rates, real stop, dl2c_taylor *z)
 {
+  real reach = 0.0;
+  for (int k = 0; k < NX; k++) reach = dl2c_max(fabs(x[k]) + fabs(rates[k]) * stop, reach);
+  real doubt = reach * DL2C_DOUBT;
+#ifdef DL2C_RTOL
+  doubt += reach * DL2C_RTOL + DL2C_ATOL;
+#endif
   for (int k = 0; k < NX; k++) {
     z[k] = dl2c_taylor_number(x[k]);
-    const real reach = fabs(rates[k] * stop);
-    real doubt = (fabs(x[k]) + reach) * DL2C_DOUBT;
-#ifdef DL2C_RTOL
-    if (rates[k] != 0.0) doubt += fabs(x[k]) * DL2C_RTOL + DL2C_ATOL;
-#endif
     z[k].r = z[k].e = doubt;
     z[k].hull = dl2c_hull_of(x[k] - doubt, x[k] + doubt);
   }
