@@ -81,8 +81,16 @@ static inline void dl2c_leave_upper_halves(void)
 #define DL2C_ONE_BY_ONE DL2C_INSPECT
 #endif
 
-/* Inlined into each clone of its caller, so that it is compiled for the same instructions. */
+/*
+ * Inlined into each clone of its caller, so that it is compiled for the same instructions. Without
+ * optimisation it is an ordinary function: that takes two thirds of the time to compile, and a debugger can
+ * step into it.
+ */
+#ifdef __OPTIMIZE__
 #define DL2C_INLINE static inline __attribute__((always_inline))
+#else
+#define DL2C_INLINE static inline
+#endif
 
 /* For a function: inlines all that it calls. */
 #define DL2C_FLAT __attribute__((flatten))
