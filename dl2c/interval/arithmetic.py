@@ -9,10 +9,9 @@ their endpoints are the exact bounds rounded once.
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import Literal, TypeAlias, assert_never
+from typing import Literal, NamedTuple, TypeAlias, assert_never
 
 from dl2c.interval.rounding import (
     INF,
@@ -54,8 +53,7 @@ LARGEST_ANGLE = 1e6
 """Beyond this the periodic functions are enclosed by their whole range."""
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
+class Interval(NamedTuple):
     """All reals from `low` to `high`; infinite endpoints stand for no limit.
 
     `total` tells whether the enclosed term is defined on the whole box. `low > high`

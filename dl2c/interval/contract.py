@@ -7,7 +7,7 @@ consistency", 1999). Conjunctions are iterated, disjunctions give the hull of th
 branches.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias, assert_never
 
 from dl2c.interval.arithmetic import (
@@ -48,6 +48,15 @@ from dl2c.work import spend
 
 NONNEGATIVE = Interval(0.0, INF)
 
+MOST_EFFECTS = 2**12
+"""Of one part; beyond, all are forgotten."""
+
+_Key: TypeAlias = tuple[int | Interval | None, ...]
+"""How often conjunctions are gone through, and the ranges of the symbols of a part."""
+
+_Effect: TypeAlias = tuple[Interval, ...] | None
+"""The smaller ranges; None where nothing is left."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Atom:
@@ -56,16 +65,15 @@ class _Atom:
     right: Node
 
 
-@dataclass(slots=True, eq=False)
-class _Watched:
-    """A part, and versions of its symbols at which it narrows nothing: until they change, it will not."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Kept:
+    """A part, and what it makes of ranges of its symbols: among boxes that differ little, most ranges are
+    met again.
+    """
 
     part: "_Atom | _Some"
     symbols: tuple[Node, ...]
-    quiet: tuple[int, ...] = ()
-
-    def versions(self) -> tuple[int, ...]:
-        return tuple([node.version for node in self.symbols])
+    effects: dict[_Key, _Effect] = field(default_factory=dict[_Key, _Effect])
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +86,7 @@ class _Some:
     parts: tuple["_Part", ...]
 
 
-_Part: TypeAlias = "Truth | _Watched | _All"
+_Part: TypeAlias = "Truth | _Kept | _All"
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,17 +124,17 @@ def _part(formula: Formula, graph: Graph) -> _Part:
         case Truth():
             return formula
         case Compare(op, left, right):
-            return _watched(_Atom(op, graph.node(left), graph.node(right)), formula, graph)
+            return _kept(_Atom(op, graph.node(left), graph.node(right)), formula, graph)
         case And(children):
             return _All(tuple(_part(c, graph) for c in children))
         case Or(children):
-            return _watched(_Some(tuple(_part(c, graph) for c in children)), formula, graph)
+            return _kept(_Some(tuple(_part(c, graph) for c in children)), formula, graph)
         case _:
             assert_never(formula)
 
 
-def _watched(part: _Atom | _Some, formula: Formula, graph: Graph) -> _Watched:
-    return _Watched(part, tuple(graph.symbols[s] for s in symbols(formula)))
+def _kept(part: _Atom | _Some, formula: Formula, graph: Graph) -> _Kept:
+    return _Kept(part, tuple(graph.symbols[s] for s in symbols(formula)))
 
 
 # The functions below shrink the ranges of symbols and return False when nothing is left.
@@ -136,41 +144,52 @@ def _narrow_part(part: _Part, graph: Graph, rounds: int) -> bool:
     match part:
         case Truth(value):
             return value
-        case _Watched():
-            if part.symbols and part.versions() == part.quiet:
-                return True
-            inner, before = part.part, [node.value() for node in part.symbols]
-            left = _narrow_atom(inner) if isinstance(inner, _Atom) else _narrow_some(inner, graph, rounds)
-            same = left and [node.value() for node in part.symbols] == before
-            part.quiet = part.versions() if same else ()
-            return left
+        case _Kept():
+            return _narrow_kept(part, graph, rounds)
         case _All(parts):
             for _ in range(rounds):
-                before = _ranges(graph)
+                before = graph.ranges()
                 if not all(_narrow_part(child, graph, rounds) for child in parts):
                     return False
-                if _ranges(graph) == before:
+                if graph.ranges() == before:
                     break
             return True
         case _:
             assert_never(part)
 
 
+def _narrow_kept(part: _Kept, graph: Graph, rounds: int) -> bool:
+    key = (rounds, *[node.known for node in part.symbols])
+    if key not in part.effects:
+        return _narrow_anew(part, key, graph, rounds)
+    after = part.effects[key]
+    if after is None:
+        return False
+    for node, value in zip(part.symbols, after, strict=True):
+        node.assign(value)
+    return True
+
+
+def _narrow_anew(part: _Kept, key: _Key, graph: Graph, rounds: int) -> bool:
+    inner, effects = part.part, part.effects
+    left = _narrow_atom(inner) if isinstance(inner, _Atom) else _narrow_some(inner, graph, rounds)
+    if len(effects) >= MOST_EFFECTS:
+        effects.clear()
+    effects[key] = tuple([node.value() for node in part.symbols]) if left else None
+    return left
+
+
 def _narrow_some(part: _Some, graph: Graph, rounds: int) -> bool:
     """To the hull of what the parts leave each."""
-    before = _ranges(graph)
-    branches: list[dict[Symbol, Interval]] = []
+    before = graph.ranges()
+    branches: list[list[Interval]] = []
     for child in part.parts:
-        graph.assign(before)
+        graph.restore(before)
         if _narrow_part(child, graph, rounds):
-            branches.append(_ranges(graph))
+            branches.append(graph.ranges())
     if branches:
-        graph.assign({s: hull_of(b[s] for b in branches) for s in before})
+        graph.restore([hull_of(ranges) for ranges in zip(*branches, strict=True)])
     return bool(branches)
-
-
-def _ranges(graph: Graph) -> dict[Symbol, Interval]:
-    return {s: node.value() for s, node in graph.symbols.items()}
 
 
 def _narrow_atom(atom: _Atom) -> bool:

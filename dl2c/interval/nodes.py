@@ -4,7 +4,7 @@ Terms come in and become nodes of a graph, equal parts one node. A node keeps it
 below it changes. What it encloses is what `arithmetic.evaluate` gives.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import assert_never
@@ -15,14 +15,12 @@ from dl2c.ir.model import Binary, Call, Mul, Neg, Number, Pow, Symbol, Term
 
 @dataclass(slots=True, eq=False)
 class Node:
-    """A term: what it is computed from and how, and its enclosure where that is known. The version of a
-    symbol counts its ranges."""
+    """A term: what it is computed from and how, and its enclosure where that is known."""
 
     term: Term
     args: tuple["Node", ...]
     compute: Callable[..., Interval]
     known: Interval | None = None
-    version: int = 0
     above: list["Node"] = field(default_factory=list["Node"])
 
     def value(self) -> Interval:
@@ -36,7 +34,6 @@ class Node:
         now = self.known
         if now is None or now.low != value.low or now.high != value.high or now.total != value.total:
             self.known = value
-            self.version += 1
             self.forget()
 
     def forget(self) -> None:
@@ -88,6 +85,15 @@ class Graph:
         """Go to another box, which has every symbol."""
         for symbol, node in self.symbols.items():
             node.assign(box[symbol])
+
+    def ranges(self) -> list[Interval]:
+        """The present box, in the order of `symbols`."""
+        return [node.value() for node in self.symbols.values()]
+
+    def restore(self, ranges: Sequence[Interval]) -> None:
+        """Go to a box as `ranges` gives it."""
+        for node, value in zip(self.symbols.values(), ranges, strict=True):
+            node.assign(value)
 
 
 def _unassigned() -> Interval:

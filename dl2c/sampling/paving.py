@@ -39,14 +39,15 @@ Widths: TypeAlias = Mapping[Symbol, float]
 
 @dataclass(frozen=True, slots=True)
 class Root:
-    """One chart. `density` bounds the density of the states on a box from above; `estimate` says how much
-    of a box is accepted, between 0 and 1, by points of this law. `bent` names influence the density;
-    those that leave it without a bound on a box are `steep` there."""
+    """One chart. `wide` are its free names with more than one value. `density` bounds the density of the
+    states on a box from above; `estimate` says how much of a box is accepted, between 0 and 1, by points of
+    this law. `bent` names influence the density; those that leave it without a bound on a box are `steep`
+    there."""
 
     formula: Formula
     contractor: Contractor
     box: Mapping[Symbol, Interval]
-    free: tuple[Symbol, ...]
+    wide: tuple[Symbol, ...]
     bent: frozenset[Symbol]
     steep: Callable[[Box], set[Symbol]]
     density: Callable[[Box], float]
@@ -112,7 +113,7 @@ def acceptance_of(leaves: Sequence[Leaf]) -> float:
 def _widths(roots: Sequence[Root]) -> dict[Symbol, float]:
     widths: dict[Symbol, float] = {}
     for root in roots:
-        for symbol in root.free:
+        for symbol in root.wide:
             width = root.box[symbol].high - root.box[symbol].low
             widths[symbol] = max(width, widths.get(symbol, 0.0))
     return widths
@@ -127,22 +128,18 @@ def _leaf(roots: Sequence[Root], chart: int, box: Mapping[Symbol, Interval], wid
 
 def _volume(root: Root, box: Box, widths: Widths) -> float:
     """In units of the widths."""
-    return math.prod((box[s].high - box[s].low) / widths[s] for s in _wide(root))
+    return math.prod([_edge(box, s, widths) for s in root.wide])
 
 
 def _unit(roots: Sequence[Root], root: Root, widths: Widths) -> float:
     """How large the unit volume of a chart is, compared with that of the first one."""
-    sizes = [math.fsum(math.log(widths[s]) for s in _wide(r)) for r in (root, roots[0])]
+    sizes = [math.fsum(math.log(widths[s]) for s in r.wide) for r in (root, roots[0])]
     return math.exp(sizes[0] - sizes[1])
-
-
-def _wide(root: Root) -> list[Symbol]:
-    return [s for s in root.free if root.box[s].low < root.box[s].high]
 
 
 def _directions(root: Root) -> list[Symbol]:
     told = root.bent | symbols(root.formula)
-    return [s for s in _wide(root) if s in told]
+    return [s for s in root.wide if s in told]
 
 
 def _best_split(
