@@ -210,13 +210,13 @@ class Compilation:
 
     def _monitor(self) -> tuple["Unit | None", tuple[Diagnostic, ...]]:
         """The monitor that is exported, where every step is monitored; why it lacks some checks."""
+        options = self.resolved.options
+        if not options.monitor_every_step:
+            return None, ()
         from dl2c.emit.monitor.monitor_h import Unit
         from dl2c.lower.invariant import invariant
         from dl2c.monitor.build import monitor_of
 
-        options = self.resolved.options
-        if not options.monitor_every_step:
-            return None, ()
         with stage("making the monitor", self.progress):
             proved = invariant(self.resolved.problem) or TRUE
             model, bound = self.lowered.model, options.default_bound

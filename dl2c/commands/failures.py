@@ -82,10 +82,12 @@ def report(failure: BaseException) -> int:
 
 def show(diagnostics: Iterable[Diagnostic]) -> None:
     """Diagnostics on stderr, in colour on a terminal; of warnings none with -q."""
+    wanted = [d for d in diagnostics if d.severity == "error" or not quiet()]
+    if not wanted:
+        return
     from rich.console import Console
 
     console = Console(stderr=True, highlight=False)
-    wanted = [d for d in diagnostics if d.severity == "error" or not quiet()]
     for k, diagnostic in enumerate(wanted[:MOST_SHOWN]):
         text = render(diagnostic)
         if k:

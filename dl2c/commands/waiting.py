@@ -1,10 +1,9 @@
 """What a command shows on stderr while it works: a spinner, or a bar."""
 
+import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any
-
-from rich.console import Console
 
 from dl2c.commands.verbosity import detailed, quiet
 
@@ -12,11 +11,12 @@ from dl2c.commands.verbosity import detailed, quiet
 @contextmanager
 def working(what: str) -> Generator[Callable[[str], None]]:
     """A spinner on a terminal's stderr, nothing elsewhere or with -v, -q; yields what changes its text."""
-    console = Console(stderr=True)
-    if not console.is_terminal or detailed() or quiet():
+    if not sys.stderr.isatty() or detailed() or quiet():
         yield lambda _: None
         return
-    with console.status(what) as status:
+    from rich.console import Console
+
+    with Console(stderr=True).status(what) as status:
         yield lambda text: status.update(f"{what}: {text}")
 
 
@@ -56,6 +56,7 @@ def counting(total: int, what: str) -> Generator[Callable[[int], None]]:
 
 def _bar(done: Any, *more: Any) -> Any:
     """A bar with columns beside it, hidden where stderr is not a terminal."""
+    from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TimeElapsedColumn
 
     console = Console(stderr=True)

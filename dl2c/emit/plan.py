@@ -1,14 +1,17 @@
 """What the code generator is given, gathered by the pipeline."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from dl2c.emit.claim import Claim
-from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.flows.kernel import FlowPlan
 from dl2c.ir.model import Model
 from dl2c.options import Options
 from dl2c.paths.path import Paths
 from dl2c.sampling.tables import SamplingPlan
+
+if TYPE_CHECKING:
+    from dl2c.emit.monitor.monitor_h import Unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +26,7 @@ class BuildPlan:
     sampling: SamplingPlan | None
     options: Options
     version: str
-    monitor: Unit | None = None
+    monitor: "Unit | None" = None
     claim: Claim = Claim()
 
     def claiming(self, claim: Claim) -> "BuildPlan":

@@ -3,17 +3,15 @@
 import math
 from dataclasses import fields
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dl2c.emit.cfile import place
-from dl2c.emit.monitor.monitor_h import Unit
 from dl2c.emit.plan import BuildPlan
 from dl2c.flows.certainty import certainties
 from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import Bound, Constant, Role, Variable
 from dl2c.ir.printer import print_flow, print_number
 from dl2c.lower.observations import observation_limits, observed
-from dl2c.monitor.check import OUT_OF_RANGE
 from dl2c.native.manifest import (
     ChoiceSpec,
     ConditionSpec,
@@ -28,6 +26,9 @@ from dl2c.native.scenes import scene_spec
 from dl2c.options import Options
 from dl2c.paths.path import END
 from dl2c.sampling.tables import SamplingPlan
+
+if TYPE_CHECKING:
+    from dl2c.emit.monitor.monitor_h import Unit
 
 ABI_VERSION = 5
 STREAM_VERSION = 4
@@ -74,8 +75,10 @@ def manifest_of(build: BuildPlan, key: str, platform: dict[str, str]) -> Manifes
     )
 
 
-def _conditions(unit: Unit) -> tuple[ConditionSpec, ...]:
+def _conditions(unit: "Unit") -> tuple[ConditionSpec, ...]:
     """What the numbers of a monitor mean."""
+    from dl2c.monitor.check import OUT_OF_RANGE
+
     out_of_range = ConditionSpec(OUT_OF_RANGE, "any", "a number is out of range")
     listed = [(check, c) for check, _, c in unit.monitor.conditions if check.transition]
     return (

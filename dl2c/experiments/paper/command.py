@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from dl2c.commands.failures import to_json
 from dl2c.commands.flags import Json
@@ -22,6 +21,9 @@ def paper(
     json: Json = False,
 ) -> None:
     """Reproduce the paper's evaluation; exits with 1 if a criterion is missed (some minutes)."""
+    from rich.console import Console
+    from rich.progress import Progress
+
     from dl2c.experiments.paper.criteria import criteria
     from dl2c.experiments.paper.experiments import FULL, QUICK, experiments
     from dl2c.experiments.paper.figures import figures
@@ -29,8 +31,6 @@ def paper(
 
     budget = QUICK if quick else FULL
     console = Console(stderr=True)
-    from rich.progress import Progress
-
     with Progress(console=console, disable=quiet() or not console.is_terminal) as bar:
         task = bar.add_task("training")
         results = experiments(budget, output, lambda done, of: bar.update(task, completed=done, total=of))
