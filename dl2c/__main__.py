@@ -5,7 +5,7 @@ import sys
 
 from dl2c.interruption import INTERRUPTED, end_at_once, raise_again
 
-OBJECTS = 100_000
+OBJECTS = 300_000
 """New objects between two searches for cycles of garbage, of which compiling makes few; Python's own number,
 a few hundred, takes a twentieth of the time of a build.
 """
@@ -27,6 +27,7 @@ def main() -> None:
         raise SystemExit(INTERRUPTED) from None
     finally:
         end_at_once()
+        gc.freeze()  # else Python searches all that is left for garbage when it ends
 
 
 if __name__ == "__main__":
