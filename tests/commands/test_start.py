@@ -98,6 +98,11 @@ def test_a_model_is_read_once(place: Mapping[str, str], tmp_path: Path) -> None:
         assert dl2c(place, *words) == first
 
 
+def test_a_build_imports_what_it_needs(place: Mapping[str, str], tmp_path: Path) -> None:
+    words = ("build", str(MODEL), "-o", str(tmp_path))
+    assert not imported(place, *words) & {"rich.console", "gymnasium", "dl2c.monitor.check"}
+
+
 def test_a_build_that_is_kept_is_not_loaded(place: Mapping[str, str], tmp_path: Path) -> None:
     words = ("build", str(MODEL), "-o", str(tmp_path))
     dl2c(place, *words)
