@@ -13,7 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define DL2C_ABI_VERSION 5
+#define DL2C_ABI_VERSION 6
 #define DL2C_STREAM_VERSION 4
 
 #ifdef DL2C_SHARED
@@ -81,6 +81,7 @@ typedef struct dl2c_options {
   int32_t on_blocked;     /* dl2c_on_blocked */
   int32_t action_map;     /* dl2c_action_map */
   int32_t threads;        /* that share the environments, at most 256; results are the same */
+  int32_t shared_obs;     /* 1: others write to `obs` too, so that every call writes all of it */
 } dl2c_options;
 
 /* Sizes of a compiled model, for whoever allocates the buffers. */
@@ -105,7 +106,7 @@ typedef struct dl2c_sizes {
 typedef struct dl2c_buffers {
   const int32_t *choices; /* (n, nchoice) requested alternative of each discrete decision */
   const double *inputs;   /* (n, ninput) requested value of each continuous decision */
-  void *obs;              /* (n, nobs) float or double */
+  void *obs;              /* (n, nobs) float or double; constants are written when an episode begins */
   void *final_obs;        /* (n, nobs) last observation of an episode that same-step autoreset ended */
   double *rewards;        /* (n) */
   uint8_t *terminated;    /* (n) */

@@ -73,13 +73,12 @@ static void dl2c_search_lanes(int path, const real *x, const real *p, int64_t st
 }
 
 /*
- * Which paths of a point pass all their tests up to their flow, in `count` environments.
+ * Which paths of a point whose guards hold have values for their inputs, too.
  *   enabled: (paths of the point, stride)
  */
-DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t stride,
-                              int64_t count, uint8_t *enabled)
+DL2C_INLINE void dl2c_enabled_by_inputs(int point, const real *x, const real *p, int64_t stride,
+                                        int64_t count, uint8_t *enabled)
 {
-  model_guards(point, x, p, stride, count, enabled);
   if (NU == 0) return;
   const int first = POINT_START[point];
   uint8_t sure[DL2C_BLOCK] = {0};
@@ -88,6 +87,17 @@ DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t s
     if (DL2C_DECIDES_IN_LANES && DL2C_FEW_PATHS) dl2c_sure_lanes(k, x, p, stride, count, sure);
     dl2c_search_lanes(k, x, p, stride, count, sure, enabled + (k - first) * stride);
   }
+}
+
+/*
+ * Which paths of a point pass all their tests up to their flow, in `count` environments.
+ *   enabled: (paths of the point, stride)
+ */
+DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t stride,
+                              int64_t count, uint8_t *enabled)
+{
+  model_guards(point, x, p, stride, count, enabled);
+  dl2c_enabled_by_inputs(point, x, p, stride, count, enabled);
 }
 
 /* The admissible value nearest to the one wanted, the lower of two, the lowest for a NaN; its piece. */

@@ -47,7 +47,8 @@ static bool dl2c_options_valid(const dl2c_options *o)
          && o->autoreset >= DL2C_AUTORESET_DISABLED && o->autoreset <= DL2C_AUTORESET_SAME_STEP
          && o->on_blocked >= DL2C_BLOCKED_FALLBACK && o->on_blocked <= DL2C_BLOCKED_TERMINATE
          && (o->action_map == DL2C_MAP_PROJECT || o->action_map == DL2C_MAP_SQUASH)
-         && o->threads >= 0 && o->threads <= DL2C_MOST_THREADS;
+         && o->threads >= 0 && o->threads <= DL2C_MOST_THREADS
+         && (o->shared_obs == 0 || o->shared_obs == 1);
 }
 
 dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c_buffers *buffers,
@@ -76,6 +77,8 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
   b->rng = calloc(NSTEPDRAW > 0 ? rows : 1, sizeof *b->rng);
   b->start = calloc(NSTEPDRAW > 0 ? rows : 1, sizeof *b->start);
   b->scalar_steps = calloc(DL2C_FLOWS_IN_LANES ? rows / DL2C_BLOCK + 1 : 1, sizeof *b->scalar_steps);
+  b->fixed = calloc(rows * NFIXED + 1, sizeof *b->fixed);
+  b->clipped = calloc(rows, sizeof *b->clipped);
   b->seen = calloc(DL2C_LOOKS_AHEAD ? rows * NMASK + 1 : 1, sizeof *b->seen);
 #if DL2C_INSPECT
   b->followed = calloc(rows * DL2C_INSPECT_FLOWS, sizeof *b->followed);
@@ -86,7 +89,8 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
   }
 #endif
   if (!b->x || !b->p || !b->enabled || !b->ended || !b->seed || !b->episode || !b->steps
-      || !b->elapsed || !b->stalled || !b->rng || !b->start || !b->scalar_steps || !b->seen) {
+      || !b->elapsed || !b->stalled || !b->rng || !b->start || !b->scalar_steps
+      || !b->fixed || !b->clipped || !b->seen) {
     dl2c_batch_free(b);
     return DL2C_ERR_NOMEM;
   }
@@ -125,6 +129,8 @@ void dl2c_batch_free(dl2c_batch *b)
   free(b->rng);
   free(b->start);
   free(b->scalar_steps);
+  free(b->fixed);
+  free(b->clipped);
   free(b->seen);
 #if DL2C_INSPECT
   free(b->followed);
@@ -148,8 +154,8 @@ static void dl2c_reseed(dl2c_batch *b, int64_t i, const uint64_t *seed)
   b->episode[i] = 0;
 }
 
-static dl2c_status dl2c_reset_block(dl2c_batch *b, int64_t first, int64_t count,
-                                    const dl2c_order *order)
+static dl2c_status dl2c_reset_blocks(dl2c_batch *b, int64_t first, int64_t count,
+                                     const dl2c_order *order)
 {
   for (int64_t i = first; i < first + count; i++) {
     if (order->mask != NULL && !order->mask[i]) continue;
@@ -165,7 +171,7 @@ dl2c_status dl2c_batch_reset(dl2c_batch *b, const uint8_t *mask, const uint64_t 
 {
   if (b == NULL) return DL2C_ERR_ARG;
   dl2c_leave_upper_halves();
-  return dl2c_together(b, dl2c_reset_block, &(dl2c_order){mask, seeds});
+  return dl2c_together(b, dl2c_reset_blocks, &(dl2c_order){mask, seeds});
 }
 
 dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, const double *x,
@@ -186,18 +192,18 @@ dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, 
   return DL2C_ERR_STATE;
 }
 
-static dl2c_status dl2c_advance_block(dl2c_batch *b, int64_t first, int64_t count,
-                                      const dl2c_order *order)
+static dl2c_status dl2c_advance_blocks(dl2c_batch *b, int64_t first, int64_t count,
+                                       const dl2c_order *order)
 {
   (void)order;
-  return dl2c_step_block(b, first, count);
+  return dl2c_step_blocks(b, first, count);
 }
 
 dl2c_status dl2c_batch_step(dl2c_batch *b)
 {
   if (b == NULL) return DL2C_ERR_ARG;
   dl2c_leave_upper_halves();
-  return dl2c_together(b, dl2c_advance_block, NULL);
+  return dl2c_together(b, dl2c_advance_blocks, NULL);
 }
 
 dl2c_status dl2c_batch_get_state(const dl2c_batch *b, int64_t i, double *x, double *p)

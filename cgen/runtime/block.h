@@ -1,24 +1,9 @@
 /* SPDX-License-Identifier: MIT-0 */
-/* block.h -- a step of a block of environments: move all, judge all, begin the episodes that follow. */
+/* block.h -- a step of a block of environments: move all, judge all, note which episodes follow. */
 #ifndef DL2C_BLOCK_H
 #define DL2C_BLOCK_H
 
-#include "judge.h"
-
-/* Begins the next episode of an environment whose episode ended in this step; results stay. */
-static dl2c_status dl2c_next_episode(dl2c_batch *b, int64_t i)
-{
-  memcpy((dl2c_obs *)b->out.final_obs + i * NOBS, (dl2c_obs *)b->out.obs + i * NOBS,
-         sizeof(dl2c_obs) * NOBS);
-  const real time = b->out.time[i];
-  const uint8_t postcondition = b->out.postcondition[i];
-  const uint8_t saturated = b->out.saturated[i];
-  const dl2c_status status = dl2c_reset_one(b, i);
-  b->out.time[i] = time;
-  b->out.postcondition[i] = postcondition;
-  b->out.saturated[i] = saturated;
-  return status;
-}
+#include "episodes.h"
 
 /* A full block: the number of lanes is known when this is compiled. */
 DL2C_LANES static void dl2c_full(dl2c_batch *b, int64_t first, dl2c_scratch *s)
@@ -57,15 +42,19 @@ static void dl2c_part(dl2c_batch *b, int64_t first, int64_t count, dl2c_scratch 
   for (; lane < count; lane++) dl2c_judge_one(b, first, lane, s);
 }
 
-/* Begins the next episodes after a step of a block: of those that ended, or had ended before. */
-static dl2c_status dl2c_follow_up(dl2c_batch *b, int64_t first, int64_t count, const dl2c_scratch *s)
+/*
+ * Notes whose next episode begins after a step of a block: of those that ended, or had ended before. They
+ * begin when they fill a block of their own.
+ */
+static dl2c_status dl2c_follow_up(dl2c_batch *b, int64_t first, int64_t count, const dl2c_scratch *s,
+                                  dl2c_followers *who)
 {
   const bool at_once = b->options.autoreset == DL2C_AUTORESET_SAME_STEP;
   const uint8_t *over = at_once ? b->ended + first : s->waited;
   for (int64_t i = dl2c_next(over, 0, count); i < count; i = dl2c_next(over, i + 1, count)) {
-    if (!at_once) dl2c_clear_results(b, first + i);
-    const dl2c_status status =
-        at_once ? dl2c_next_episode(b, first + i) : dl2c_reset_one(b, first + i);
+    who->env[who->count++] = first + i;
+    if (who->count < DL2C_BLOCK) continue;
+    const dl2c_status status = dl2c_begin_followers(b, who);
     if (status != DL2C_OK) return status;
   }
   dl2c_status found = DL2C_OK;
@@ -79,8 +68,8 @@ static dl2c_status dl2c_follow_up(dl2c_batch *b, int64_t first, int64_t count, c
   return found;
 }
 
-/* One step of environments `first` to `first + count`: move all, judge all, begin next episodes. */
-static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count)
+/* One step of environments `first` to `first + count`: move all, judge all. */
+static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count, dl2c_followers *who)
 {
   dl2c_scratch s;
   if (count == DL2C_BLOCK)
@@ -89,7 +78,26 @@ static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count)
     dl2c_one(b, first, &s);
   else
     dl2c_part(b, first, count, &s);
-  return dl2c_follow_up(b, first, count, &s);
+  return dl2c_follow_up(b, first, count, &s, who);
+}
+
+/*
+ * One step of environments `first` to `first + count`, block by block, and the episodes that follow. A
+ * violation that a monitor reports stops nothing.
+ */
+static dl2c_status dl2c_step_blocks(dl2c_batch *b, int64_t first, int64_t count)
+{
+  dl2c_followers who = {.count = 0};
+  dl2c_status found = DL2C_OK;
+  for (int64_t begin = first; begin < first + count; begin += DL2C_BLOCK) {
+    const int64_t rest = first + count - begin;
+    const dl2c_status status = dl2c_step_block(b, begin, rest < DL2C_BLOCK ? rest : DL2C_BLOCK, &who);
+    if (status == DL2C_OK) continue;
+    found = status;
+    if (status != DL2C_ERR_MONITOR) break;
+  }
+  const dl2c_status followed = dl2c_begin_followers(b, &who);
+  return found == DL2C_OK || found == DL2C_ERR_MONITOR && followed != DL2C_OK ? followed : found;
 }
 
 #endif

@@ -96,8 +96,8 @@ DL2C_INLINE void dl2c_conclude(dl2c_batch *b, int64_t first, int64_t count, cons
 /* Four observation entries. */
 typedef dl2c_obs dl2c_four __attribute__((vector_size(4 * sizeof(dl2c_obs))));
 
-/* Four entries of four environments.   columns: a row of DL2C_BLOCK for each entry   obs: (4, NOBS) */
-DL2C_INLINE void dl2c_four_rows(const dl2c_obs *restrict columns, dl2c_obs *restrict obs)
+/* Four entries of four environments.   columns: a row of DL2C_BLOCK for each entry   rows: (4, stride) */
+DL2C_INLINE void dl2c_four_rows(const dl2c_obs *restrict columns, int stride, dl2c_obs *restrict rows)
 {
   dl2c_four a[4];
   for (int k = 0; k < 4; k++) memcpy(&a[k], columns + k * DL2C_BLOCK, sizeof a[k]);
@@ -105,35 +105,36 @@ DL2C_INLINE void dl2c_four_rows(const dl2c_obs *restrict columns, dl2c_obs *rest
   const dl2c_four high = __builtin_shufflevector(a[0], a[1], 2, 6, 3, 7);
   const dl2c_four low_next = __builtin_shufflevector(a[2], a[3], 0, 4, 1, 5);
   const dl2c_four high_next = __builtin_shufflevector(a[2], a[3], 2, 6, 3, 7);
-  const dl2c_four rows[4] = {
+  const dl2c_four turned[4] = {
       __builtin_shufflevector(low, low_next, 0, 1, 4, 5),
       __builtin_shufflevector(low, low_next, 2, 3, 6, 7),
       __builtin_shufflevector(high, high_next, 0, 1, 4, 5),
       __builtin_shufflevector(high, high_next, 2, 3, 6, 7),
   };
-  for (int k = 0; k < 4; k++) memcpy(obs + k * NOBS, &rows[k], sizeof rows[k]);
+  for (int k = 0; k < 4; k++) memcpy(rows + k * stride, &turned[k], sizeof turned[k]);
 }
 #endif
 
 /*
- * Observations, from a row for each entry to a row for each environment: four by four in registers. The last
- * four entries may overlap those before.
+ * Entries of observations, from a row for each entry to a row for each environment: four by four in registers.
+ * The last four entries may overlap those before.   columns: (width, DL2C_BLOCK)   rows: (count, stride)
  */
-DL2C_INLINE void dl2c_rows(int64_t count, const dl2c_obs *restrict columns, dl2c_obs *restrict obs)
+DL2C_INLINE void dl2c_rows(int width, int stride, int64_t count, const dl2c_obs *restrict columns,
+                           dl2c_obs *restrict rows)
 {
 #ifdef DL2C_SHUFFLES
-  if (NOBS >= 4 && count % 4 == 0) {
+  if (width >= 4 && count % 4 == 0) {
     for (int64_t i = 0; i < count; i += 4)
-      for (int k = 0; k < NOBS; k += 4) {
-        const int first = k + 4 <= NOBS ? k : NOBS - 4;
-        dl2c_four_rows(columns + first * DL2C_BLOCK + i, obs + i * NOBS + first);
+      for (int k = 0; k < width; k += 4) {
+        const int first = k + 4 <= width ? k : width - 4;
+        dl2c_four_rows(columns + first * DL2C_BLOCK + i, stride, rows + i * stride + first);
       }
     return;
   }
 #endif
   for (int64_t i = 0; i < count; i++) {
     DL2C_UNROLL
-    for (int k = 0; k < NOBS; k++) obs[i * NOBS + k] = columns[k * DL2C_BLOCK + i];
+    for (int k = 0; k < width; k++) rows[i * stride + k] = columns[k * DL2C_BLOCK + i];
   }
 }
 
@@ -162,6 +163,41 @@ DL2C_INLINE void dl2c_forgive(const dl2c_batch *b, int64_t first, int64_t count,
   }
 }
 
+/* States in lanes, and what is known of them. */
+typedef struct dl2c_view {
+  const real *x;          /* (NX, stride) */
+  const real *p;          /* (NP, stride) */
+  int64_t stride;
+  const uint8_t *enabled; /* (paths of point 0, stride) */
+  const uint8_t *seen;    /* (count, NMASK) only where masks look ahead */
+  const uint8_t *ended;   /* (count) */
+  const dl2c_obs *fixed;  /* (count, NFIXED) NULL where observations still have them */
+  const uint8_t *clipped; /* (count) */
+} dl2c_view;
+
+/* Observations and masks.   obs: (count, NOBS)   saturated: (count)   mask: (count, NMASK) */
+DL2C_INLINE void dl2c_show_lanes(const dl2c_view *v, int64_t count, dl2c_obs *restrict obs,
+                                 uint8_t *restrict saturated, int8_t *restrict mask)
+{
+  dl2c_obs columns[NVARYING * DL2C_BLOCK + 1];
+  const uint8_t *restrict clipped = v->clipped;
+  model_observe(v->x, v->p, v->stride, count, DL2C_BLOCK, columns, saturated);
+  dl2c_rows(NVARYING, NOBS, count, columns, obs);
+  for (int64_t i = 0; v->fixed != NULL && i < count; i++)
+    memcpy(obs + i * NOBS + NVARYING, v->fixed + i * NFIXED, sizeof(dl2c_obs) * NFIXED);
+  for (int64_t i = 0; i < count; i++) saturated[i] |= clipped[i];
+  dl2c_masks(count, v->enabled, v->stride, v->ended, v->seen, mask);
+}
+
+/* The same of a full block. */
+DL2C_LANES static void dl2c_show_block(const dl2c_view *v, dl2c_obs *obs, uint8_t *saturated, int8_t *mask)
+{
+  dl2c_show_lanes(v, DL2C_BLOCK, obs, saturated, mask);
+}
+
+/* Whether the next step starts in the states that are judged, and masks say no more than the guards there. */
+enum { DL2C_GUARDS_WITH_FACTS = !DL2C_LOOKS_AHEAD && !(NSTEPDRAW > 0 && DL2C_LOOPS) };
+
 /*
  * Judges the states of lanes `lane` to `lane + count` of the block that begins with environment `block`,
  * and shows them. What moving the block left is read from `lane` on, all else in the scratch is used from
@@ -174,19 +210,30 @@ DL2C_INLINE void dl2c_judge_lanes(dl2c_batch *b, int64_t block, int64_t lane, in
   const uint8_t *attempt = s->attempt + lane;
   const real *x = b->x + first;
   const real *p = b->p + first;
-  model_facts(x, p, b->stride, count, DL2C_BLOCK, s->facts);
+  uint8_t *enabled = b->enabled + first;
+  if (DL2C_GUARDS_WITH_FACTS)
+    model_facts_and_guards(x, p, b->stride, count, DL2C_BLOCK, s->facts, enabled);
+  else
+    model_facts(x, p, b->stride, count, DL2C_BLOCK, s->facts);
   dl2c_late(b, first, count, s->late);
   model_revise(count, s->watch + lane, s->late, DL2C_BLOCK, s->facts);
   model_judge(x, p, b->stride, count, s->facts, DL2C_BLOCK, &s->judged);
   dl2c_forgive(b, first, count, attempt, s);
   dl2c_lead_block(b, first, count, attempt);
-  dl2c_open_lanes(b, first, count);
-  dl2c_any_enabled(b, first, count, s->open);
+  if (DL2C_GUARDS_WITH_FACTS)
+    dl2c_enabled_by_inputs(0, x, p, b->stride, count, enabled);
+  else
+    dl2c_open_lanes(b, first, count);
+  dl2c_any_enabled(enabled, b->stride, count, s->open);
+  const dl2c_view view = {x, p, b->stride, enabled, b->seen + first * NMASK, b->ended + first,
+                          b->options.shared_obs ? b->fixed + first * NFIXED : NULL, b->clipped + first};
   dl2c_conclude(b, first, count, attempt, s);
-  model_observe(x, p, b->stride, count, DL2C_BLOCK, s->obs, b->out.saturated + first);
-  dl2c_rows(count, s->obs, (dl2c_obs *)b->out.obs + first * NOBS);
-  dl2c_masks(count, b->enabled + first, b->stride, b->ended + first, b->seen + first * NMASK,
-             b->out.mask + first * NMASK);
+  dl2c_obs *obs = (dl2c_obs *)b->out.obs + first * NOBS;
+  int8_t *mask = b->out.mask + first * NMASK;
+  if (count == DL2C_BLOCK)
+    dl2c_show_block(&view, obs, b->out.saturated + first, mask);
+  else
+    dl2c_show_lanes(&view, count, obs, b->out.saturated + first, mask);
 }
 
 #endif

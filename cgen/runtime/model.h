@@ -8,7 +8,7 @@
  * count work on lanes: value k of environment i is x[k*stride + i], i < count.
  *
  *   enum { NX, NP, NU, NINPUT, NENVINPUT, NDECISION, NCHOICE, NENVCHOICE, NMASK, NSTEPDRAW, NDRAW,
- *          NPRED, NOBS, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NCHART, NFROZEN, NPROJECTION,
+ *          NPRED, NOBS, NFIXED, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NCHART, NFROZEN, NPROJECTION,
  *          DL2C_WEIGHTED, DL2C_TARGETED, NBLOCK, NMARGIN, NWATCH, NCRITICAL, DL2C_LOOPS,
  *          DL2C_JOINT_INPUTS, DL2C_DECIDES_IN_LANES, DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD,
  *          DL2C_LOOKS_DEEP, DL2C_WATCHES_ALL, DL2C_MAX_LOOP, DL2C_POINT_LEAD, DL2C_POINT_PREFIX };
@@ -25,7 +25,7 @@
  *   static const int32_t CHOICE_DRAW[], INPUT_DRAW[], FLOW_DRAW[];   first number drawn for it, or -1
  *   static const double INPUT_LOW[], INPUT_HIGH[];
  *   static const int32_t SAMPLE_START[];         (NBLOCK + 1) first box of each block
- *   static const double SAMPLE_LOW[][], SAMPLE_HIGH[][], SAMPLE_SHARE[]; static const int32_t SAMPLE_ALIAS[];
+ *   static const double SAMPLE_LOW[][], SAMPLE_HIGH[][], SAMPLE_SHARE[]; static const int64_t SAMPLE_ALIAS[];
  *   static const int32_t SAMPLE_CHART[], SAMPLE_FREE[]; static const double SAMPLE_DENSITY[];   one each where they do not matter
  *
  * The NDECISION discrete decisions are in this order: NCHOICE of the agent, NENVCHOICE of the
@@ -69,7 +69,9 @@
  *   void model_judge(x, p, stride, count, facts, row, dl2c_judgement *judged)   rewards and endings
  *   real model_shapes(x, p)                      of all predicates together; one without a value is 0
  *   bool model_precondition(x, p)
- *   void model_observe(x, p, stride, count, row, dl2c_obs *obs, uint8_t *saturated)   obs: (NOBS, row)
+ *   void model_facts_and_guards(x, p, stride, count, row, facts, enabled)   model_facts and model_guards of point 0
+ *   void model_observe(x, p, stride, count, row, dl2c_obs *obs, uint8_t *saturated)   obs: (NOBS - NFIXED, row)
+ *   void model_observe_constants(p, stride, count, row, dl2c_obs *obs, uint8_t *saturated)   obs: (NFIXED, row)
  *   void model_initial(int chart, const real *drawn, real *x, real *p)   a state from the drawn values
  *   real model_density(int chart, x, p)                          how much of all states it stands for, squared
  *   bool model_accept(int chart, x, p)                           and whether it is admissible

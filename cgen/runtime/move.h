@@ -44,7 +44,6 @@ typedef struct dl2c_scratch {
   uint8_t late[DL2C_BLOCK];    /* the time limit ends the episode */
   uint8_t facts[NFACT * DL2C_BLOCK];
   uint8_t watch[(NWATCH > 0 ? NWATCH : 1) * DL2C_BLOCK]; /* (NWATCH, DL2C_BLOCK) dl2c_watched */
-  dl2c_obs obs[NOBS * DL2C_BLOCK + 1];
 #if DL2C_MONITORED
   int32_t violated[DL2C_BLOCK]; /* conditions of the monitor, 0 for none */
 #endif

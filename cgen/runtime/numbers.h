@@ -107,12 +107,22 @@ static inline int32_t dl2c_pick(int32_t condition, int32_t a, int32_t b)
   return b ^ ((a ^ b) & -condition);
 }
 
+#if defined(__GNUC__) && defined(__BYTE_ORDER__)
+#if __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+#define DL2C_LITTLE_ENDIAN /* the lowest byte of a word is the first */
+#endif
+#endif
+
 /* The first index from i on where a flag is set, `count` for none. Tests eight flags at a time. */
 static inline int64_t dl2c_next(const uint8_t *flags, int64_t i, int64_t count)
 {
   uint64_t word = 0;
   for (; i + 8 <= count && word == 0; i += 8) memcpy(&word, flags + i, sizeof word);
+#ifdef DL2C_LITTLE_ENDIAN
+  if (word != 0) return i - 8 + (__builtin_ctzll(word) >> 3);
+#else
   if (word != 0) i -= 8;
+#endif
   while (i < count && !flags[i]) i++;
   return i;
 }

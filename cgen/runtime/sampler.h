@@ -25,7 +25,7 @@ static inline bool dl2c_draw(dl2c_rng *rng, int block, real *drawn, int *of_char
     const real place = dl2c_rng_unit(rng) * (real)count;
     box += (int)place;
     const bool other = place - (real)(int)place >= SAMPLE_SHARE[box];
-    box = dl2c_pick(other, SAMPLE_ALIAS[box], box); /* no branch: the processor cannot predict it */
+    box = dl2c_pick(other, (int)SAMPLE_ALIAS[box], box); /* no branch: the processor cannot predict it */
   }
   const int chart = *of_chart = SAMPLE_CHART[NCHART > 1 ? box : 0];
   for (int k = 0; k < SAMPLE_FREE[chart]; k++)

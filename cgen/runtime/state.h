@@ -28,6 +28,8 @@ struct dl2c_batch {
   uint8_t *scalar_steps;     /*
    * (blocks) steps before the active set is tried again, see dl2c_move_together
    */
+  dl2c_obs *fixed;   /* (n, NFIXED) the last entries of observations: constants of the episode */
+  uint8_t *clipped;  /* (n) one of these lies outside its bounds */
   uint8_t *seen;     /* (n, NMASK) alternatives of open runs, only where masks look ahead */
 #if DL2C_INSPECT
   dl2c_followed *followed; /* (n, DL2C_INSPECT_FLOWS) flows of the last step, */
@@ -36,6 +38,8 @@ struct dl2c_batch {
 };
 
 #define DL2C_NSTART (POINT_START[1])
+
+enum { NVARYING = NOBS - NFIXED }; /* entries of observations that a step may change */
 
 /*
  * An odd number of cache lines from row to row: with a power of two the values of one environment
@@ -109,12 +113,10 @@ DL2C_INLINE void dl2c_open_lanes(dl2c_batch *b, int64_t first, int64_t count)
     dl2c_enabled(0, b->x + first, b->p + first, b->stride, count, b->enabled + first);
 }
 
-/* Whether some path is open in each environment.   open: (count) */
-DL2C_INLINE void dl2c_any_enabled(const dl2c_batch *b, int64_t first, int64_t count, uint8_t *open)
+/* Whether some path is open in each environment.   enabled: (paths, stride)   some: (count) */
+DL2C_INLINE void dl2c_any_enabled(const uint8_t *restrict enabled, int64_t stride, int64_t count,
+                                  uint8_t *restrict some)
 {
-  const int64_t stride = b->stride;
-  const uint8_t *restrict enabled = b->enabled + first;
-  uint8_t *restrict some = open;
   for (int64_t i = 0; i < count; i++) some[i] = 0;
   DL2C_UNROLL_PATHS
   for (int k = 0; k < DL2C_NSTART; k++)
@@ -169,12 +171,15 @@ DL2C_INLINE void dl2c_masks(int64_t count, const uint8_t *restrict enabled, int6
   }
 }
 
-/* Shows the state that environment i is in; the next step starts there. */
+/* Shows the state that environment i is in, with its constants; the next step starts there. */
 static void dl2c_show(dl2c_batch *b, int64_t i)
 {
+  dl2c_obs *obs = (dl2c_obs *)b->out.obs + i * NOBS;
   dl2c_open_lanes(b, i, 1);
-  model_observe(b->x + i, b->p + i, b->stride, 1, 1, (dl2c_obs *)b->out.obs + i * NOBS,
-                b->out.saturated + i);
+  model_observe(b->x + i, b->p + i, b->stride, 1, 1, obs, b->out.saturated + i);
+  model_observe_constants(b->p + i, b->stride, 1, 1, b->fixed + i * NFIXED, b->clipped + i);
+  memcpy(obs + NVARYING, b->fixed + i * NFIXED, sizeof(dl2c_obs) * NFIXED);
+  b->out.saturated[i] |= b->clipped[i];
   dl2c_masks(1, b->enabled + i, b->stride, b->ended + i, b->seen + i * NMASK, b->out.mask + i * NMASK);
 }
 
@@ -184,6 +189,17 @@ static void dl2c_show_postcondition(dl2c_batch *b, int64_t i)
   uint8_t facts[NFACT];
   model_facts(b->x + i, b->p + i, b->stride, 1, 1, facts);
   b->out.postcondition[i] = facts[F_postcondition];
+}
+
+/* An episode of environment i begins. */
+static inline void dl2c_start_clocks(dl2c_batch *b, int64_t i)
+{
+  dl2c_forget(b, i);
+  b->ended[i] = 0;
+  b->steps[i] = 0;
+  b->stalled[i] = 0;
+  b->elapsed[i] = 0.0;
+  b->out.reset[i] = 1;
 }
 
 /*
@@ -208,12 +224,7 @@ static bool dl2c_begin(dl2c_batch *b, int64_t i, dl2c_rng *rng, const real *x, c
     b->rng[i] = *rng;
     b->start[i] = start;
   }
-  dl2c_forget(b, i);
-  b->ended[i] = 0;
-  b->steps[i] = 0;
-  b->stalled[i] = 0;
-  b->elapsed[i] = 0.0;
-  b->out.reset[i] = 1;
+  dl2c_start_clocks(b, i);
   b->out.time[i] = 0.0;
   dl2c_show(b, i);
   return true;

@@ -26,18 +26,21 @@ typedef struct dl2c_order {
   const uint64_t *seeds;
 } dl2c_order;
 
-/* What is done to environments `first` to `first + count`. */
+/* What is done to the blocks of environments `first` to `first + count`. */
 typedef dl2c_status (*dl2c_work)(dl2c_batch *b, int64_t first, int64_t count,
                                  const dl2c_order *order);
 
 static int64_t dl2c_blocks(const dl2c_batch *b) { return (b->n + DL2C_BLOCK - 1) / DL2C_BLOCK; }
 
-DL2C_INLINE dl2c_status dl2c_do_block(dl2c_batch *b, int64_t block, dl2c_work work,
-                                      const dl2c_order *order)
+/* Blocks whose episodes that follow begin together. */
+enum { DL2C_MOST_BLOCKS = 16 };
+
+DL2C_INLINE dl2c_status dl2c_do_blocks(dl2c_batch *b, int64_t block, int64_t some, dl2c_work work,
+                                       const dl2c_order *order)
 {
   const int64_t first = block * DL2C_BLOCK;
   const int64_t rest = b->n - first;
-  return work(b, first, rest < DL2C_BLOCK ? rest : DL2C_BLOCK, order);
+  return work(b, first, rest < some * DL2C_BLOCK ? rest : some * DL2C_BLOCK, order);
 }
 
 /*
@@ -48,8 +51,8 @@ DL2C_INLINE dl2c_status dl2c_alone(dl2c_batch *b, dl2c_work work, const dl2c_ord
 {
   const int64_t blocks = dl2c_blocks(b);
   dl2c_status found = DL2C_OK;
-  for (int64_t block = 0; block < blocks; block++) {
-    const dl2c_status status = dl2c_do_block(b, block, work, order);
+  for (int64_t block = 0; block < blocks; block += DL2C_MOST_BLOCKS) {
+    const dl2c_status status = dl2c_do_blocks(b, block, DL2C_MOST_BLOCKS, work, order);
     if (status == DL2C_OK) continue;
     if (status != DL2C_ERR_MONITOR) return status;
     found = status;
@@ -116,16 +119,15 @@ static void dl2c_fail(dl2c_team *team, int64_t block, dl2c_status status)
 static void dl2c_take_part(dl2c_team *team, dl2c_batch *view)
 {
   enum { TURNS = 8 };
-  const int64_t some = team->blocks / (TURNS * (team->size + 1)) + 1;
+  const int64_t share = team->blocks / (TURNS * (team->size + 1)) + 1;
+  const int64_t some = share < DL2C_MOST_BLOCKS ? share : DL2C_MOST_BLOCKS;
   for (;;) {
     const int64_t first = atomic_fetch_add(&team->next, some);
-    for (int64_t block = first; block < first + some; block++) {
-      if (block >= team->blocks) return;
-      const dl2c_status status = dl2c_do_block(view, block, team->work, team->order);
-      if (status == DL2C_OK) continue;
-      dl2c_fail(team, block, status);
-      if (status != DL2C_ERR_MONITOR) return;
-    }
+    if (first >= team->blocks) return;
+    const dl2c_status status = dl2c_do_blocks(view, first, some, team->work, team->order);
+    if (status == DL2C_OK) continue;
+    dl2c_fail(team, first, status);
+    if (status != DL2C_ERR_MONITOR) return;
   }
 }
 

@@ -73,6 +73,7 @@ class Dl2cVectorEnv(WithSpec, VectorEnv[NDArray[Any], Any, NDArray[Any]]):  # py
             num_envs,
             autoreset=_MODES[self.autoreset_mode],
             threads=num_threads,
+            shared_obs=not copy,
             **batch_options(self.manifest),
         )
         self._encoding = encoding(self.manifest)

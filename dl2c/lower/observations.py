@@ -18,6 +18,11 @@ def observed(model: Model, options: Options) -> list[tuple[str, Symbol, Bound]]:
     return entries
 
 
+def fixed_entries(model: Model, options: Options) -> int:
+    """How many of the entries, the last ones, are constants and so the same in all of an episode."""
+    return sum(symbol.kind == "constant" for _, symbol, _ in observed(model, options))
+
+
 def observation_limits(bound: Bound, options: Options) -> tuple[float, float]:
     """The declared bound rounded outward to the observation's type; infinite where open or not wanted."""
     if options.observation_bounds == "unbounded":

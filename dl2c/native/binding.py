@@ -72,10 +72,12 @@ class Library:
         max_steps: int = 1000,
         stall_limit: int = 0,
         threads: int = 1,
+        shared_obs: bool = False,
     ) -> "Batch":
         """n environments, none of them begun: call `reset` first.
 
-        `threads` of them share the work of a call; results are the same for any number. Raises
+        `threads` of them share the work of a call; results are the same for any number. With `shared_obs`
+        others may write to the observations, which are then written whole in every step. Raises
         `ValueError` for a value that is not an option, `NativeError` if the library refuses.
         """
         if not 1 <= threads <= MOST_THREADS:
@@ -88,6 +90,7 @@ class Library:
             "on_blocked": _code("on_blocked", on_blocked, ON_BLOCKED),
             "action_map": _code("action_map", action_map, ACTION_MAP),
             "threads": threads,
+            "shared_obs": shared_obs,
         }
         return Batch(self, n, options)
 

@@ -165,6 +165,7 @@ ffi = _cffi_backend.FFI(
             (b"\x00\x00:\x11on_blocked"),
             (b"\x00\x00:\x11action_map"),
             (b"\x00\x00:\x11threads"),
+            (b"\x00\x00:\x11shared_obs"),
         ),
         (
             (b"\x00\x00\x00c\x00\x00\x00\x02dl2c_sizes"),

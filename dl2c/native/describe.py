@@ -30,7 +30,7 @@ from dl2c.sampling.tables import SamplingPlan
 if TYPE_CHECKING:
     from dl2c.emit.monitor.monitor_h import Unit
 
-ABI_VERSION = 5
+ABI_VERSION = 6
 STREAM_VERSION = 4
 """Of cgen/include/dl2c.h; a test holds them together."""
 

@@ -43,7 +43,7 @@ def toy_manifest(counts: tuple[int, ...] = (3,), inputs: int = 0, **options: Any
         name="toy",
         source="toy.kyx",
         dl2c_version="0",
-        abi_version=5,
+        abi_version=6,
         stream_version=4,
         key="",
         variables=(Quantity("x", -10.0, 20.0, unit="m"),),

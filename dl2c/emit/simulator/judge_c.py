@@ -5,17 +5,19 @@ Sections: leaf functions of predicates, rewards, precondition and postcondition,
 """
 
 import math
+from collections.abc import Sequence
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import LANES, each_flag, each_lane, function, in_each_lane, place, wrapped
+from dl2c.emit.cfile import BYTE, LANES, each_flag, each_lane, function, in_each_lane, place, wrapped
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import lane
 from dl2c.emit.plan import BuildPlan
+from dl2c.emit.simulator.paths_c import guard_conditions
 from dl2c.flows.watch import watches_of
-from dl2c.ir.model import TRUE, Formula, Model, Predicate, Rank, Term, rank
+from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Rank, Symbol, Term, rank
 from dl2c.ir.printer import print_formula, print_term
 from dl2c.ir.slack import equalities_relaxed
-from dl2c.lower.observations import observation_limits, observed
+from dl2c.lower.observations import fixed_entries, observation_limits, observed
 
 STATE = "const real *x, const real *p"
 STATUS = {"none": "DL2C_NONE", "success": "DL2C_SUCCESS", "failure": "DL2C_FAILURE"}
@@ -25,8 +27,10 @@ ENDS = {"terminate": "DL2C_TERMINATE", "truncate": "DL2C_TRUNCATE"}
 def judge_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """All functions of this file."""
     model = build.model
+    facts = _fact_conditions(model, leaves)
     return [
-        _facts(model, leaves),
+        _facts(facts),
+        _facts_and_guards(facts, guard_conditions(build, 0, leaves)),
         _revise(model),
         _judge(model, leaves),
         _shapes(model, leaves),
@@ -62,7 +66,8 @@ def _precondition(build: BuildPlan, leaves: Leaves) -> str:
     return function(f"static inline bool model_precondition({STATE})", [f"return {holds};"], about)
 
 
-def _facts(model: Model, leaves: Leaves) -> str:
+def _fact_conditions(model: Model, leaves: Leaves) -> list[tuple[str, str]]:
+    """Which flag says what of a post-state, and when it does."""
     conditions: list[tuple[str, str]] = []
 
     def add(fact: str, name: str, formula: Formula, about: str) -> None:
@@ -77,10 +82,27 @@ def _facts(model: Model, leaves: Leaves) -> str:
             add(f"F_{name}_due", f"{name}_due", predicate.due, about)
     post = TRUE if model.postcondition is None else model.postcondition
     add("F_postcondition", "problem_postcondition", post, f"the problem's Q: {print_formula(post)}")
+    return conditions
+
+
+def _facts(facts: list[tuple[str, str]]) -> str:
     return function(
         f"DL2C_INLINE void model_facts({LANES}, int64_t row, uint8_t *restrict facts)",
-        each_flag(conditions),
+        each_flag(facts),
         "What a post-state is tested for.   facts: (NFACT, row)",
+    )
+
+
+def _facts_and_guards(facts: list[tuple[str, str]], guards: list[tuple[str, str]]) -> str:
+    """Few enough share what they are made of."""
+    arguments = "x, p, stride, count"
+    calls = [f"model_facts({arguments}, row, facts);", f"model_guards(0, {arguments}, enabled);"]
+    return function(
+        f"DL2C_INLINE void model_facts_and_guards({LANES}, int64_t row, uint8_t *restrict facts, "
+        "uint8_t *restrict enabled)",
+        each_flag([*facts, *guards]) if len(facts) + len(guards) <= BYTE else calls,
+        "Both of a post-state: what it is tested for, and which paths of point 0 pass their tests.   "
+        "facts: (NFACT, row)   enabled: (paths, stride)",
     )
 
 
@@ -198,21 +220,34 @@ def _failed(predicate: Predicate, good: str) -> str:
 
 
 def _observe(build: BuildPlan, leaves: Leaves) -> str:
+    entries = observed(build.model, build.options)
+    varying = len(entries) - fixed_entries(build.model, build.options)
+    about = "inside their declared bounds.   obs:"
+    return function(
+        f"DL2C_INLINE void model_observe({LANES}, {_OBSERVED})",
+        _clipped(build, entries[:varying]),
+        f"Observed variables, {about} (NOBS - NFIXED, row)",
+    ) + function(
+        "DL2C_INLINE void model_observe_constants(const real *restrict p, int64_t stride, int64_t count, "
+        f"{_OBSERVED})",
+        _clipped(build, entries[varying:]),
+        f"Observed constants, {about} (NFIXED, row)",
+    )
+
+
+_OBSERVED = "int64_t row, dl2c_obs *restrict obs, uint8_t *restrict saturated"
+
+
+def _clipped(build: BuildPlan, entries: Sequence[tuple[str, Symbol, Bound]]) -> list[str]:
     kind = "float" if build.options.obs_dtype == "float32" else "double"
     suffix = "f" if kind == "float" else ""
     body = ["for (int64_t i = 0; i < count; i++) {", "  int32_t clipped = 0;"]
-    for k, (_, symbol, bound) in enumerate(observed(build.model, build.options)):
+    for k, (_, symbol, bound) in enumerate(entries):
         low, high = observation_limits(bound, build.options)
         limits = f"{_limit(low, suffix)}, {_limit(high, suffix)}"
         value = f"dl2c_observe_{kind}({lane(symbol)}, {limits}, &clipped)"
         body += [f"  {line}" for line in wrapped(f"obs[{k} * row + i] = {value};")]
-    body += ["  saturated[i] = (uint8_t)clipped;", "}"]
-    return function(
-        f"DL2C_INLINE void model_observe({LANES}, int64_t row, dl2c_obs *restrict obs, "
-        "uint8_t *restrict saturated)",
-        body,
-        "Observed variables and constants, inside their declared bounds.   obs: (NOBS, row)",
-    )
+    return [*body, "  saturated[i] = (uint8_t)clipped;", "}"]
 
 
 def _limit(value: float, suffix: str) -> str:

@@ -17,7 +17,7 @@ from dl2c.flows.kernel import KERNELS, QUICK
 from dl2c.flows.watch import watches_of
 from dl2c.ir.model import Symbol
 from dl2c.ir.scene import scene_terms
-from dl2c.lower.observations import observed
+from dl2c.lower.observations import fixed_entries, observed
 from dl2c.paths.path import Decision, Input, Paths
 
 
@@ -65,6 +65,7 @@ def _sizes(build: BuildPlan) -> str:
         **_decisions(paths),
         "NPRED": len(model.predicates),
         "NOBS": len(observed(model, build.options)),
+        "NFIXED": fixed_entries(model, build.options),
         "NPOINT": paths.points,
         "NPATH": max(1, len(paths.paths)),
         "NFLOW": len(model.flows),

@@ -31,18 +31,23 @@ def _guards(build: BuildPlan, leaves: Leaves) -> str:
     paths = build.paths
     body: list[str] = []
     for point in range(paths.points):
-        conditions: list[tuple[str, str]] = []
-        for k, path in enumerate(paths.of(point)):
-            about = f"{place(path.span)}  {print_formula(path.guard)}"
-            name = f"path{paths.paths.index(path)}_guard"
-            conditions.append((f"enabled[{k} * stride + i]", leaves.condition(name, path.guard, about, lane)))
-        lines = each_flag(conditions)
+        lines = each_flag(guard_conditions(build, point, leaves))
         body += lines if paths.points == 1 else [f"if (point == {point}) {{", *(f"  {x}" for x in lines), "}"]
     return function(
         f"DL2C_INLINE void model_guards(int point, {LANES}, uint8_t *restrict enabled)",
         body,
         "Which paths of a point pass the tests that no input decides.   enabled: (paths, stride)",
     )
+
+
+def guard_conditions(build: BuildPlan, point: int, leaves: Leaves) -> list[tuple[str, str]]:
+    """Which flag says that a path of a point passes these tests, and when it does."""
+    conditions: list[tuple[str, str]] = []
+    for k, path in enumerate(build.paths.of(point)):
+        about = f"{place(path.span)}  {print_formula(path.guard)}"
+        name = f"path{build.paths.paths.index(path)}_guard"
+        conditions.append((f"enabled[{k} * stride + i]", leaves.condition(name, path.guard, about, lane)))
+    return conditions
 
 
 def _update(build: BuildPlan, leaves: Leaves) -> str:

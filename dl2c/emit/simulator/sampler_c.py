@@ -146,7 +146,7 @@ def sampler_tables(build: BuildPlan) -> list[str]:
         table("real", "SAMPLE_LOW", f"[{n}][{max(1, width)}]", lows or ["{0.0}"]),
         table("real", "SAMPLE_HIGH", f"[{n}][{max(1, width)}]", highs or ["{0.0}"]),
         table("real", "SAMPLE_SHARE", f"[{n}]", share or ["1.0"]),
-        table("int32_t", "SAMPLE_ALIAS", f"[{n}]", alias or ["0"]),
+        table("int64_t", "SAMPLE_ALIAS", f"[{n}]", alias or ["0"]),
         table("int32_t", "SAMPLE_CHART", f"[{n if several else 1}]", charts if several else ["0"]),
         table("int32_t", "SAMPLE_FREE", f"[{max(1, first_chart)}]", _counts(plan)),
         table("real", "SAMPLE_DENSITY", f"[{len(largest)}]", largest),
