@@ -97,7 +97,8 @@ static dl2c_status dl2c_step_blocks(dl2c_batch *b, int64_t first, int64_t count)
     if (status != DL2C_ERR_MONITOR) break;
   }
   const dl2c_status followed = dl2c_begin_followers(b, &who);
-  return found == DL2C_OK || found == DL2C_ERR_MONITOR && followed != DL2C_OK ? followed : found;
+  const bool sound = found == DL2C_OK || found == DL2C_ERR_MONITOR;
+  return sound && followed != DL2C_OK ? followed : found;
 }
 
 #endif

@@ -11,14 +11,15 @@
 #include "actions.h"
 #include "sampler.h"
 
-/* Draws in lanes before what is left is given back; lanes that are drawn together. */
-enum { DL2C_MAX_ROUNDS = 64, DL2C_DRAW_GROUP = 8, DL2C_MAX_BLOCKS = 16 };
-#define DL2C_BOX_WIDTH ((int64_t)(sizeof SAMPLE_LOW[0] / sizeof(real)))
-
-/* Blocks of one chart each: chart and block have the same number. */
 enum {
-  DL2C_DRAWS_IN_LANES = NBLOCK > 0 && NBLOCK <= DL2C_MAX_BLOCKS && NCHART == NBLOCK && !DL2C_TARGETED
+  DL2C_MAX_ROUNDS = 64, /* after so many draws a lane is given up */
+  DL2C_DRAW_GROUP = 8,  /* lanes that are drawn together */
+  DL2C_ONE_CHART_EACH = (int)NCHART == (int)NBLOCK, /* chart and block have the same number */
+  DL2C_DRAWS_IN_LANES = NBLOCK > 0 && NBLOCK <= 16 && DL2C_ONE_CHART_EACH && !DL2C_TARGETED
 };
+
+/* Numbers in a row of the tables of boxes. */
+#define DL2C_BOX_WIDTH ((int64_t)(sizeof SAMPLE_LOW[0] / sizeof(real)))
 
 typedef struct dl2c_initials {
   uint64_t stream[4 * DL2C_BLOCK];      /* (4, DL2C_BLOCK) */
