@@ -29,8 +29,9 @@ C_WORDS = frozenset(
         *("BUFSIZ", "DBL_MAX", "EOF", "I", "INFINITY", "NAN", "NULL", "errno", "linux", "stderr", "stdin"),
         *("stdout", "unix"),
         *("NBLOCK", "NBOX", "NCHART", "NCHOICE", "NCRITICAL", "NDECISION", "NDRAW", "NENVCHOICE"),
-        *("NENVINPUT", "NFACT", "NFLOW", "NFREE", "NFROZEN", "NINPUT", "NMARGIN", "NMASK", "NOBS", "NP"),
-        *("NPATH", "NPOINT", "NPRED", "NPROJECTION", "NROOT", "NSTEPDRAW", "NU", "NWATCH", "NX"),
+        *("NENVINPUT", "NFACT", "NFIXED", "NFLOW", "NFREE", "NFROZEN", "NINPUT", "NMARGIN", "NMASK"),
+        *("NOBS", "NP", "NPATH", "NPOINT", "NPRED", "NPROJECTION", "NROOT", "NSTEPDRAW", "NU"),
+        *("NVARYING", "NWATCH", "NX"),
         *("p", "real", "u", "x", "y"),
     ]
 )
