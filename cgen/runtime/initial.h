@@ -113,13 +113,10 @@ static inline int64_t dl2c_whole_groups(uint64_t *stream, int64_t count)
   return groups;
 }
 
-/* Draws the names of a block in each of `count` lanes. */
-DL2C_INLINE void dl2c_draw_block(dl2c_initials *all, int block, int64_t count)
+/* Draws the names of a block in each of `count` lanes; `rest` is for those that draw again. */
+DL2C_INLINE void dl2c_draw_block(dl2c_initials *all, dl2c_initials *rest, int block, int64_t count)
 {
-  dl2c_initials rest;
   dl2c_initials *lanes = all;
-  memset(rest.x, 0, sizeof rest.x);
-  memset(rest.p, 0, sizeof rest.p);
   int64_t place[DL2C_BLOCK]; /* where among all the lanes are that still draw */
   int64_t left = count;
   for (int64_t i = 0; i < count; i++) place[i] = i;
@@ -130,14 +127,14 @@ DL2C_INLINE void dl2c_draw_block(dl2c_initials *all, int block, int64_t count)
     int64_t failed = 0;
     for (int64_t i = 0; i < left; i++) {
       if (!lanes->admitted[i]) {
-        dl2c_copy_lane(lanes, i, &rest, failed);
+        dl2c_copy_lane(lanes, i, rest, failed);
         place[failed++] = place[i];
       } else if (lanes != all) {
         dl2c_copy_lane(lanes, i, all, place[i]);
       }
     }
     left = failed;
-    lanes = &rest;
+    lanes = rest;
   }
   for (int64_t i = 0; i < left; i++) all->lost[place[i]] = 1;
 }
@@ -145,12 +142,15 @@ DL2C_INLINE void dl2c_draw_block(dl2c_initials *all, int block, int64_t count)
 /* Draws initial states in `count` lanes whose streams are given. */
 static void dl2c_draw_initials(dl2c_initials *lanes, int64_t count)
 {
+  dl2c_initials rest;
   memset(lanes->x, 0, sizeof lanes->x);
   memset(lanes->p, 0, sizeof lanes->p);
   memset(lanes->lost, 0, sizeof lanes->lost);
+  memset(rest.x, 0, sizeof rest.x);
+  memset(rest.p, 0, sizeof rest.p);
   DL2C_UNROLL
   for (int block = 0; block < (DL2C_DRAWS_IN_LANES ? NBLOCK : 0); block++)
-    dl2c_draw_block(lanes, block, count);
+    dl2c_draw_block(lanes, &rest, block, count);
 }
 
 #endif

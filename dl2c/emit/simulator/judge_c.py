@@ -35,7 +35,7 @@ def judge_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
         _judge(model, leaves),
         _shapes(model, leaves),
         _precondition(build, leaves),
-        _observe(build, leaves),
+        *_observe(build),
     ]
 
 
@@ -219,20 +219,23 @@ def _failed(predicate: Predicate, good: str) -> str:
     return f"facts[F_{predicate.name}_failed * row + i]" if predicate.category == "progress" else f"!{good}"
 
 
-def _observe(build: BuildPlan, leaves: Leaves) -> str:
+def _observe(build: BuildPlan) -> list[str]:
     entries = observed(build.model, build.options)
     varying = len(entries) - fixed_entries(build.model, build.options)
+    constants = "const real *restrict p, int64_t stride, int64_t count"
     about = "inside their declared bounds.   obs:"
-    return function(
-        f"DL2C_INLINE void model_observe({LANES}, {_OBSERVED})",
-        _clipped(build, entries[:varying]),
-        f"Observed variables, {about} (NOBS - NFIXED, row)",
-    ) + function(
-        "DL2C_INLINE void model_observe_constants(const real *restrict p, int64_t stride, int64_t count, "
-        f"{_OBSERVED})",
-        _clipped(build, entries[varying:]),
-        f"Observed constants, {about} (NFIXED, row)",
-    )
+    return [
+        function(
+            f"DL2C_INLINE void model_observe({LANES}, {_OBSERVED})",
+            _clipped(build, entries[:varying]),
+            f"Observed variables, {about} (NOBS - NFIXED, row)",
+        ),
+        function(
+            f"DL2C_INLINE void model_observe_constants({constants}, {_OBSERVED})",
+            _clipped(build, entries[varying:]),
+            f"Observed constants, {about} (NFIXED, row)",
+        ),
+    ]
 
 
 _OBSERVED = "int64_t row, dl2c_obs *restrict obs, uint8_t *restrict saturated"

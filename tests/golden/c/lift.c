@@ -13,10 +13,10 @@ enum { NU }; /* inputs */
 enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F_postcondition,
        NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 2, NCHOICE = 2, NENVCHOICE = 0, NMASK = 6,
-NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NPOINT = 2, NPATH = 11, NFLOW = 2, NROOT = 2,
-NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 5, NFROZEN =
-4, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0,
-DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
+NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 6, NFIXED = 1, NPOINT = 2, NPATH = 11, NFLOW = 2,
+NROOT = 2, NFREE = 3, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 5,
+NFROZEN = 4, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES =
+0, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
 DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FEW_PATHS 1
@@ -733,6 +733,18 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
 }
 
 /*
+ * Both of a post-state: what it is tested for, and which paths of point 0 pass their tests.
+ * facts: (NFACT, row)   enabled: (paths, stride)
+ */
+DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *restrict p,
+                                        int64_t stride, int64_t count, int64_t row,
+                                        uint8_t *restrict facts, uint8_t *restrict enabled)
+{
+  model_facts(x, p, stride, count, row, facts);
+  model_guards(0, x, p, stride, count, enabled);
+}
+
+/*
  * Completes the facts of post-states by what happened in the step.   facts: (NFACT, row)
  * watch: (NWATCH, row)   late: (count)
  */
@@ -794,11 +806,12 @@ static inline bool model_precondition(const real *x, const real *p)
   return problem_precondition(x[X_h], x[X_v], x[X_door], x[X_clock]);
 }
 
-/* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
+/* Observed variables, inside their declared bounds.   obs: (NOBS - NFIXED, row) */
 DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, int64_t stride,
                                int64_t count, int64_t row, dl2c_obs *restrict obs,
                                uint8_t *restrict saturated)
 {
+  (void)p;
   for (int64_t i = 0; i < count; i++) {
     int32_t clipped = 0;
     obs[0 * row + i] = dl2c_observe_float(x[X_h * stride + i], 0.0f, 3.0f, &clipped);
@@ -806,7 +819,18 @@ DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, i
     obs[2 * row + i] = dl2c_observe_float(x[X_door * stride + i], 0.0f, 1.0f, &clipped);
     obs[3 * row + i] = dl2c_observe_float(x[X_load * stride + i], 0.0f, 1.0f, &clipped);
     obs[4 * row + i] = dl2c_observe_float(x[X_clock * stride + i], 0.0f, 100.0f, &clipped);
-    obs[5 * row + i] = dl2c_observe_float(p[P_speed * stride + i], 0.5f, 2.0f, &clipped);
+    saturated[i] = (uint8_t)clipped;
+  }
+}
+
+/* Observed constants, inside their declared bounds.   obs: (NFIXED, row) */
+DL2C_INLINE void model_observe_constants(const real *restrict p, int64_t stride, int64_t count,
+                                         int64_t row, dl2c_obs *restrict obs,
+                                         uint8_t *restrict saturated)
+{
+  for (int64_t i = 0; i < count; i++) {
+    int32_t clipped = 0;
+    obs[0 * row + i] = dl2c_observe_float(p[P_speed * stride + i], 0.5f, 2.0f, &clipped);
     saturated[i] = (uint8_t)clipped;
   }
 }
@@ -927,7 +951,7 @@ static const int32_t SAMPLE_START[2] = {0, 1};
 static const real SAMPLE_LOW[1][3] = {{0.0, 0.0, 0.5}};
 static const real SAMPLE_HIGH[1][3] = {{3.0, 1.0, 2.0}};
 static const real SAMPLE_SHARE[1] = {1.0};
-static const int32_t SAMPLE_ALIAS[1] = {0};
+static const int64_t SAMPLE_ALIAS[1] = {0};
 static const int32_t SAMPLE_CHART[1] = {0};
 static const int32_t SAMPLE_FREE[1] = {3};
 static const real SAMPLE_DENSITY[1] = {1.0};

@@ -12,10 +12,10 @@ enum { S_inside_slack0 = NP, S_inside_slack1 };
 enum { U_assign_f, NU }; /* inputs */
 enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 1, NENVINPUT = 0, NDECISION = 0, NCHOICE = 0, NENVCHOICE = 0, NMASK = 0,
-NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NPOINT = 1, NPATH = 1, NFLOW = 1, NROOT = 1,
-NFREE = 2, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 3, NFROZEN =
-2, NPROJECTION = 0, NWATCH = 1, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1,
-DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
+NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 4, NFIXED = 2, NPOINT = 1, NPATH = 1, NFLOW = 1,
+NROOT = 1, NFREE = 2, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 3,
+NFROZEN = 2, NPROJECTION = 0, NWATCH = 1, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES =
+1, DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
 DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FEW_PATHS 1
@@ -442,6 +442,31 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
 }
 
 /*
+ * Both of a post-state: what it is tested for, and which paths of point 0 pass their tests.
+ * facts: (NFACT, row)   enabled: (paths, stride)
+ */
+DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *restrict p,
+                                        int64_t stride, int64_t count, int64_t row,
+                                        uint8_t *restrict facts, uint8_t *restrict enabled)
+{
+  int64_t words[DL2C_BLOCK];
+  uint8_t bits[DL2C_BLOCK];
+  for (int64_t i = 0; i < count; i++) {
+    int64_t word = 0;
+    word |= (int64_t)(inside_holds(x[X_x * stride + i], p[P_H * stride + i])) << 0;
+    word |= (int64_t)(true) << 1;
+    word |= (int64_t)(problem_postcondition(x[X_x * stride + i], p[P_H * stride + i])) << 2;
+    word |= (int64_t)(path0_guard(x[X_x * stride + i], p[P_ep * stride + i])) << 3;
+    words[i] = word;
+  }
+  for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+  for (int64_t i = 0; i < count; i++) facts[F_inside_holds * row + i] = bits[i] >> 0 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_distance_holds * row + i] = bits[i] >> 1 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 2 & 1;
+  for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 3 & 1;
+}
+
+/*
  * Completes the facts of post-states by what happened in the step.   facts: (NFACT, row)
  * watch: (NWATCH, row)   late: (count)
  */
@@ -489,17 +514,29 @@ static inline bool model_precondition(const real *x, const real *p)
   return problem_precondition(x[X_x], x[X_f], p[P_H]);
 }
 
-/* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
+/* Observed variables, inside their declared bounds.   obs: (NOBS - NFIXED, row) */
 DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, int64_t stride,
                                int64_t count, int64_t row, dl2c_obs *restrict obs,
                                uint8_t *restrict saturated)
 {
+  (void)p;
   for (int64_t i = 0; i < count; i++) {
     int32_t clipped = 0;
     obs[0 * row + i] = dl2c_observe_float(x[X_x * stride + i], 0.0f, 6.0f, &clipped);
     obs[1 * row + i] = dl2c_observe_float(x[X_f * stride + i], -1.0f, 1.0f, &clipped);
-    obs[2 * row + i] = dl2c_observe_float(p[P_ep * stride + i], 0.5f, 1.0f, &clipped);
-    obs[3 * row + i] = dl2c_observe_float(p[P_H * stride + i], 4.0f, 6.0f, &clipped);
+    saturated[i] = (uint8_t)clipped;
+  }
+}
+
+/* Observed constants, inside their declared bounds.   obs: (NFIXED, row) */
+DL2C_INLINE void model_observe_constants(const real *restrict p, int64_t stride, int64_t count,
+                                         int64_t row, dl2c_obs *restrict obs,
+                                         uint8_t *restrict saturated)
+{
+  for (int64_t i = 0; i < count; i++) {
+    int32_t clipped = 0;
+    obs[0 * row + i] = dl2c_observe_float(p[P_ep * stride + i], 0.5f, 1.0f, &clipped);
+    obs[1 * row + i] = dl2c_observe_float(p[P_H * stride + i], 4.0f, 6.0f, &clipped);
     saturated[i] = (uint8_t)clipped;
   }
 }
@@ -586,7 +623,7 @@ static const real SAMPLE_SHARE[5] = {
   1.0,
   0.9523809523809524,
 };
-static const int32_t SAMPLE_ALIAS[5] = {0, 4, 4, 3, 3};
+static const int64_t SAMPLE_ALIAS[5] = {0, 4, 4, 3, 3};
 static const int32_t SAMPLE_CHART[5] = {0, 1, 1, 1, 1};
 static const int32_t SAMPLE_FREE[2] = {1, 2};
 static const real SAMPLE_DENSITY[1] = {1.0};

@@ -11,10 +11,10 @@ enum { P_size, NP }; /* constants of the episode */
 enum { U_assign_wind, U_assign_gust, U_prefix_assign_v, NU }; /* inputs */
 enum { F_inside_holds, F_near_holds, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 2, NDECISION = 3, NCHOICE = 2, NENVCHOICE = 1, NMASK = 5,
-NSTEPDRAW = 4, NDRAW = 6, NPRED = 2, NOBS = 5, NPOINT = 5, NPATH = 12, NFLOW = 2, NROOT = 1,
-NFREE = 5, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 1, NFROZEN =
-0, NPROJECTION = 0, NWATCH = 0, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 0,
-DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 1, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
+NSTEPDRAW = 4, NDRAW = 6, NPRED = 2, NOBS = 5, NFIXED = 1, NPOINT = 5, NPATH = 12, NFLOW = 2,
+NROOT = 1, NFREE = 5, NCHART = 1, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 1, NMARGIN = 1,
+NFROZEN = 0, NPROJECTION = 0, NWATCH = 0, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES =
+0, DL2C_STEPS_IN_LANES = 0, DL2C_LOOKS_AHEAD = 1, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
 DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3, DL2C_POINT_PREFIX = 4 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FEW_PATHS 1
@@ -675,6 +675,32 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
 }
 
 /*
+ * Both of a post-state: what it is tested for, and which paths of point 0 pass their tests.
+ * facts: (NFACT, row)   enabled: (paths, stride)
+ */
+DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *restrict p,
+                                        int64_t stride, int64_t count, int64_t row,
+                                        uint8_t *restrict facts, uint8_t *restrict enabled)
+{
+  (void)p;
+  int64_t words[DL2C_BLOCK];
+  uint8_t bits[DL2C_BLOCK];
+  for (int64_t i = 0; i < count; i++) {
+    int64_t word = 0;
+    word |= (int64_t)(inside_holds(x[X_x * stride + i])) << 0;
+    word |= (int64_t)(near_holds(x[X_x * stride + i])) << 1;
+    word |= (int64_t)(problem_postcondition(x[X_x * stride + i])) << 2;
+    word |= (int64_t)(true) << 3;
+    words[i] = word;
+  }
+  for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+  for (int64_t i = 0; i < count; i++) facts[F_inside_holds * row + i] = bits[i] >> 0 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_near_holds * row + i] = bits[i] >> 1 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 2 & 1;
+  for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 3 & 1;
+}
+
+/*
  * Completes the facts of post-states by what happened in the step.   facts: (NFACT, row)
  * watch: (NWATCH, row)   late: (count)
  */
@@ -720,18 +746,30 @@ static inline bool model_precondition(const real *x, const real *p)
   return problem_precondition(x[X_x]);
 }
 
-/* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
+/* Observed variables, inside their declared bounds.   obs: (NOBS - NFIXED, row) */
 DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, int64_t stride,
                                int64_t count, int64_t row, dl2c_obs *restrict obs,
                                uint8_t *restrict saturated)
 {
+  (void)p;
   for (int64_t i = 0; i < count; i++) {
     int32_t clipped = 0;
     obs[0 * row + i] = dl2c_observe_float(x[X_x * stride + i], 0.0f, 4.0f, &clipped);
     obs[1 * row + i] = dl2c_observe_float(x[X_wind * stride + i], -1.0f, 1.0f, &clipped);
     obs[2 * row + i] = dl2c_observe_float(x[X_rest * stride + i], 0.0f, 10.0f, &clipped);
     obs[3 * row + i] = dl2c_observe_float(x[X_gust * stride + i], 0.0f, 1.0f, &clipped);
-    obs[4 * row + i] = dl2c_observe_float(p[P_size * stride + i], 1.0f, 2.0f, &clipped);
+    saturated[i] = (uint8_t)clipped;
+  }
+}
+
+/* Observed constants, inside their declared bounds.   obs: (NFIXED, row) */
+DL2C_INLINE void model_observe_constants(const real *restrict p, int64_t stride, int64_t count,
+                                         int64_t row, dl2c_obs *restrict obs,
+                                         uint8_t *restrict saturated)
+{
+  for (int64_t i = 0; i < count; i++) {
+    int32_t clipped = 0;
+    obs[0 * row + i] = dl2c_observe_float(p[P_size * stride + i], 1.0f, 2.0f, &clipped);
     saturated[i] = (uint8_t)clipped;
   }
 }
@@ -856,7 +894,7 @@ static const int32_t SAMPLE_START[2] = {0, 1};
 static const real SAMPLE_LOW[1][5] = {{1.0, -1.0, 0.0, 0.0, 1.0}};
 static const real SAMPLE_HIGH[1][5] = {{4.0, 1.0, 10.0, 1.0, 2.0}};
 static const real SAMPLE_SHARE[1] = {1.0};
-static const int32_t SAMPLE_ALIAS[1] = {0};
+static const int64_t SAMPLE_ALIAS[1] = {0};
 static const int32_t SAMPLE_CHART[1] = {0};
 static const int32_t SAMPLE_FREE[1] = {5};
 static const real SAMPLE_DENSITY[1] = {1.0};

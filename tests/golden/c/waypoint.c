@@ -13,11 +13,12 @@ S_loopInv_slack4, S_loopInv_slack5, S_loopInv_slack6, S_loopInv_slack7, S_loopIn
 enum { NU }; /* inputs */
 enum { F_loopInv_holds, F_ensure_holds, F_ensure_due, F_ensure_failed, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 0, NDECISION = 1, NCHOICE = 1, NENVCHOICE = 0, NMASK = 4,
-NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 11, NPOINT = 1, NPATH = 4, NFLOW = 1, NROOT = 1,
-NFREE = 8, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN = 14, NFROZEN =
-9, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1, DL2C_DECIDES_IN_LANES = 1,
-DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0, DL2C_WATCHES_ALL = 0,
-DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0, DL2C_POINT_PREFIX = 0 };
+NSTEPDRAW = 0, NDRAW = 0, NPRED = 2, NOBS = 11, NFIXED = 5, NPOINT = 1, NPATH = 4, NFLOW = 1,
+NROOT = 1, NFREE = 8, NCHART = 2, DL2C_WEIGHTED = 0, DL2C_TARGETED = 0, NBLOCK = 2, NMARGIN =
+14, NFROZEN = 9, NPROJECTION = 0, NWATCH = 2, NCRITICAL = 0, DL2C_LOOPS = 1,
+DL2C_DECIDES_IN_LANES = 1, DL2C_STEPS_IN_LANES = 1, DL2C_LOOKS_AHEAD = 0, DL2C_LOOKS_DEEP = 0,
+DL2C_WATCHES_ALL = 0, DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 10000, DL2C_POINT_LEAD = 0,
+DL2C_POINT_PREFIX = 0 };
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FEW_PATHS 1
 #define DL2C_FLOWS_IN_LANES 0
@@ -769,6 +770,49 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
 }
 
 /*
+ * Both of a post-state: what it is tested for, and which paths of point 0 pass their tests.
+ * facts: (NFACT, row)   enabled: (paths, stride)
+ */
+DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *restrict p,
+                                        int64_t stride, int64_t count, int64_t row,
+                                        uint8_t *restrict facts, uint8_t *restrict enabled)
+{
+  int64_t words[DL2C_BLOCK];
+  uint8_t bits[DL2C_BLOCK];
+  for (int64_t i = 0; i < count; i++) {
+    int64_t word = 0;
+    word |= (int64_t)(loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i],
+        p[P_GDelta * stride + i], p[P_Vmax * stride + i])) << 0;
+    word |= (int64_t)(ensure_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_GDelta * stride + i])) << 1;
+    word |= (int64_t)(ensure_due(x[X_T * stride + i])) << 2;
+    word |= (int64_t)(problem_postcondition(x[X_xr * stride + i], x[X_vr * stride + i],
+        x[X_xg * stride + i], x[X_T * stride + i], p[P_GDelta * stride + i])) << 3;
+    word |= (int64_t)(path0_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_ep * stride + i], p[P_GDelta * stride + i])) << 4;
+    word |= (int64_t)(path1_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_ep * stride + i], p[P_GDelta * stride + i])) << 5;
+    word |= (int64_t)(path2_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i], p[P_GDelta * stride + i],
+        p[P_Vmax * stride + i])) << 6;
+    word |= (int64_t)(path3_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i], p[P_GDelta * stride + i],
+        p[P_Vmax * stride + i])) << 7;
+    words[i] = word;
+  }
+  for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
+  for (int64_t i = 0; i < count; i++) facts[F_loopInv_holds * row + i] = bits[i] >> 0 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_ensure_holds * row + i] = bits[i] >> 1 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_ensure_due * row + i] = bits[i] >> 2 & 1;
+  for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 3 & 1;
+  for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 4 & 1;
+  for (int64_t i = 0; i < count; i++) enabled[1 * stride + i] = bits[i] >> 5 & 1;
+  for (int64_t i = 0; i < count; i++) enabled[2 * stride + i] = bits[i] >> 6 & 1;
+  for (int64_t i = 0; i < count; i++) enabled[3 * stride + i] = bits[i] >> 7 & 1;
+}
+
+/*
  * Completes the facts of post-states by what happened in the step.   facts: (NFACT, row)
  * watch: (NWATCH, row)   late: (count)
  */
@@ -824,11 +868,12 @@ static inline bool model_precondition(const real *x, const real *p)
   return problem_precondition(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]);
 }
 
-/* Observed variables and constants, inside their declared bounds.   obs: (NOBS, row) */
+/* Observed variables, inside their declared bounds.   obs: (NOBS - NFIXED, row) */
 DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, int64_t stride,
                                int64_t count, int64_t row, dl2c_obs *restrict obs,
                                uint8_t *restrict saturated)
 {
+  (void)p;
   for (int64_t i = 0; i < count; i++) {
     int32_t clipped = 0;
     obs[0 * row + i] = dl2c_observe_float(x[X_xr * stride + i], 0.0f, 100.0f, &clipped);
@@ -837,11 +882,22 @@ DL2C_INLINE void model_observe(const real *restrict x, const real *restrict p, i
     obs[3 * row + i] = dl2c_observe_float(x[X_xg * stride + i], 0.0f, 100.0f, &clipped);
     obs[4 * row + i] = dl2c_observe_float(x[X_t * stride + i], 0.0f, 1.0f, &clipped);
     obs[5 * row + i] = dl2c_observe_float(x[X_T * stride + i], 0.0f, 1000.0f, &clipped);
-    obs[6 * row + i] = dl2c_observe_float(p[P_ep * stride + i], 0.09999999403953552f, 0.5f, &clipped);
-    obs[7 * row + i] = dl2c_observe_float(p[P_b * stride + i], 0.5f, 5.0f, &clipped);
-    obs[8 * row + i] = dl2c_observe_float(p[P_A * stride + i], 1.0f, 10.0f, &clipped);
-    obs[9 * row + i] = dl2c_observe_float(p[P_GDelta * stride + i], 1.0f, 10.0f, &clipped);
-    obs[10 * row + i] = dl2c_observe_float(p[P_Vmax * stride + i], 5.0f, 30.0f, &clipped);
+    saturated[i] = (uint8_t)clipped;
+  }
+}
+
+/* Observed constants, inside their declared bounds.   obs: (NFIXED, row) */
+DL2C_INLINE void model_observe_constants(const real *restrict p, int64_t stride, int64_t count,
+                                         int64_t row, dl2c_obs *restrict obs,
+                                         uint8_t *restrict saturated)
+{
+  for (int64_t i = 0; i < count; i++) {
+    int32_t clipped = 0;
+    obs[0 * row + i] = dl2c_observe_float(p[P_ep * stride + i], 0.09999999403953552f, 0.5f, &clipped);
+    obs[1 * row + i] = dl2c_observe_float(p[P_b * stride + i], 0.5f, 5.0f, &clipped);
+    obs[2 * row + i] = dl2c_observe_float(p[P_A * stride + i], 1.0f, 10.0f, &clipped);
+    obs[3 * row + i] = dl2c_observe_float(p[P_GDelta * stride + i], 1.0f, 10.0f, &clipped);
+    obs[4 * row + i] = dl2c_observe_float(p[P_Vmax * stride + i], 5.0f, 30.0f, &clipped);
     saturated[i] = (uint8_t)clipped;
   }
 }
@@ -1144,7 +1200,7 @@ static const real SAMPLE_SHARE[65] = {
   0.3001506948074044,
   0.6003013896148088,
 };
-static const int32_t SAMPLE_ALIAS[65] = {
+static const int64_t SAMPLE_ALIAS[65] = {
   0,
   3,
   2,
