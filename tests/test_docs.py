@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from selection import quick_among
 from test_house_rules import LAYERS
 
 from dl2c.experiments.commands import app
@@ -21,7 +22,7 @@ from dl2c.parse import annotations
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"^(?:<!-- (\w+): ([^>]*?) -->\n)?```([^\n]*)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
-QUICK = ("tutorial-rl", "tutorial-keymaera", "commands")
+QUICK = ("tutorial-keymaera",)
 
 
 TEXTS = [
@@ -69,7 +70,8 @@ def run(folder: Path, *command: str) -> None:
 
 @pytest.mark.parametrize(
     "page",
-    [pytest.param(p, marks=[] if p.stem in QUICK else [pytest.mark.slow], id=p.stem) for p in PAGES],
+    quick_among(PAGES, [page for page in PAGES if page.stem in QUICK]),
+    ids=lambda page: page.stem,
 )
 def test_page_works_as_written(page: Path, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
@@ -90,23 +92,34 @@ def test_every_kind_of_block_is_known() -> None:
     assert kinds <= {"sh", "python", "text", "toml", "yaml", "{toctree}", "{eval-rst}", "{dl2c}"}
 
 
-@pytest.fixture(scope="module")
-def html(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The pages as `make docs` builds them."""
+UNPROVED = {
+    "exclude_patterns": "_build,environments/*",
+    "suppress_warnings": "toc.excluded,myst.xref_missing",
+}
+"""All pages but those of the environments, which prove their models: that takes ten times as long."""
+
+
+def built(folder: Path, settings: dict[str, str]) -> Path:
+    """Pages as `make docs` builds them, with other settings of Sphinx; none loads anything from elsewhere."""
     for library in ("sphinx", "furo", "myst_parser"):
         pytest.importorskip(library)
-    folder = tmp_path_factory.mktemp("pages")
-    run(folder, sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", str(DOCS), str(folder / "out"))
-    return folder / "out"
-
-
-def test_pages_load_nothing_from_elsewhere(html: Path) -> None:
-    pages = list(html.rglob("*.html"))
+    words = [word for name, value in settings.items() for word in ("-D", f"{name}={value}")]
+    to = folder / "out"
+    run(folder, sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", *words, str(DOCS), str(to))
     loaded = re.compile(r'<(?:script|link|img)[^>]*(?:src|href)="https?://')
+    pages = list(to.rglob("*.html"))
     assert pages and not [p for p in pages if loaded.search(p.read_text(encoding="utf-8"))]
+    return to
 
 
-def test_reference_has_every_option_command_and_code(html: Path) -> None:
+@pytest.mark.slow  # proves the models of all environments; the next test builds all other pages
+def test_pages_load_nothing_from_elsewhere(tmp_path: Path) -> None:
+    assert list((built(tmp_path, {}) / "environments").glob("*.html"))
+
+
+def test_reference_has_every_option_command_and_code(tmp_path: Path) -> None:
+    html = built(tmp_path, UNPROVED)
+
     def named(page: str) -> set[str]:
         text = (html / "reference" / f"{page}.html").read_text(encoding="utf-8")
         first_cells = re.findall(r'<tr[^>]*><td>(?:<p>)?<code[^>]*><span class="pre">([^<]*)</span>', text)

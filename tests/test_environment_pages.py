@@ -143,9 +143,8 @@ def test_tuned_settings_are_read(path: Path) -> None:
 COMMANDS = {name: numbers(name)["command"] for name in NAMES if numbers(name)["command"]}
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name == "evasion" else [pytest.mark.slow]) for name in COMMANDS]
-)
+@pytest.mark.slow  # trains; of these environments test_readme.py trains one, without its tuned settings
+@pytest.mark.parametrize("name", COMMANDS)
 def test_the_command_of_a_page_trains(name: str, tmp_path: Path) -> None:
     """With few steps: the last value of a flag counts."""
     pytest.importorskip("sb3_contrib")

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from selection import quick_among
 
 FOLDER = Path(__file__).resolve().parent.parent / "examples"
 
@@ -28,7 +29,7 @@ def test_every_program_is_run() -> None:
     assert {path.stem for path in FOLDER.glob("*.py")} == set(ARGUMENTS)
 
 
-@pytest.mark.parametrize("name", ARGUMENTS)
+@pytest.mark.parametrize("name", quick_among(ARGUMENTS, ("train_torch", "train_lagrangian")))
 def test_an_example_runs(name: str, capsys: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("optuna" if name == "tune" else "sb3_contrib")
     monkeypatch.chdir(tmp_path)
