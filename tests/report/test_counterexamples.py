@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from selection import quick_among
 from typer.testing import CliRunner
 
 import dl2c
@@ -45,6 +46,8 @@ BUDGET: dict[str, Any] = {"episodes": 1000, "steps": 100}
 VIOLATED = {"waypoint": "xr + stopDist(vr) < areaEnd(xg)", "watertank": "l <= m", "acc": "d > 0"}
 """What the broken models violate, as their texts have it."""
 
+NAMES = quick_among(VIOLATED, {"watertank"})
+
 
 @cache
 def found_in(name: str) -> tuple[Episode, Falsified]:
@@ -53,7 +56,7 @@ def found_in(name: str) -> tuple[Episode, Falsified]:
     return found.episode, found
 
 
-@pytest.mark.parametrize("name", VIOLATED)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_broken_model_is_falsified(name: str, tmp_path: Path) -> None:
     episode, found = found_in(name)
     assert episode.failed and len(episode.moments) <= found.steps
@@ -67,7 +70,7 @@ def test_a_broken_model_is_falsified(name: str, tmp_path: Path) -> None:
     assert difference(again, replay(again)) == ""
 
 
-@pytest.mark.parametrize("name", VIOLATED)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_worst_violation_is_none_of_rounding(name: str) -> None:
     """A step ends where its violation begins, so the counterexample itself fails by a hair."""
     _, found = found_in(name)
@@ -76,7 +79,7 @@ def test_the_worst_violation_is_none_of_rounding(name: str) -> None:
     assert abs(left - right) > 1e-3
 
 
-@pytest.mark.parametrize("name", VIOLATED)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_counterexample_starts_where_the_precondition_admits(name: str) -> None:
     episode, _ = found_in(name)
     model = Compilation(episode.source, resolve_options(episode.options)).lowered.drawn
@@ -92,7 +95,7 @@ def test_a_counterexample_starts_where_the_precondition_admits(name: str) -> Non
             )
 
 
-@pytest.mark.parametrize("name", VIOLATED)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_proved_model_is_not_falsified(name: str) -> None:
     assert falsify(f"example:{name}", **BUDGET) == Falsified(None, (), 1000)
 

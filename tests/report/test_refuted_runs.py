@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 from commands.test_cli import run
+from selection import quick_among
+from slowness import slowness
 
 MODEL = """Theorem "moving"
 ProgramVariables
@@ -34,6 +36,15 @@ FOLLOWED = {
 }
 
 
+QUICK = ("one choice after the other", "a duration", "without a loop")
+
+
+def words(path: Path, episode: Path) -> tuple[str, ...]:
+    """`dl2c verify`, with as many seconds as it needs just now."""
+    slow = slowness()
+    return ("verify", str(path), "--timeout", str(10 * slow), "--total", str(60 * slow), "-o", str(episode))
+
+
 def model(folder: Path, problem: str) -> Path:
     path = folder / "model.kyx"
     unlimited = "\n  Real w;" if "w" in problem else ""
@@ -41,11 +52,10 @@ def model(folder: Path, problem: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", FOLLOWED)
+@pytest.mark.parametrize("name", quick_among(FOLLOWED, QUICK))
 def test_a_run_is_saved_and_replayed(name: str, capsys: Any, tmp_path: Path) -> None:
     episode = tmp_path / "new" / "run.json"
-    words = ("verify", str(model(tmp_path, FOLLOWED[name])), "--total", "20", "-o", str(episode))
-    code, out, err = run(capsys, *words)
+    code, out, err = run(capsys, *words(model(tmp_path, FOLLOWED[name]), episode))
     assert (code, err) == (1, "") and out.endswith(f"replay it with `dl2c replay {episode}`\n"), out
     code, out, _ = run(capsys, "replay", str(episode))
     assert code == 0 and "the postcondition fails in step" in out and "bit for bit" in out
@@ -65,12 +75,11 @@ NOT_FOLLOWED = {
 }
 
 
-@pytest.mark.parametrize("name", NOT_FOLLOWED)
+@pytest.mark.parametrize("name", quick_among(NOT_FOLLOWED, NOT_FOLLOWED.keys() - {"less than rounding"}))
 def test_what_the_environment_cannot_follow_is_not_saved(name: str, capsys: Any, tmp_path: Path) -> None:
     problem, reason = NOT_FOLLOWED[name]
     episode = tmp_path / "run.json"
-    words = ("verify", str(model(tmp_path, problem)), "--total", "20", "-o", str(episode))
-    code, out, err = run(capsys, *words)
+    code, out, err = run(capsys, *words(model(tmp_path, problem), episode))
     assert (code, err) == (1, "") and "Traceback" not in out
     assert f"{episode} is not written: the environment cannot follow this run: " in out and reason in out
     assert not episode.exists()
