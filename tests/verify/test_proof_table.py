@@ -58,6 +58,7 @@ def test_some_are_answered_alike(claims: dict[str, Claim]) -> None:
         assert answer == expected()[digest][0], claims[digest].name
 
 
+@pytest.mark.slow  # refutes public models; report/test_refuted_runs.py follows such runs too
 @needs_corpus
 def test_refutations_are_confirmed_by_another_evaluator(claims: dict[str, Claim]) -> None:
     """Runs are followed again by an oracle that shares no code with the prover."""

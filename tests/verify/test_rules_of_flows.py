@@ -5,6 +5,7 @@ from collections.abc import Generator
 from fractions import Fraction
 
 import pytest
+from selection import quick_among
 
 from dl2c.ir.logic import conjuncts, negation
 from dl2c.ir.model import ONE, TRUE, ZERO, Compare, Formula, Symbol, Term, Truth
@@ -186,12 +187,12 @@ def motion_answer(problem: str, seconds: float) -> str:
     return prove(Source("m.kyx", text), Options(), Limits(5.0, seconds, 1)).answer
 
 
-@pytest.mark.parametrize("which", MOTIONS)
+@pytest.mark.parametrize("which", quick_among(MOTIONS, MOTIONS.keys() - {"a direction"}))
 def test_how_far_a_motion_may_come(which: str) -> None:
     assert motion_answer(MOTIONS[which], 40.0) == "proved"
 
 
-@pytest.mark.parametrize("which", FALSE_MOTIONS)
+@pytest.mark.parametrize("which", quick_among(FALSE_MOTIONS, ("too little", "a negative speed", "no domain")))
 def test_a_motion_may_come_further(which: str) -> None:
     assert motion_answer(FALSE_MOTIONS[which], 6.0) not in ("proved", "proved-if-defined")
 
