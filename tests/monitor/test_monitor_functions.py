@@ -12,6 +12,7 @@ import mpmath
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from selection import quick_among
 
 from dl2c.code import cgen_dir
 from dl2c.emit.monitor.interval_c import TABLES, prelude
@@ -141,7 +142,7 @@ def test_no_value_is_outside_of_its_enclosure(name: str, real: str, count: int, 
 
 
 @pytest.mark.parametrize("real", TYPES)
-@pytest.mark.parametrize("name", EXACT)
+@pytest.mark.parametrize("name", quick_among(EXACT, ("arcsin", "log", "tan")))
 def test_all_values_of_an_interval_are_enclosed(name: str, real: str, tmp_path: Path) -> None:
     lib = library(real, tmp_path)
     rng = random.Random(f"{name} {real}")

@@ -302,7 +302,7 @@ def whole_program(example: str, folder: Path) -> Program:
     return program_of(unit_of(f"example:{example}", {}, kinds), folder)
 
 
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize("example", quick_among(EXAMPLES, ("acc", "etcs", "evasion", "thermostat")))
 def test_runs_of_the_model_itself_are_accepted(example: str, tmp_path: Path) -> None:
     program = whole_program(example, tmp_path)
     for check in program.unit.monitor.checks:

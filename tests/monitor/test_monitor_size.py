@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from conftest import REPOSITORY
+from selection import quick_among
 from target_program import CORTEX_M4, CROSS, HARD, needed
 
 from dl2c.commands.monitor import unit_of
@@ -78,7 +79,7 @@ def deepest(graph: str, entries: list[str]) -> int:
     return max(map(depth, entries))
 
 
-@pytest.fixture(scope="module", params=EXAMPLES)
+@pytest.fixture(scope="module", params=quick_among(EXAMPLES, ("acc", "dubins", "evasion", "watertank")))
 def forms(request: pytest.FixtureRequest) -> tuple[str, dict[str, Unit]]:
     """An example, and its monitor in every form."""
     example: str = request.param

@@ -49,7 +49,7 @@ MODELS = {name: f"example:{name}" for name in EXAMPLES} | {
     "operations": OPERATIONS_USED,
     "functions": FUNCTIONS_USED,
 }
-QUICK = ("bouncing_ball", "functions", "operations", "static_safety_line", "watertank", "waypoint")
+QUICK = ("functions", "operations", "static_safety_line", "watertank")
 SOMETIMES_UNDECIDED = ("operations", "functions", "pendulum")
 """Some of their boundaries are where no rounding is exact."""
 

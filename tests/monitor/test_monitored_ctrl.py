@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import REPOSITORY
 from monitor_program import Program, program_of
+from selection import quick_among
 
 import dl2c
 from dl2c.commands.monitor import unit_of
@@ -92,7 +93,7 @@ def requested(program: Program, code: Any, action: Any, after: State, example: s
 
 
 @pytest.mark.parametrize("action_map", ["project", "squash"])
-@pytest.mark.parametrize("example", INPUTS)
+@pytest.mark.parametrize("example", quick_among(INPUTS, ("dubins", "static_safety")))
 def test_runs_give_inputs_the_values_of_the_simulator(example: str, action_map: str, programs: Any) -> None:
     program = programs(example, action_map=action_map)
     _, code = environment(example, action_map=action_map)
@@ -119,7 +120,7 @@ def test_runs_give_inputs_the_values_of_the_simulator(example: str, action_map: 
 
 
 @pytest.mark.parametrize("sound", [False, True], ids=["plain", "sound"])
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize("example", quick_among(EXAMPLES, ("etcs", "evasion", "pendulum", "watertank")))
 def test_the_fallback_satisfies_the_monitor(example: str, sound: bool, programs: Any) -> None:
     """From every state that the simulator reaches, whatever is asked for and measured there. The environment
     has decided already in these, and then takes its first alternatives.

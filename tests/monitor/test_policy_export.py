@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from selection import quick_among, quick_rows
 
 import dl2c
 from dl2c.commands.monitor import unit_of
@@ -180,10 +181,14 @@ def export(name: str, folder: Path, real: str = "double", main: str = "") -> Exp
     return Exported(model, env, statistics, compile_program(files, folder), unit, policy)
 
 
-@pytest.mark.parametrize(
-    ("name", "real"),
-    [*((k, "double") for k in KINDS), *((k, "float") for k in ("masked-normalised", "continuous", "elu"))],
+QUICK = (
+    *("discrete-normalised", "masked", "multidiscrete-runs", "continuous-squash-normalised"),
+    *("choice-and-value", "environment-choice", "elu"),
 )
+FORMS = [*((k, "double") for k in KINDS), *((k, "float") for k in ("masked-normalised", "continuous", "elu"))]
+
+
+@pytest.mark.parametrize(("name", "real"), quick_rows(FORMS, [form for form in FORMS if form[0] in QUICK]))
 def test_the_network_is_that_of_stable_baselines(name: str, real: str, tmp_path: Path) -> None:
     one = export(name, tmp_path, real, NETWORK)
     space, policy = one.env.observation_space, one.policy
@@ -218,7 +223,7 @@ def _is_tied(values: Any, io: Any) -> bool:
 STEPS = 300
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", quick_among(KINDS, QUICK))
 def test_the_monitored_policy_does_what_the_simulator_does(name: str, tmp_path: Path) -> None:
     """Observations, masks, actions and values of inputs; and what is done instead of what is not possible.
 

@@ -5,11 +5,13 @@ import random
 import re
 import subprocess
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import pytest
 from conftest import shared
 from monitor_program import program_of
+from selection import quick_rows
 
 from dl2c.commands.monitor import unit_of
 from dl2c.emit.monitor.files import monitor_files
@@ -87,9 +89,10 @@ def test_fast_arithmetic_is_refused(flag: str, sound: bool, tmp_path: Path) -> N
     assert not compiled(folder, "cc", "-std=c99", "-c", source, "-o", "out.o")
 
 
-@pytest.mark.parametrize("real", ["double", "float"])
-@pytest.mark.parametrize("sound", [False, True])
-@pytest.mark.parametrize("example", EXAMPLES)
+FORMS = [*product(EXAMPLES, (False, True), ("double", "float"))]
+
+
+@pytest.mark.parametrize(("example", "sound", "real"), quick_rows(FORMS, FORMS[::3]))
 def test_monitors_are_cpp_and_compile_as_one(example: str, sound: bool, real: str, tmp_path: Path) -> None:
     """Two builds of one model, and of two, in one file and in one program."""
     unit = unit_of(f"example:{example}", {}, real=real, sound=sound)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from selection import quick_among
 
 import dl2c
 from dl2c.env.single import Dl2cEnv
@@ -112,7 +113,7 @@ def opened() -> Dl2cEnv:
     return dl2c.make("example:waypoint", max_episode_steps=8)
 
 
-@pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])
+@pytest.mark.parametrize("method", quick_among(("fork", "spawn", "forkserver"), ("fork", "spawn")))
 def test_environments_run_in_processes(method: str) -> None:
     """Gymnasium's and Stable-Baselines3's, to the same observations as one after the other."""
     from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
