@@ -11,6 +11,7 @@ from flows.test_flow_laws import FLOWS, KERNELS, integrator, library, starts
 from generators.flow_library import Arrival, compiled
 from generators.random_odes import VARIABLES, Start, flows_model, random_flow
 from oracles.flows import Singular, Verdict, atoms_of, judge, moved, value
+from selection import quick_among, quick_rows
 
 from dl2c.flows.kernel import FlowPlan, Kernel, plan_flow
 from dl2c.ir.logic import operands
@@ -93,7 +94,7 @@ def agreement(kernel: Kernel, seed: int, count: int, folder: Path) -> Counter[st
 EVENTS = ("time", "another alternative", "at once", "later", "closed", "open", "kink")
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("kernel", quick_among(KERNELS, ("exact", "cvodes")))
 def test_flows_end_where_and_when_their_solutions_do(kernel: Kernel, tmp_path: Path) -> None:
     found = agreement(kernel, 100, 100, tmp_path)
     assert found["compared"] > 75 and found["ill-conditioned"] < 10
@@ -130,10 +131,8 @@ def followed_by(kernel: Kernel, flow: Flow) -> Flow | None:
     return None
 
 
-PAIRS = [
-    pytest.param(*pair, marks=() if "cvodes" in pair else pytest.mark.slow)
-    for pair in combinations(KERNELS, 2)
-]
+PAIRS = quick_rows(combinations(KERNELS, 2), (("linear", "cvodes"), ("cvodes", "dopri5")))
+"""In the quick ones, and in those against the oracle, each kernel is compared."""
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)

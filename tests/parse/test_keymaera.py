@@ -8,6 +8,7 @@ from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from typing import Any
 
+import pytest
 from conftest import shared
 
 from dl2c.diagnostics import CompileError
@@ -110,6 +111,7 @@ def test_public_models_read_as_keymaera_reads_them() -> None:
     assert compared("model", lambda entry: entry.problem) == (ALL, [])
 
 
+@pytest.mark.slow  # expands all public models; test_the_expanded_stage_prints_the_expansion does a few
 def test_public_models_expand_as_keymaera_expands_them() -> None:
     """What `dl2c emit --stage expanded` prints parses back to the formula of KeYmaera X."""
     assert compared("expanded", lambda entry: parse_formula(print_formula(expansion(entry)))) == (ALL, [])
@@ -144,6 +146,7 @@ def test_the_expanded_stage_prints_the_expansion() -> None:
             assert shown == print_formula(expansion(entry)) + "\n"
 
 
+@pytest.mark.slow  # prints all public models; test_print.py does so with random ones
 def test_public_models_print_as_models_of_the_new_dialect() -> None:
     for archive, _ in public_models().values():
         again, warnings = parse_archive(Source("again.kyx", print_archive(archive)))

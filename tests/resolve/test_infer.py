@@ -185,6 +185,7 @@ def test_fix_declares_them(tmp_path: Path, text: str) -> None:
     assert fix_file(path) == 0
 
 
+@pytest.mark.slow  # reads all public models; test_fix_declares_them is about models of each form
 def test_public_models_without_declarations_can_be_fixed(tmp_path: Path) -> None:
     shared("corpus")
     mended = 0

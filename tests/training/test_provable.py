@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from policy_proof.test_drawn_and_fixed import led
 from policy_proof.test_verify_policy import SWITCH, TANK
+from selection import quick_among
 from training.test_trainings import dl2c, numbers
 
 pytest.importorskip("stable_baselines3")
@@ -39,6 +40,7 @@ def make_small(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(provable, name, value)
 
 
+@pytest.mark.slow  # a policy of full size; the next tests prove small ones
 def test_a_policy_is_taught_and_proved(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
     """Everything that is written is about the policy that is proved, whose verification says the same."""
     folder, model = tmp_path / "run", str(EXAMPLES / "watertank.kyx")
@@ -135,6 +137,7 @@ def test_what_cannot_be_proved_is_refused_before_training(
     assert code == 1 and REFUSED[given] in err and not folder.exists()
 
 
+@pytest.mark.slow  # trains and proves once more; policy_proof/test_drawn_and_fixed.py proves what is observed
 def test_what_the_environment_draws_is_observed(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
     """A step overwrites it, but before the policy observes: without it no policy is proved."""
     make_small(monkeypatch)
@@ -148,6 +151,7 @@ def test_what_the_environment_draws_is_observed(tmp_path: Path, capsys: Any, mon
     assert used[seen.index("w")] and not used[seen.index("u")]
 
 
+@pytest.mark.slow  # trains once more; test_where_rounds_run_out is about an earlier certificate too
 def test_another_training_leaves_no_proof_of_an_earlier_one(
     tmp_path: Path, capsys: Any, monkeypatch: Any
 ) -> None:
@@ -160,7 +164,7 @@ def test_another_training_leaves_no_proof_of_an_earlier_one(
     assert not any((folder / name).exists() for name in (PROOF, CERTIFICATE, UNPROVED))
 
 
-@pytest.mark.parametrize("where", ["fit", "search"])
+@pytest.mark.parametrize("where", quick_among(("fit", "search"), ("fit",)))
 def test_ctrl_c_while_it_is_taught_keeps_what_there_is(
     where: str, tmp_path: Path, capsys: Any, monkeypatch: Any
 ) -> None:
