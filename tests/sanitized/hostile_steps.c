@@ -132,7 +132,8 @@ static void run(int64_t n, int mode, uint64_t seed, int32_t threads)
                                 .autoreset = mode % 3,
                                 .on_blocked = mode / 3 % 3,
                                 .action_map = mode / 9 % 2,
-                                .threads = threads};
+                                .threads = threads,
+                                .shared_obs = mode % 2};
   dl2c_batch *b = NULL;
   expect(dl2c_batch_create(n, &options, &a.out, &b) == DL2C_OK, "create");
   uint64_t *seeds = malloc((size_t)n * sizeof *seeds);
@@ -170,7 +171,8 @@ static void misuse(void)
   const dl2c_options wrong[] = {{.max_steps = -1}, {.stall_limit = -1},     {.autoreset = 3},
                                 {.autoreset = -1}, {.on_blocked = 3},       {.on_blocked = -1},
                                 {.action_map = 2}, {.blocked_penalty = NAN},
-                                {.threads = -1},   {.threads = 257}};
+                                {.threads = -1},   {.threads = 257},
+                                {.shared_obs = 2}, {.shared_obs = -1}};
   for (size_t k = 0; k < sizeof wrong / sizeof *wrong; k++)
     expect(dl2c_batch_create(1, &wrong[k], &a.out, &b) == DL2C_ERR_ARG,
            "an option that does not exist");
