@@ -58,9 +58,14 @@ class Chart:
         return tuple(s for s in self.free if not _is_finite(self.box[s]))
 
     @property
+    def wide(self) -> tuple[Symbol, ...]:
+        """Free names with more than one value."""
+        return tuple(s for s in self.free if self.box[s].low < self.box[s].high)
+
+    @property
     def dimension(self) -> int:
         """How many names can vary."""
-        return sum(self.box[s].low < self.box[s].high for s in self.free)
+        return len(self.wide)
 
 
 def charts_of(formula: Formula, items: Items, box: Box) -> tuple[Chart, ...]:

@@ -46,7 +46,7 @@ class _Limits:
 
 def conditional(chart: Chart) -> Chart | None:
     """The chart with names between limits; None where no name has such limits."""
-    left = [s for s in chart.free if chart.box[s].low < chart.box[s].high]
+    left = list(chart.wide)
     values = _definitions(chart)
     atoms = _usable(_atoms(chart, values), left)
     products = {s: p for s in left if (p := _of_products(s, chart, values)) is not None}

@@ -184,7 +184,7 @@ def _root(chart: Chart) -> Root:
         chart.formula,
         contractor(chart.formula),
         chart.box,
-        tuple(s for s in chart.free if chart.box[s].low < chart.box[s].high),
+        chart.wide,
         frozenset(symbols(chart.measure.squared)),
         bound.steep,
         bound.density,
