@@ -42,7 +42,7 @@ QUICK = ("one choice after the other", "a duration", "without a loop")
 def words(path: Path, episode: Path) -> tuple[str, ...]:
     """`dl2c verify`, with as many seconds as it needs just now."""
     slow = slowness()
-    return ("verify", str(path), "--timeout", str(10 * slow), "--total", str(60 * slow), "-o", str(episode))
+    return ("verify", str(path), "--timeout", str(10 * slow), "--total", str(20 * slow), "-o", str(episode))
 
 
 def model(folder: Path, problem: str) -> Path:
