@@ -56,10 +56,13 @@ typedef struct dl2c_beginnings {
   int8_t mask[NMASK * DL2C_BLOCK + 1];
 } dl2c_beginnings;
 
-/* Which paths are open in a full block.   enabled: (paths, DL2C_BLOCK) */
-DL2C_LANES static void dl2c_open_block(const dl2c_initials *lanes, uint8_t *enabled, uint8_t *open)
+/* Which paths are open in `count` lanes, none in the others of the block.   enabled: (paths, DL2C_BLOCK) */
+DL2C_LANES static void dl2c_open_block(const dl2c_initials *lanes, int64_t count, uint8_t *enabled, uint8_t *open)
 {
-  dl2c_enabled(0, lanes->x, lanes->p, DL2C_BLOCK, DL2C_BLOCK, enabled);
+  model_guards(0, lanes->x, lanes->p, DL2C_BLOCK, DL2C_BLOCK, enabled);
+  for (int k = 0; k < DL2C_NSTART; k++)
+    memset(enabled + k * DL2C_BLOCK + count, 0, (size_t)(DL2C_BLOCK - count));
+  dl2c_enabled_by_inputs(0, lanes->x, lanes->p, DL2C_BLOCK, DL2C_BLOCK, enabled);
   dl2c_any_enabled(enabled, DL2C_BLOCK, DL2C_BLOCK, open);
 }
 
@@ -83,7 +86,7 @@ static void dl2c_draw_beginnings(const dl2c_batch *b, const dl2c_followers *who,
   dl2c_fix_block(drawn->p, all->fixed, all->clipped);
   const dl2c_view view = {drawn->x, drawn->p, DL2C_BLOCK, all->enabled, NULL, all->ended, all->fixed,
                           all->clipped};
-  dl2c_open_block(drawn, all->enabled, all->open);
+  dl2c_open_block(drawn, who->count, all->enabled, all->open);
   dl2c_show_block(&view, all->obs, all->saturated, all->mask);
 }
 
