@@ -22,7 +22,7 @@ void dl2c_model_sizes(dl2c_sizes *out)
 {
   *out = (dl2c_sizes){
       .nx = NX,
-      .np = NP,
+      .np = NCONSTANT,
       .nobs = NOBS,
       .nchoice = NCHOICE,
       .ninput = NINPUT,
@@ -178,12 +178,14 @@ dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, 
                                 const double *p)
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
-  if (!dl2c_all_finite(x, NX) || !dl2c_are_numbers(p, NP) || !model_precondition(x, p))
+  if (!dl2c_all_finite(x, NX) || !dl2c_are_numbers(p, NCONSTANT) || !model_precondition(x, p))
     return DL2C_ERR_STATE;
+  real constants[NP + 1];
+  dl2c_complete_constants(p, constants);
   const uint64_t key = seed == NULL ? b->seed[i] : *seed;
   dl2c_rng rng = dl2c_rng_make(key, seed == NULL ? b->episode[i] : 0);
   for (int tries = 0; tries < (NDRAW > 0 ? DL2C_MAX_DEADLOCKS : 1); tries++) {
-    if (!dl2c_begin(b, i, &rng, x, p)) continue;
+    if (!dl2c_begin(b, i, &rng, x, constants)) continue;
     dl2c_reseed(b, i, seed);
     b->episode[i]++;
     dl2c_clear_results(b, i);
@@ -209,17 +211,20 @@ dl2c_status dl2c_batch_step(dl2c_batch *b)
 dl2c_status dl2c_batch_get_state(const dl2c_batch *b, int64_t i, double *x, double *p)
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
-  dl2c_load(b, i, x, p);
+  for (int k = 0; k < NX; k++) x[k] = b->x[k * b->stride + i];
+  for (int k = 0; k < NCONSTANT; k++) p[k] = b->p[k * b->stride + i];
   return DL2C_OK;
 }
 
 dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, const double *p)
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
-  if (!dl2c_all_finite(x, NX) || !dl2c_are_numbers(p, NP)) return DL2C_ERR_STATE;
+  if (!dl2c_all_finite(x, NX) || !dl2c_are_numbers(p, NCONSTANT)) return DL2C_ERR_STATE;
+  real constants[NP + 1];
+  dl2c_complete_constants(p, constants);
   dl2c_forget(b, i);
   dl2c_store(b, i, x);
-  for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = p[k];
+  for (int k = 0; k < NP; k++) b->p[k * b->stride + i] = constants[k];
   b->ended[i] = 0;
   if (NSTEPDRAW > 0) b->start[i].closed = false;
 #if DL2C_MONITORED

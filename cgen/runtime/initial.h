@@ -139,6 +139,19 @@ DL2C_INLINE void dl2c_draw_block(dl2c_initials *all, dl2c_initials *rest, int bl
   for (int64_t i = 0; i < left; i++) all->lost[place[i]] = 1;
 }
 
+/* Constants that are derived, in groups of lanes. */
+DL2C_LANES static void dl2c_derive_in_lanes(dl2c_initials *lanes, int64_t groups)
+{
+  real *restrict p = lanes->p;
+  DL2C_ALIAS_FREE
+  for (int64_t i = 0; i < groups * DL2C_DRAW_GROUP; i++) {
+    real own_p[NP + 1];
+    for (int k = 0; k < NCONSTANT; k++) own_p[k] = p[k * DL2C_BLOCK + i];
+    model_derive(own_p);
+    for (int k = NCONSTANT; k < NP; k++) p[k * DL2C_BLOCK + i] = own_p[k];
+  }
+}
+
 /* Draws initial states in `count` lanes whose streams are given. */
 static void dl2c_draw_initials(dl2c_initials *lanes, int64_t count)
 {
@@ -151,6 +164,7 @@ static void dl2c_draw_initials(dl2c_initials *lanes, int64_t count)
   DL2C_UNROLL
   for (int block = 0; block < (DL2C_DRAWS_IN_LANES ? NBLOCK : 0); block++)
     dl2c_draw_block(lanes, &rest, block, count);
+  dl2c_derive_in_lanes(lanes, (count + DL2C_DRAW_GROUP - 1) / DL2C_DRAW_GROUP);
 }
 
 #endif

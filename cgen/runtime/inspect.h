@@ -88,10 +88,12 @@ dl2c_status dl2c_inspect_violations(int64_t count, const double *x, const double
 {
   if (count < 0 || x == NULL || p == NULL || violated == NULL) return DL2C_ERR_ARG;
   dl2c_judgement judged;
+  real constants[NP + 1];
+  dl2c_complete_constants(p, constants);
   for (int64_t j = 0; j < count; j++) {
     uint8_t facts[NFACT] = {0};
-    model_facts(x + j * NX, p, 1, 1, 1, facts);
-    model_judge(x + j * NX, p, 1, 1, facts, 1, &judged);
+    model_facts(x + j * NX, constants, 1, 1, 1, facts);
+    model_judge(x + j * NX, constants, 1, 1, facts, 1, &judged);
     violated[j] = judged.cost[0];
   }
   return DL2C_OK;

@@ -7,7 +7,7 @@
  * size zero do not exist in C: tables have at least one entry. Functions with stride and
  * count work on lanes: value k of environment i is x[k*stride + i], i < count.
  *
- *   enum { NX, NP, NU, NINPUT, NENVINPUT, NDECISION, NCHOICE, NENVCHOICE, NMASK, NSTEPDRAW, NDRAW,
+ *   enum { NX, NCONSTANT, NP, NU, NINPUT, NENVINPUT, NDECISION, NCHOICE, NENVCHOICE, NMASK, NSTEPDRAW, NDRAW,
  *          NPRED, NOBS, NFIXED, NPOINT, NPATH, NFLOW, NROOT, NFACT, NFREE, NCHART, NFROZEN, NPROJECTION,
  *          DL2C_WEIGHTED, DL2C_TARGETED, NBLOCK, NMARGIN, NWATCH, NCRITICAL, DL2C_LOOPS,
  *          DL2C_JOINT_INPUTS, DL2C_DECIDES_IN_LANES, DL2C_STEPS_IN_LANES, DL2C_LOOKS_AHEAD,
@@ -69,6 +69,7 @@
  *   void model_judge(x, p, stride, count, facts, row, dl2c_judgement *judged)   rewards and endings
  *   real model_shapes(x, p)                      of all predicates together; one without a value is 0
  *   bool model_precondition(x, p)
+ *   void model_derive(real *p)                   derived constants, behind the NCONSTANT of the model
  *   void model_facts_and_guards(x, p, stride, count, row, facts, enabled)   model_facts and model_guards of point 0
  *   void model_observe(x, p, stride, count, row, dl2c_obs *obs, uint8_t *saturated)   obs: (NOBS - NFIXED, row)
  *   void model_observe_constants(p, stride, count, row, dl2c_obs *obs, uint8_t *saturated)   obs: (NFIXED, row)

@@ -57,6 +57,13 @@ static void dl2c_load(const dl2c_batch *b, int64_t i, real *x, real *p)
   dl2c_read_lane(b->x, b->p, b->stride, i, x, p);
 }
 
+/* Constants of a model with those derived from them.   given: (NCONSTANT)   p: (NP) */
+static inline void dl2c_complete_constants(const real *given, real *p)
+{
+  for (int k = 0; k < NCONSTANT; k++) p[k] = given[k];
+  model_derive(p);
+}
+
 static void dl2c_store(dl2c_batch *b, int64_t i, const real *x)
 {
   for (int k = 0; k < NX; k++) b->x[k * b->stride + i] = x[k];

@@ -108,7 +108,7 @@ static bool dl2c_draw_near(dl2c_rng *rng, int block, real *x, real *p)
   return true;
 }
 
-/* Draws each block; false if one has no admissible draw. */
+/* Draws each block, and derives constants; false if a block has no admissible draw. */
 static bool dl2c_sample(dl2c_rng *rng, real *x, real *p)
 {
   real drawn[NFREE + 1];
@@ -117,6 +117,7 @@ static bool dl2c_sample(dl2c_rng *rng, real *x, real *p)
     if (DL2C_TARGETED ? !dl2c_draw_near(rng, block, x, p)
                       : !dl2c_draw_until(rng, block, drawn, &chart, x, p))
       return false;
+  model_derive(p);
   return NBLOCK > 0;
 }
 

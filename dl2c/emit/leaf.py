@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from dl2c.emit import names
 from dl2c.emit.cexpr import Printed, print_tape
 from dl2c.emit.cfile import WIDTH, function, wrapped
+from dl2c.emit.derived import Derived
 from dl2c.ir.model import Flow, Formula, Symbol, Term
 from dl2c.symbolic.lie import lie_tape, partial_tape
 from dl2c.symbolic.tape import Tape, defined_tape, formula_tape, term_tape
@@ -24,7 +25,8 @@ Place = Callable[[Symbol], str]
 class Leaves:
     """The leaf functions of one file, in the order they are made. `order` ranks parameters; `single` is
     for a file whose numbers are floats. Where functions are `shared`, those of the same parameters and
-    body are one, under the first of their names. `taken` are the names of the model.
+    body are one, under the first of their names. `taken` are the names of the model, `derived` its derived
+    constants.
     """
 
     builder: Builder
@@ -32,6 +34,7 @@ class Leaves:
     single: bool = False
     shared: bool = False
     taken: Collection[str] = ()
+    derived: Derived = field(default_factory=Derived)
     texts: list[str] = field(default_factory=list[str])
     made: dict[str, Tape] = field(default_factory=dict[str, Tape])
     called: dict[str, str] = field(default_factory=dict[str, str])

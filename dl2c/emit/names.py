@@ -28,10 +28,10 @@ C_WORDS = frozenset(
         *("tgamma", "trunc", "y0", "y1", "yn"),
         *("BUFSIZ", "DBL_MAX", "EOF", "I", "INFINITY", "NAN", "NULL", "errno", "linux", "stderr", "stdin"),
         *("stdout", "unix"),
-        *("NBLOCK", "NBOX", "NCHART", "NCHOICE", "NCRITICAL", "NDECISION", "NDRAW", "NENVCHOICE"),
-        *("NENVINPUT", "NFACT", "NFIXED", "NFLOW", "NFREE", "NFROZEN", "NINPUT", "NMARGIN", "NMASK"),
-        *("NOBS", "NP", "NPATH", "NPOINT", "NPRED", "NPROJECTION", "NROOT", "NSTEPDRAW", "NU"),
-        *("NVARYING", "NWATCH", "NX"),
+        *("NBLOCK", "NBOX", "NCHART", "NCHOICE", "NCONSTANT", "NCRITICAL", "NDECISION", "NDRAW"),
+        *("NENVCHOICE", "NENVINPUT", "NFACT", "NFIXED", "NFLOW", "NFREE", "NFROZEN", "NINPUT"),
+        *("NMARGIN", "NMASK", "NOBS", "NP", "NPATH", "NPOINT", "NPRED", "NPROJECTION", "NROOT"),
+        *("NSTEPDRAW", "NU", "NVARYING", "NWATCH", "NX"),
         *("p", "real", "u", "x", "y"),
     ]
 )

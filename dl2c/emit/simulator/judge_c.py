@@ -1,7 +1,7 @@
 """Rewards, the end of episodes and observations in C (semantics 6 and 7).
 
 Sections: leaf functions of predicates, rewards, precondition and postcondition, then
-`model_judge`, `model_postcondition`, `model_precondition`, `model_observe`.
+`model_judge`, `model_precondition`, `model_derive`, `model_observe`.
 """
 
 import math
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dl2c.emit.cexpr import number
 from dl2c.emit.cfile import BYTE, LANES, each_flag, each_lane, function, in_each_lane, place, wrapped
 from dl2c.emit.leaf import Leaves
-from dl2c.emit.names import lane
+from dl2c.emit.names import lane, slot
 from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.paths_c import guard_conditions
 from dl2c.flows.watch import watches_of
@@ -35,6 +35,7 @@ def judge_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
         _judge(model, leaves),
         _shapes(model, leaves),
         _precondition(build, leaves),
+        _derive(leaves),
         *_observe(build),
     ]
 
@@ -66,12 +67,26 @@ def _precondition(build: BuildPlan, leaves: Leaves) -> str:
     return function(f"static inline bool model_precondition({STATE})", [f"return {holds};"], about)
 
 
+def _derive(leaves: Leaves) -> str:
+    """Comes after all that names derived constants."""
+    body: list[str] = []
+    for term, symbol in leaves.derived.symbols.items():
+        value = leaves.term(f"set_{symbol.name}", term, f"{symbol.name} = {print_term(term)}")
+        body += wrapped(f"{slot(symbol)} = {value};")
+    return function(
+        "static inline void model_derive(real *p)",
+        body,
+        "Derived constants, behind those that they are made of.   p: (NP)",
+    )
+
+
 def _fact_conditions(model: Model, leaves: Leaves) -> list[tuple[str, str]]:
     """Which flag says what of a post-state, and when it does."""
     conditions: list[tuple[str, str]] = []
 
     def add(fact: str, name: str, formula: Formula, about: str) -> None:
-        conditions.append((f"facts[{fact} * row + i]", leaves.condition(name, formula, about, lane)))
+        holds = leaves.condition(name, leaves.derived.in_formula(formula), about, lane)
+        conditions.append((f"facts[{fact} * row + i]", holds))
 
     for predicate in model.predicates:
         name, where = predicate.name, place(predicate.span)
@@ -164,7 +179,9 @@ def _rewards(predicate: Predicate, leaves: Leaves) -> list[str]:
 
 def _reward(name: str, term: Term, when: str, leaves: Leaves) -> list[str]:
     """Adds a reward term; one without a finite value adds nothing and says so."""
-    value = leaves.term(name, term, f"{name.replace('_', ' ')} = {print_term(term)}", lane)
+    about = f"{name.replace('_', ' ')} = {print_term(term)}"
+    term = leaves.derived.in_term(term)
+    value = leaves.term(name, term, about, lane)
     defined = leaves.defined(f"{name}_defined", [term], "it has a value", lane)
     if defined is None:
         return each_lane("judged->reward[i]", f"judged->reward[i] + dl2c_select({when}, {value}, 0.0)")
@@ -179,8 +196,9 @@ def _shapes(model: Model, leaves: Leaves) -> str:
             continue
         name = f"{predicate.name}_shape"
         about = f"{name.replace('_', ' ')} = {print_term(predicate.shape)}"
-        value = leaves.term(name, predicate.shape, about)
-        defined = leaves.defined(f"{name}_defined", [predicate.shape], "it has a value")
+        shape = leaves.derived.in_term(predicate.shape)
+        value = leaves.term(name, shape, about)
+        defined = leaves.defined(f"{name}_defined", [shape], "it has a value")
         added = value if defined is None else f"dl2c_select({defined}, {value}, 0.0)"
         body += wrapped(f"sum = sum + {added};")
     return function(

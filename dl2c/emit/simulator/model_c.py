@@ -7,6 +7,7 @@ of initial states; tables, included; the runtime, compiled with the model as one
 
 from collections.abc import Iterable
 
+from dl2c.emit.derived import derived_constants
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.names import file_stem
 from dl2c.emit.plan import BuildPlan
@@ -21,8 +22,7 @@ from dl2c.emit.simulator.sampler_c import sampler_functions, sampler_tables
 from dl2c.emit.simulator.scene_c import scene_functions
 from dl2c.emit.simulator.start_c import start_functions
 from dl2c.emit.simulator.watch_c import watch_functions, watch_tables
-from dl2c.interval.arithmetic import WHOLE, Interval, enclosure
-from dl2c.ir.model import Constant, Symbol
+from dl2c.ir.model import Symbol
 from dl2c.symbolic.terms import Builder
 
 CLONED = 64
@@ -74,10 +74,15 @@ def _judging_functions(build: BuildPlan) -> Iterable[str]:
 
 def leaves_of(build: BuildPlan) -> Leaves:
     """No leaf functions yet, for a file about the model."""
-    ranks = {symbol: k for k, symbol in enumerate(_symbols(build))}
-    bounds = {Symbol(c.name, "constant"): _range(c) for c in build.model.constants}
-    taken = {symbol.name for symbol in ranks}
-    return Leaves(Builder(bounds), lambda symbol: ranks.get(symbol, len(ranks)), shared=True, taken=taken)
+    derived = derived_constants(build.model, build.paths)
+    ranks = {symbol: k for k, symbol in enumerate((*_symbols(build), *derived.symbols.values()))}
+    return Leaves(
+        Builder(derived.bounds),
+        lambda symbol: ranks.get(symbol, len(ranks)),
+        shared=True,
+        taken={symbol.name for symbol in ranks},
+        derived=derived,
+    )
 
 
 def tables_h(build: BuildPlan) -> str:
@@ -121,14 +126,6 @@ def _symbols(build: BuildPlan) -> list[Symbol]:
         *(i.symbol for i in build.paths.inputs),
         *dict.fromkeys(s.symbol for p in build.paths.paths for a in p.admissions for s in a.solved),
     ]
-
-
-def _range(constant: Constant) -> Interval:
-    """Where the constant lies in every episode."""
-    if constant.value is not None:
-        return enclosure(constant.value)
-    low = WHOLE.low if constant.bound.low is None else enclosure(constant.bound.low).low
-    return Interval(low, WHOLE.high if constant.bound.high is None else enclosure(constant.bound.high).high)
 
 
 def _runtime(build: BuildPlan) -> str:

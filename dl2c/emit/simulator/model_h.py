@@ -3,7 +3,8 @@
 from collections import Counter
 
 from dl2c.emit.cexpr import number
-from dl2c.emit.cfile import enumeration, filled, heading
+from dl2c.emit.cfile import WIDTH, enumeration, filled, heading
+from dl2c.emit.derived import derived_constants
 from dl2c.emit.names import file_stem, index
 from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.inputs_c import critical_count
@@ -45,11 +46,20 @@ def _indices(build: BuildPlan) -> str:
     inputs = [index(i.symbol) for i in build.paths.inputs]
     return (
         enumeration(variables, "NX", "state")
-        + enumeration(constants, "NP", "constants of the episode")
+        + enumeration(constants, "NCONSTANT", "constants of the episode")
+        + _derived(build)
         + _starts(build)
         + enumeration(inputs, "NU", "inputs")
         + enumeration(fact_names(model), "NFACT", "what a state is tested for")
     )
+
+
+def _derived(build: BuildPlan) -> str:
+    """Indices of derived constants, behind those of the model."""
+    derived = derived_constants(build.model, build.paths)
+    first, *others = [*map(index, derived.symbols.values()), "NP"]
+    places = ", ".join([f"{first} = NCONSTANT", *others])
+    return filled(f"enum {{ {places} }};", WIDTH, " " * 7) + " /* and what is derived from them */\n"
 
 
 def _starts(build: BuildPlan) -> str:

@@ -46,7 +46,8 @@ def guard_conditions(build: BuildPlan, point: int, leaves: Leaves) -> list[tuple
     for k, path in enumerate(build.paths.of(point)):
         about = f"{place(path.span)}  {print_formula(path.guard)}"
         name = f"path{build.paths.paths.index(path)}_guard"
-        conditions.append((f"enabled[{k} * stride + i]", leaves.condition(name, path.guard, about, lane)))
+        guard = leaves.derived.in_formula(path.guard)
+        conditions.append((f"enabled[{k} * stride + i]", leaves.condition(name, guard, about, lane)))
     return conditions
 
 

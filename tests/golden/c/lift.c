@@ -7,7 +7,8 @@
 #include "model.h"
 
 enum { X_h, X_v, X_door, X_load, X_waited, X_clock, X_t, NX }; /* state */
-enum { P_speed, NP }; /* constants of the episode */
+enum { P_speed, NCONSTANT }; /* constants of the episode */
+enum { NP = NCONSTANT }; /* and what is derived from them */
 enum { S_closed_slack0 = NP, S_closed_slack1, S_closed_slack2, S_delivered_slack1 };
 enum { NU }; /* inputs */
 enum { F_closed_holds, F_delivered_holds, F_delivered_due, F_delivered_failed, F_postcondition,
@@ -804,6 +805,12 @@ static inline bool model_precondition(const real *x, const real *p)
 {
   (void)p;
   return problem_precondition(x[X_h], x[X_v], x[X_door], x[X_clock]);
+}
+
+/* Derived constants, behind those that they are made of.   p: (NP) */
+static inline void model_derive(real *p)
+{
+  (void)p;
 }
 
 /* Observed variables, inside their declared bounds.   obs: (NOBS - NFIXED, row) */

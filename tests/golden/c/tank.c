@@ -7,7 +7,8 @@
 #include "model.h"
 
 enum { X_x, X_f, X_t, NX }; /* state */
-enum { P_ep, P_H, NP }; /* constants of the episode */
+enum { P_ep, P_H, NCONSTANT }; /* constants of the episode */
+enum { NP = NCONSTANT }; /* and what is derived from them */
 enum { S_inside_slack0 = NP, S_inside_slack1 };
 enum { U_assign_f, NU }; /* inputs */
 enum { F_inside_holds, F_distance_holds, F_postcondition, NFACT }; /* what a state is tested for */
@@ -512,6 +513,12 @@ static inline real model_shapes(const real *x, const real *p)
 static inline bool model_precondition(const real *x, const real *p)
 {
   return problem_precondition(x[X_x], x[X_f], p[P_H]);
+}
+
+/* Derived constants, behind those that they are made of.   p: (NP) */
+static inline void model_derive(real *p)
+{
+  (void)p;
 }
 
 /* Observed variables, inside their declared bounds.   obs: (NOBS - NFIXED, row) */

@@ -7,7 +7,8 @@
 #include "model.h"
 
 enum { X_x, X_wind, X_rest, X_gust, X_t, X_v, NX }; /* state */
-enum { P_size, NP }; /* constants of the episode */
+enum { P_size, NCONSTANT }; /* constants of the episode */
+enum { NP = NCONSTANT }; /* and what is derived from them */
 enum { U_assign_wind, U_assign_gust, U_prefix_assign_v, NU }; /* inputs */
 enum { F_inside_holds, F_near_holds, F_postcondition, NFACT }; /* what a state is tested for */
 enum { NINPUT = 0, NENVINPUT = 2, NDECISION = 3, NCHOICE = 2, NENVCHOICE = 1, NMASK = 5,
@@ -744,6 +745,12 @@ static inline bool model_precondition(const real *x, const real *p)
 {
   (void)p;
   return problem_precondition(x[X_x]);
+}
+
+/* Derived constants, behind those that they are made of.   p: (NP) */
+static inline void model_derive(real *p)
+{
+  (void)p;
 }
 
 /* Observed variables, inside their declared bounds.   obs: (NOBS - NFIXED, row) */

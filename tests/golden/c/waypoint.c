@@ -7,7 +7,8 @@
 #include "model.h"
 
 enum { X_xr, X_vr, X_ar, X_xg, X_t, X_T, NX }; /* state */
-enum { P_ep, P_b, P_A, P_GDelta, P_Vmax, NP }; /* constants of the episode */
+enum { P_ep, P_b, P_A, P_GDelta, P_Vmax, NCONSTANT }; /* constants of the episode */
+enum { P_derived_constant1 = NCONSTANT, P_derived_constant2, NP }; /* and what is derived from them */
 enum { S_loopInv_slack0 = NP, S_loopInv_slack1, S_loopInv_slack2, S_loopInv_slack3,
 S_loopInv_slack4, S_loopInv_slack5, S_loopInv_slack6, S_loopInv_slack7, S_loopInv_slack8 };
 enum { NU }; /* inputs */
@@ -145,9 +146,9 @@ static inline bool path1_guard(real xr, real vr, real xg, real ep, real GDelta)
  * vr) < xg + GDelta & vr + A * ep <= Vmax & 0 <= ep & vr >= 0
  */
 static inline bool path2_guard(real xr, real vr, real xg, real ep, real b, real A, real GDelta,
-                               real Vmax)
+                               real Vmax, real derived_constant2)
 {
-  const real t0 = xr + vr * vr / (2.0 * b) + (A / b + 1.0) * (A / 2.0 * (ep * ep) + ep * vr);
+  const real t0 = xr + vr * vr / (2.0 * b) + (derived_constant2 + 1.0) * (A / 2.0 * (ep * ep) + ep * vr);
   return (xr <= xg - GDelta) & (t0 < xg + GDelta) & (vr + A * ep <= Vmax) & (ep >= 0.0)
       & (vr >= 0.0);
 }
@@ -157,9 +158,9 @@ static inline bool path2_guard(real xr, real vr, real xg, real ep, real b, real 
  * vr) >= xg + GDelta | vr + A * ep > Vmax) & 0 <= ep & vr >= 0
  */
 static inline bool path3_guard(real xr, real vr, real xg, real ep, real b, real A, real GDelta,
-                               real Vmax)
+                               real Vmax, real derived_constant2)
 {
-  const real t0 = xr + vr * vr / (2.0 * b) + (A / b + 1.0) * (A / 2.0 * (ep * ep) + ep * vr);
+  const real t0 = xr + vr * vr / (2.0 * b) + (derived_constant2 + 1.0) * (A / 2.0 * (ep * ep) + ep * vr);
   return (xr <= xg - GDelta) & ((xg + GDelta <= t0) | (Vmax < vr + A * ep)) & (ep >= 0.0)
       & (vr >= 0.0);
 }
@@ -177,7 +178,7 @@ static inline real path0_set_ar(real b)
  * (A * ep) + ep + Vmax / b)), within tolerance
  */
 static inline bool loopInv_holds(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                 real GDelta, real Vmax)
+                                 real GDelta, real Vmax, real derived_constant1)
 {
   const real t0 = fabs(vr);
   const real t1 = 1.0 + t0;
@@ -193,18 +194,17 @@ static inline bool loopInv_holds(real xr, real vr, real xg, real T, real ep, rea
   const real t11 = A * ep;
   const real t12 = 1e-09 * (t1 + fabs(t11));
   const real t13 = (xg - xr - GDelta) / t11;
-  const real t14 = Vmax / b;
-  const real t15 = fabs(t13);
-  const real t16 = fabs(ep);
-  const real t17 = fabs(t14);
-  const real t18 = vr / A;
-  const bool t19 = ep - t18 + t13 + ep + t14 < T + 1e-09 * (t10 + t16 + fabs(t18) + t15 + t16 + t17);
+  const real t14 = fabs(t13);
+  const real t15 = fabs(ep);
+  const real t16 = fabs(derived_constant1);
+  const real t17 = vr / A;
+  const bool t18 = ep - t17 + t13 + ep + derived_constant1 < T + 1e-09 * (t10 + t15 + fabs(t17) + t14 + t15 + t16);
   return (vr + t2 >= 0.0) & (vr <= Vmax + 1e-09 * (t1 + fabs(Vmax)))
       & (xr + t3 < xg + GDelta + 1e-09 * (t5 + fabs(t3) + t6 + t7))
       & ((xr <= t8 + 1e-09 * (1.0 + t6 + t7 + t4)) | (t0 <= t2)
       | (t9 <= T + 1e-09 * (t10 + fabs(t9)))) & ((t8 < xr + 1e-09 * (t5 + t6 + t7))
-      | ((t11 <= vr + t12) & (t13 + ep + t14 < T + 1e-09 * (t10 + t15 + t16 + t17)))
-      | ((vr <= t11 + t12) & t19));
+      | ((t11 <= vr + t12) & (t13 + ep + derived_constant1 < T + 1e-09 * (t10 + t14 + t15 + t16)))
+      | ((vr <= t11 + t12) & t18));
 }
 
 /* waypoint.kyx:60  @progress ensure: xg - GDelta < xr & vr = 0, within tolerance */
@@ -237,6 +237,18 @@ static inline bool problem_precondition(real xr, real vr, real xg, real T, real 
   return (A > 0.0) & (b > 0.0) & (ep > 0.0) & (2.0 * A * ep <= Vmax)
       & (Vmax * ep + Vmax * Vmax / (2.0 * b) < GDelta) & (vr == 0.0) & (xr < xg - GDelta)
       & (ep + (xg - xr - GDelta) / (A * ep) + ep + Vmax / b < T);
+}
+
+/* derived_constant1 = Vmax / b */
+static inline real set_derived_constant1(real b, real Vmax)
+{
+  return Vmax / b;
+}
+
+/* derived_constant2 = A / b */
+static inline real set_derived_constant2(real b, real A)
+{
+  return A / b;
 }
 
 /* xg - GDelta */
@@ -691,10 +703,10 @@ DL2C_INLINE void model_guards(int point, const real *restrict x, const real *res
         p[P_ep * stride + i], p[P_GDelta * stride + i])) << 1;
     word |= (int64_t)(path2_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i], p[P_GDelta * stride + i],
-        p[P_Vmax * stride + i])) << 2;
+        p[P_Vmax * stride + i], p[P_derived_constant2 * stride + i])) << 2;
     word |= (int64_t)(path3_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i], p[P_GDelta * stride + i],
-        p[P_Vmax * stride + i])) << 3;
+        p[P_Vmax * stride + i], p[P_derived_constant2 * stride + i])) << 3;
     words[i] = word;
   }
   for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
@@ -754,7 +766,7 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
     int64_t word = 0;
     word |= (int64_t)(loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i],
-        p[P_GDelta * stride + i], p[P_Vmax * stride + i])) << 0;
+        p[P_GDelta * stride + i], p[P_Vmax * stride + i], p[P_derived_constant1 * stride + i])) << 0;
     word |= (int64_t)(ensure_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         p[P_GDelta * stride + i])) << 1;
     word |= (int64_t)(ensure_due(x[X_T * stride + i])) << 2;
@@ -783,7 +795,7 @@ DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *rest
     int64_t word = 0;
     word |= (int64_t)(loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i],
-        p[P_GDelta * stride + i], p[P_Vmax * stride + i])) << 0;
+        p[P_GDelta * stride + i], p[P_Vmax * stride + i], p[P_derived_constant1 * stride + i])) << 0;
     word |= (int64_t)(ensure_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         p[P_GDelta * stride + i])) << 1;
     word |= (int64_t)(ensure_due(x[X_T * stride + i])) << 2;
@@ -795,10 +807,10 @@ DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *rest
         p[P_ep * stride + i], p[P_GDelta * stride + i])) << 5;
     word |= (int64_t)(path2_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i], p[P_GDelta * stride + i],
-        p[P_Vmax * stride + i])) << 6;
+        p[P_Vmax * stride + i], p[P_derived_constant2 * stride + i])) << 6;
     word |= (int64_t)(path3_guard(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i], p[P_GDelta * stride + i],
-        p[P_Vmax * stride + i])) << 7;
+        p[P_Vmax * stride + i], p[P_derived_constant2 * stride + i])) << 7;
     words[i] = word;
   }
   for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
@@ -866,6 +878,13 @@ static inline real model_shapes(const real *x, const real *p)
 static inline bool model_precondition(const real *x, const real *p)
 {
   return problem_precondition(x[X_xr], x[X_vr], x[X_xg], x[X_T], p[P_ep], p[P_b], p[P_A], p[P_GDelta], p[P_Vmax]);
+}
+
+/* Derived constants, behind those that they are made of.   p: (NP) */
+static inline void model_derive(real *p)
+{
+  p[P_derived_constant1] = set_derived_constant1(p[P_b], p[P_Vmax]);
+  p[P_derived_constant2] = set_derived_constant2(p[P_b], p[P_A]);
 }
 
 /* Observed variables, inside their declared bounds.   obs: (NOBS - NFIXED, row) */
