@@ -102,8 +102,15 @@ DL2C_INLINE bool dl2c_lane_event_free(const real *x, const real *y, const real *
   DL2C_UNROLL
   for (int i = 0; i < NX; i++) {
     real c[DL2C_DOPRI_DEGREE + 1];
+    real down = 0.0;
+    real up = 0.0;
     dl2c_dopri_terms(x[i], y[i], h, k, i, c);
-    hull[i] = dl2c_terms_hull(c, DL2C_DOPRI_DEGREE, y[i]);
+    DL2C_UNROLL
+    for (int j = 1; j <= DL2C_DOPRI_DEGREE; j++) {
+      down += dl2c_min(c[j], 0.0);
+      up += dl2c_max(c[j], 0.0);
+    }
+    hull[i] = dl2c_terms_between(c[0], down, up, y[i]);
   }
   return model_event_free(DL2C_LANE_FLOW, hull, x, p, true, watch);
 }

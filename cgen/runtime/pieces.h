@@ -61,27 +61,26 @@ static inline real dl2c_pace(const real *y, const real *rates)
   return size > 0.0 ? speed / size : speed;
 }
 
-/*
- * An interval that contains one variable: s^i is between 0 and 1, and rounding adds little.   c:
- * (degree + 1)
- */
-DL2C_INLINE dl2c_hull dl2c_terms_hull(const real *c, int degree, real end)
+/* An interval that contains one variable: s^i is between 0 and 1.   up, down: sums of its terms, but c[0] */
+DL2C_INLINE dl2c_hull dl2c_terms_between(real first, real down, real up, real end)
 {
-  real down = 0.0;
-  real up = 0.0;
-  DL2C_UNROLL
-  for (int i = 1; i <= degree; i++) {
-    down += dl2c_min(c[i], 0.0);
-    up += dl2c_max(c[i], 0.0);
-  }
-  const real rounding = (fabs(c[0]) + up - down) * DL2C_TRACK_ROUNDING;
-  return dl2c_hull_of(dl2c_min(c[0] + down - rounding, end), dl2c_max(c[0] + up + rounding, end));
+  const real rounding = (fabs(first) + up - down) * DL2C_TRACK_ROUNDING;
+  return dl2c_hull_of(dl2c_min(first + down - rounding, end), dl2c_max(first + up + rounding, end));
 }
 
 /* Intervals that contain the state along a track.   x: (NX) */
 static inline void dl2c_track_hull(const dl2c_track *track, dl2c_hull *x)
 {
-  for (int k = 0; k < NX; k++) x[k] = dl2c_terms_hull(track->c[k], track->degree, track->end[k]);
+  for (int k = 0; k < NX; k++) {
+    const real *c = track->c[k];
+    real down = 0.0;
+    real up = 0.0;
+    for (int i = 1; i <= track->degree; i++) {
+      down += dl2c_min(c[i], 0.0);
+      up += dl2c_max(c[i], 0.0);
+    }
+    x[k] = dl2c_terms_between(c[0], down, up, track->end[k]);
+  }
 }
 
 /* Models of all variables on a part of a track.   x: (NX) */
