@@ -1,6 +1,7 @@
 """How a policy learns from a round of experience. Imports torch: import it only where training happens."""
 
 from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
@@ -103,10 +104,10 @@ class ClosedForm:
         clip = learner.clip_range(learner._current_progress_remaining)
         weights = Weights(learner.ent_coef, learner.vf_coef, clip, learner.max_grad_norm)
         seen: list[list[Tensor]] = []
-        with torch.no_grad():
+        with torch.no_grad(), ThreadPoolExecutor(1) as beside:
             for _ in range(learner.n_epochs):
                 batches = shuffled(learner).parts(learner.batch_size)
-                seen.append([_learn(policy, batch, weights, learner) for batch in batches])
+                seen.append([_learn(policy, batch, weights, learner, beside) for batch in batches])
         learner._n_updates += learner.n_epochs
         _record(learner, seen, clip)
 
@@ -177,33 +178,42 @@ def shuffled(learner: Any) -> Batch:
     )
 
 
-def _learn(policy: Policy, batch: Batch, weights: Weights, learner: Any) -> Tensor:
-    """One step of the optimiser. Gives `STATISTICS`."""
+def _learn(policy: Policy, batch: Batch, weights: Weights, learner: Any, beside: Executor) -> Tensor:
+    """One step of the optimiser. Gives `STATISTICS`. The networks have no parameters in common: the critic's
+    gradient is computed `beside` the actor's.
+    """
     n = len(batch.returns)
+    value_loss = beside.submit(_differentiate_values, policy.critic, batch, 2 * weights.value / n)
     advantages = batch.advantages
     if learner.normalize_advantage and n > 1:
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
     acted, outputs = policy.actor.forward(batch.observations)
-    valued, values = policy.critic.forward(batch.observations)
     judged = policy.head.judged(outputs, batch.actions, batch.masks)
     log_ratio = judged.log_prob - batch.log_prob
     ratio = log_ratio.exp()
     plain = advantages * ratio
     clipped = advantages * ratio.clamp(1 - weights.clip, 1 + weights.clip)
-    error = values.squeeze(0) - batch.returns
-
     of_log_prob = torch.where(plain <= clipped, plain, 0.0) / -n
     policy.actor.backward(acted, judged.gradient(of_log_prob, -weights.entropy / n))
-    policy.critic.backward(valued, (error * (2 * weights.value / n)).unsqueeze(0))
+    lost = (-judged.entropy.mean(), -torch.minimum(plain, clipped).mean(), value_loss.result())
+
     norm = policy.gradients.square().sum().sqrt()
     policy.gradients.mul_(torch.clamp(weights.most / (norm + 1e-6), max=1.0))
     learner.policy.optimizer.step()
 
-    lost = (-judged.entropy.mean(), -torch.minimum(plain, clipped).mean(), error.square().mean())
     divergence = (ratio - 1 - log_ratio).mean()
     fraction = ((ratio - 1).abs() > weights.clip).float().mean()
     whole = lost[1] + weights.entropy * lost[0] + weights.value * lost[2]
     return torch.stack((*lost, divergence, fraction, whole))
+
+
+@torch.no_grad()
+def _differentiate_values(critic: Perceptron, batch: Batch, weight: float) -> Tensor:
+    """Set the gradients of the values' squared errors, (n), each times half the weight. Gives their mean."""
+    valued, values = critic.forward(batch.observations)
+    error = values.squeeze(0) - batch.returns
+    critic.backward(valued, (error * weight).unsqueeze(0))
+    return error.square().mean()
 
 
 def _record(learner: Any, seen: list[list[Tensor]], clip: float) -> None:
