@@ -8,28 +8,43 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from dl2c.training.activations import Tanh, tanh_
+from dl2c.training.activations import Tanh
 
 aten = torch.ops.aten
 
 
 @dataclass(frozen=True, slots=True)
 class Activation:
-    """A function, applied in place, and the gradient of its argument from that of its value and the value."""
+    """What leaves a layer, from its bias, what enters it, and its weights; and the gradient of the function's
+    argument from that of its value and the value.
+    """
 
-    apply: Callable[[Tensor], Tensor]
+    layer: Callable[[Tensor, Tensor, Tensor], Tensor]
     gradient: Callable[[Tensor, Tensor], Tensor]
 
 
+def _tanh_layer(bias: Tensor, inputs: Tensor, weight: Tensor) -> Tensor:
+    """Tanh of a is 2 / (1 + exp(-2 a)) - 1: to double is a part of the product, and of the difference."""
+    doubled = torch.addmm(bias, inputs, weight.t(), beta=2, alpha=2)
+    return torch.rsub(doubled.sigmoid_(), -1.0, alpha=-2.0)
+
+
+def _after(function: Callable[[Tensor], Tensor]) -> Callable[[Tensor, Tensor, Tensor], Tensor]:
+    """A layer whose function is applied in place."""
+    return lambda bias, inputs, weight: function(torch.addmm(bias, inputs, weight.t()))
+
+
 ACTIVATIONS: dict[type[nn.Module], Activation] = {
-    Tanh: Activation(tanh_, aten.tanh_backward),
-    nn.Tanh: Activation(torch.tanh_, aten.tanh_backward),
-    nn.ReLU: Activation(torch.relu_, lambda gradient, value: aten.threshold_backward(gradient, value, 0)),
+    Tanh: Activation(_tanh_layer, aten.tanh_backward),
+    nn.Tanh: Activation(_after(torch.tanh_), aten.tanh_backward),
+    nn.ReLU: Activation(
+        _after(torch.relu_), lambda gradient, value: aten.threshold_backward(gradient, value, 0)
+    ),
     nn.ELU: Activation(
-        lambda x: nn.functional.elu(x, inplace=True),
+        _after(lambda x: nn.functional.elu(x, inplace=True)),
         lambda gradient, value: aten.elu_backward(gradient, 1, 1, 1, True, value),
     ),
-    nn.Sigmoid: Activation(torch.sigmoid_, aten.sigmoid_backward),
+    nn.Sigmoid: Activation(_after(torch.sigmoid_), aten.sigmoid_backward),
 }
 
 
@@ -44,7 +59,7 @@ class Perceptron:
         """What enters each layer, (n, width), and what leaves the last one, (outputs, n)."""
         entering = [inputs]
         for layer in self.layers[:-1]:
-            entering.append(self.activation.apply(torch.addmm(layer.bias, entering[-1], layer.weight.t())))
+            entering.append(self.activation.layer(layer.bias, entering[-1], layer.weight))
         last = self.layers[-1]
         return entering, torch.addmm(last.bias.unsqueeze(1), last.weight, entering[-1].t())
 
