@@ -180,7 +180,7 @@ dl2c_status dl2c_batch_reset_to(dl2c_batch *b, int64_t i, const uint64_t *seed, 
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
   if (!dl2c_all_finite(x, NX) || !dl2c_are_numbers(p, NCONSTANT) || !model_precondition(x, p))
     return DL2C_ERR_STATE;
-  real constants[NP + 1];
+  real constants[NP + 1] = {0.0}; /* there may be none */
   dl2c_complete_constants(p, constants);
   const uint64_t key = seed == NULL ? b->seed[i] : *seed;
   dl2c_rng rng = dl2c_rng_make(key, seed == NULL ? b->episode[i] : 0);
@@ -220,7 +220,7 @@ dl2c_status dl2c_batch_set_state(dl2c_batch *b, int64_t i, const double *x, cons
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;
   if (!dl2c_all_finite(x, NX) || !dl2c_are_numbers(p, NCONSTANT)) return DL2C_ERR_STATE;
-  real constants[NP + 1];
+  real constants[NP + 1] = {0.0}; /* there may be none */
   dl2c_complete_constants(p, constants);
   dl2c_forget(b, i);
   dl2c_store(b, i, x);

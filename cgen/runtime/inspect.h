@@ -88,7 +88,7 @@ dl2c_status dl2c_inspect_violations(int64_t count, const double *x, const double
 {
   if (count < 0 || x == NULL || p == NULL || violated == NULL) return DL2C_ERR_ARG;
   dl2c_judgement judged;
-  real constants[NP + 1];
+  real constants[NP + 1] = {0.0}; /* there may be none */
   dl2c_complete_constants(p, constants);
   for (int64_t j = 0; j < count; j++) {
     uint8_t facts[NFACT] = {0};
