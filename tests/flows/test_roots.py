@@ -8,6 +8,7 @@ from random import Random
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from oracles import sturm
+from selection import few_and_many_examples
 
 from dl2c.flows.events import Crossing, Events, Exit
 from dl2c.flows.events import first_exit as exit_of_events
@@ -154,8 +155,7 @@ margin_roots = st.lists(st.lists(grid, max_size=4), min_size=MARGINS, max_size=M
 formulas = st.integers(0, len(FORMULAS) - 1)
 
 
-@given(formulas, margin_roots)
-@settings(max_examples=300)
+@few_and_many_examples(75, 300, formulas, margin_roots)
 def test_the_first_exit_is_where_the_formula_first_fails(formula: int, margins: list[list[Fraction]]) -> None:
     curves = [sturm.bernstein(sturm.from_roots(m)) for m in margins]
     at0, start = [sturm.sign(c[0]) for c in curves], [sign_after(c) for c in curves]

@@ -6,9 +6,10 @@ from fractions import Fraction
 
 import pytest
 from generators.ir_builder import formula, term
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from oracles.ir import SYMBOLS, X, Y, exact, formulas, holds, points_in_boxes, terms
+from selection import few_and_many_examples
 
 from dl2c.interval.arithmetic import Interval, enclosure, evaluate, truth
 from dl2c.interval.contract import contract
@@ -19,8 +20,7 @@ from dl2c.ir.model import (
 # Laws -------------------------------------------------------------------------
 
 
-@settings(max_examples=300, deadline=None)
-@given(terms, points_in_boxes())
+@few_and_many_examples(75, 300, terms, points_in_boxes())
 def test_evaluate_encloses_the_value(t, drawn):
     point, box = drawn
     value, around = exact(t, point), evaluate(t, box)
@@ -30,15 +30,13 @@ def test_evaluate_encloses_the_value(t, drawn):
         assert around.contains(value)
 
 
-@settings(max_examples=300, deadline=None)
-@given(formulas, points_in_boxes())
+@few_and_many_examples(75, 300, formulas, points_in_boxes())
 def test_truth_is_never_wrong(f, drawn):
     point, box = drawn
     assert truth(f, box) in ("unknown", "true" if holds(f, point) else "false")
 
 
-@settings(max_examples=300, deadline=None)
-@given(formulas, points_in_boxes())
+@few_and_many_examples(75, 300, formulas, points_in_boxes())
 def test_contract_keeps_every_satisfying_point(f, drawn):
     point, box = drawn
     kept = contract(f, box)

@@ -4,9 +4,10 @@ from fractions import Fraction
 
 import pytest
 from generators.ir_builder import formula as ir_formula
-from hypothesis import assume, given, settings
+from hypothesis import assume
 from hypothesis import strategies as st
 from oracles.ir import SYMBOLS, formulas, holds, leaves
+from selection import few_and_many_examples
 
 from dl2c.ir.logic import atoms, operands, symbols
 from dl2c.ir.margins import TooManyCases, smooth
@@ -33,8 +34,7 @@ def kinked(term: Term, moves: set[Symbol]) -> bool:
     return own or any(kinked(t, moves) for t in operands(term))
 
 
-@settings(max_examples=400)
-@given(st.one_of(formulas, choosing), points, moving, st.booleans())
+@few_and_many_examples(100, 400, st.one_of(formulas, choosing), points, moving, st.booleans())
 def test_the_condition_holds_where_it_held(
     formula: Formula, point: dict[Symbol, Fraction], moves: set[Symbol], as_written: bool
 ) -> None:

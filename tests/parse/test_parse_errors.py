@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from selection import few_and_many_examples
 
 from dl2c.diagnostics import CompileError
 from dl2c.parse.annotations import decode_declaration, decode_problem, decode_program
@@ -83,7 +84,7 @@ def test_no_text_crashes_the_parser(text: str) -> None:
         assert str(refused)
 
 
-@given(st.text(max_size=40))
+@few_and_many_examples(25, 100, st.text(max_size=40))
 def test_no_characters_crash_the_parser(text: str) -> None:
     for source in (Source("any.kyx", text), Source("any.kyx", f'Theorem "T" Problem {text} End. End.')):
         try:

@@ -8,8 +8,8 @@ from random import Random
 import pytest
 from generators.kyx_builder import codes, lowered, paths_of
 from generators.random_models import random_model, random_state
-from hypothesis import given, settings
 from hypothesis import strategies as st
+from selection import few_and_many_examples
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.evaluate import Undefined, Value, evaluate, truth
@@ -106,8 +106,7 @@ def assert_paths_agree(model: Model, paths: Paths, rng: Random) -> None:
         state |= {Symbol(x, "variable"): rng.uniform(-3, 3) for x in variables}
 
 
-@settings(max_examples=60)
-@given(st.integers(0, 10**6))
+@few_and_many_examples(15, 60, st.integers(0, 10**6))
 def test_paths_agree_with_sequential_execution(seed: int) -> None:
     model, rng = random_model(seed), Random(seed)
     try:

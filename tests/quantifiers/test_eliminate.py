@@ -10,9 +10,10 @@ import pytest
 from differential import pair_of
 from generators.ir_builder import formula
 from generators.kyx_builder import codes, lowered, model_text, resolved
-from hypothesis import example, given, settings
+from hypothesis import example
 from hypothesis import strategies as st
 from oracles.ir import holds
+from selection import few_and_many_examples
 
 from dl2c.diagnostics import CompileError
 from dl2c.env.single import Dl2cEnv
@@ -100,8 +101,9 @@ def decided_by_z3(everything: bool, body: Formula, at: dict[Symbol, Fraction]) -
     return (answer == z3.sat) != everything
 
 
-@settings(max_examples=200, deadline=None)
-@given(st.booleans(), bodies, st.lists(st.tuples(values, values), min_size=3, max_size=3))
+@few_and_many_examples(
+    40, 200, st.booleans(), bodies, st.lists(st.tuples(values, values), min_size=3, max_size=3)
+)
 @example(True, formula("x*x > p or x/q > 1"), [(Fraction(0), Fraction(0)), (Fraction(-1), Fraction(2))])
 def test_the_result_holds_where_the_quantified_formula_does(
     everything: bool, body: Formula, points: list[tuple[Fraction, Fraction]]
@@ -117,8 +119,7 @@ def test_the_result_holds_where_the_quantified_formula_does(
         assert holds(result, at) == decided_by_z3(everything, body, at), (print_formula(result), at)
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.booleans(), bodies)
+@few_and_many_examples(15, 60, st.booleans(), bodies)
 def test_an_undefined_part_makes_no_difference(everything: bool, body: Formula) -> None:
     """At q = 0 the coefficient p/q has no value: atoms that have it are false for every x."""
     try:

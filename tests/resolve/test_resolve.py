@@ -4,8 +4,9 @@ from fractions import Fraction
 
 import pytest
 from generators.kyx_builder import codes, holds, lowered, model_text, resolved, value
-from hypothesis import assume, given
+from hypothesis import assume
 from hypothesis import strategies as st
+from selection import few_and_many_examples
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.printer import print_formula, print_term
@@ -80,21 +81,21 @@ def expansion(formula: tree.Formula) -> tree.Formula:
     return assumption
 
 
-@given(formulas)
+@few_and_many_examples(25, 100, formulas)
 def test_expansion_removes_all_definitions(formula: tree.Formula) -> None:
     for node in nodes(expansion(formula)):
         assert not isinstance(node, (tree.PredOf, tree.ProgramConst, tree.FuncOf))
         assert not (isinstance(node, tree.Variable) and node.name in BODIES)
 
 
-@given(formulas, points)
+@few_and_many_examples(25, 100, formulas, points)
 def test_expansion_keeps_the_meaning(formula: tree.Formula, at: dict[str, Fraction]) -> None:
     expanded = expansion(formula)
     for wanted in (True, False):
         assert holds(expanded, at, {}, wanted) == holds(formula, at, BODIES, wanted)
 
 
-@given(terms, points)
+@few_and_many_examples(25, 100, terms, points)
 def test_expansion_keeps_values(term: tree.Term, at: dict[str, Fraction]) -> None:
     assume(not isinstance(term, tree.Number))
     expanded = expansion(tree.Compare("=", term, tree.Variable("v")))

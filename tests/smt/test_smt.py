@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import pytest
 from generators.ir_builder import PAPER, model
-from hypothesis import given, settings
 from oracles.ir import SYMBOLS, formulas, holds
+from selection import few_and_many_examples
 
 from dl2c.diagnostics import render
 from dl2c.ir.model import Symbol
@@ -35,8 +35,7 @@ def test_witness_satisfies_the_papers_precondition():
         assert item.bound.low <= witness[item.name] <= item.bound.high
 
 
-@settings(max_examples=80, deadline=None)
-@given(formulas)
+@few_and_many_examples(20, 80, formulas)
 def test_decisions_are_true(f):
     match decide(replace(model("True", {s.name: "-20:20" for s in SYMBOLS}), precondition=f), 2.0):
         case Satisfiable(witness):
