@@ -41,6 +41,12 @@ def nothing_proved(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.Tem
 
 
 @pytest.fixture
+def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Libraries are compiled in less time: where it does not matter how fast they are."""
+    monkeypatch.setenv("CFLAGS", "-O0 -DDL2C_NO_TARGET_CLONES")
+
+
+@pytest.fixture
 def golden(request: pytest.FixtureRequest) -> Callable[[Path, str], None]:
     """`golden(path, text)` asserts that the file at `path` holds `text`; `--update-golden` writes it."""
     update = bool(request.config.getoption("--update-golden"))

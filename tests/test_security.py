@@ -22,6 +22,8 @@ from dl2c.native.toolchain import find_compiler, user_flags
 from dl2c.options import Options, UnknownOption, with_options
 from dl2c.source import Source, Span
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ROOT = Path(__file__).resolve().parent.parent
 PYTHON = sorted((ROOT / "dl2c").rglob("*.py"))
 

@@ -19,6 +19,8 @@ from dl2c.options import OPTIONS, Options, UnknownOption, with_options
 from dl2c.parse import archive
 from dl2c.source import Source, Span
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 KYX = "a model\nof two lines\n"
 
 

@@ -15,6 +15,8 @@ import dl2c
 from dl2c.commands.completion import models
 from dl2c.commands.failures import to_json
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 MODEL = """Theorem "still water"
 Definitions
   /* @safety: penalty=-1 */

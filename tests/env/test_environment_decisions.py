@@ -17,6 +17,8 @@ from dl2c.ir.model import ONE, TRUE, Assign, AssignAny, Choice, Evolve, Test
 from dl2c.ir.printer import print_block
 from dl2c.lower.leading import leading
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 WALK = Path(__file__).parents[1] / "good" / "walk.kyx"
 
 

@@ -1,12 +1,14 @@
 """A refuted request is asked of the exported C, and saved as an episode: `dl2c verify --policy -o`."""
 
 import json
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from commands.test_cli import run
+from selection import quick_rows
 
 from dl2c.commands.monitor import unit_of
 from dl2c.commands.policy import Asked, policy_for, report_on
@@ -15,6 +17,8 @@ from dl2c.native.program import answers
 from dl2c.policy.files import write_policy
 from dl2c.policy.network import ActionKind, Interface, Layer, Network, NetworkPolicy
 from dl2c.policy_proof.confirm import CONFIRMED, Confirmation, Contradiction, confirmation
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 TANK = """Theorem "tank"
 ProgramVariables
@@ -94,8 +98,10 @@ def test_a_value_is_confirmed_and_replayed(tmp_path: Path, capsys: Any, arithmet
     assert "bit for bit" in out
 
 
-@pytest.mark.parametrize("masked", [False, True])
-@pytest.mark.parametrize("kind", ["choice", "runs"])
+@pytest.mark.parametrize(
+    ("kind", "masked"),
+    quick_rows(product(("choice", "runs"), (False, True)), (("choice", True), ("runs", False))),
+)
 def test_an_alternative_is_confirmed_and_replayed(
     tmp_path: Path, capsys: Any, kind: ActionKind, masked: bool
 ) -> None:

@@ -20,6 +20,8 @@ from dl2c.policy_proof.confirm import IMPOSSIBLE
 from dl2c.policy_proof.exact import violation
 from dl2c.policy_proof.question import Arithmetic, NotCovered, Request
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PUSH = """Theorem "push"
 ProgramVariables
   /* @var: bound=[-2:2] */ Real x;

@@ -27,6 +27,8 @@ from dl2c.quantifiers.eliminate import Quantifier, eliminated
 from dl2c.smt.terms import condition, z3
 from dl2c.source import NOWHERE
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 X, P, Q = (Symbol(name, "variable") for name in "xpq")
 SCOPE = {name: Symbol(name, "variable") for name in ("a", "b", "c", "v", "x", "y", "z", "ep", "m")}
 

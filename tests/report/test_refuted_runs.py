@@ -9,6 +9,8 @@ from commands.test_cli import run
 from selection import quick_among
 from slowness import slowness
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 MODEL = """Theorem "moving"
 ProgramVariables
   /* @var: bound=[-50:50] */
@@ -36,7 +38,7 @@ FOLLOWED = {
 }
 
 
-QUICK = ("one choice after the other", "a duration", "without a loop")
+QUICK = ("one choice after the other", "without a loop")
 
 
 def words(path: Path, episode: Path) -> tuple[str, ...]:

@@ -24,6 +24,8 @@ from dl2c.training.evaluation import outcomes
 from dl2c.training.provable import CERTIFICATE, PROOF, UNPROVED
 from dl2c.training.saved import load_policy
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FEW = ("--steps", "2048", "--n-envs", "16", "--hyper", "n_steps=32", "--hyper", "batch_size=128")
 
