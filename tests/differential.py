@@ -7,7 +7,7 @@ that environments use. Every result of a step is compared to the last bit.
 import math
 import subprocess
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
@@ -293,13 +293,13 @@ def uses_libm(model: ir.Model) -> bool:
 
 
 def run_models(
-    seeds: range,
+    seeds: Iterable[int],
     pairs_each: int,
     folder: Path,
     make: Callable[[int], ir.Model] = random_model,
     episodes: bool = False,
 ) -> tuple[list[Pair], Counter[str]]:
-    """Compare all models that a range of seeds gives, each on `pairs_each` states and actions, or on
+    """Compare all models that the seeds give, each on `pairs_each` states and actions, or on
     so many episodes.
     """
     environments = [e for s in seeds if (e := environment_of(make(s))) is not None]

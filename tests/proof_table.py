@@ -115,12 +115,12 @@ class Noting(Portfolio):
         return Counter(WORDS[outcome.verdict] for outcome in said)
 
 
-def problems() -> Iterator[Claim]:
-    """All problems that can be read, each once."""
+def problems(chosen: Sequence[str] = (CHOSEN,)) -> Iterator[Claim]:
+    """All problems that can be read, each once, in files whose names have one of the parts."""
     seen: set[str] = set()
     for path in sorted(p for p in CORPUS.rglob("*") if p.suffix in SUFFIXES):
         name = str(path.relative_to(CORPUS))
-        if "@history" in name or CHOSEN not in name:
+        if "@history" in name or not any(part in name for part in chosen):
             continue
         try:
             archive, _ = parse_archive(Source.read(path))

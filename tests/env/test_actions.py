@@ -2,7 +2,7 @@
 
 import subprocess
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -18,7 +18,7 @@ from generators.random_inputs import input_test, random_unions
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.admissible_inputs import grid, holds, of
-from selection import quick_among
+from selection import few_and_many, few_and_many_examples, quick_among
 
 from dl2c.code import cgen_dir
 from dl2c.emit.simulator.model_c import model_sources
@@ -92,14 +92,15 @@ def request(pair: Pair, state: list[float], wanted: list[float]) -> tuple[bool, 
     return offered, not batch.blocked[0], batch.executed_inputs[0].tolist()
 
 
+@pytest.mark.parametrize("count", few_and_many(500, 4000))
 @pytest.mark.parametrize("name", CASES)
-def test_inputs_taken_pass_and_none_is_missed(name: str, tmp_path: Path) -> None:
+def test_inputs_taken_pass_and_none_is_missed(count: int, name: str, tmp_path: Path) -> None:
     """The mask offers what has a value, in doubles as in the tests' own words."""
     case = CASES[name]
     pair = pair_of(f"{{a := *; ?({case.tests}); ++ r := 0;}}", tmp_path, STATE)
     rng, seen = Random(name), Counter[str]()
     values = grid(-2.0, 2.0)
-    for _ in range(AUDITED):
+    for _ in range(count):
         x, v, o, wanted = numbers(rng, 4)
         passing = values[case.passes(x, v, o, values)]
         offered, taken, executed = request(pair, [x, v, o, 0.0, 0.0], [wanted])
@@ -110,7 +111,7 @@ def test_inputs_taken_pass_and_none_is_missed(name: str, tmp_path: Path) -> None
             (a,) = executed
             assert -2 <= a <= 2 and case.passes(*map(of, (x, v, o, a))), (x, v, o, a)
             assert abs(a - wanted) <= np.abs(passing - wanted).min(initial=np.inf), (x, v, o, wanted, a)
-    assert min(seen["offered True"], seen["offered False"]) >= AUDITED / 40
+    assert min(seen["offered True"], seen["offered False"]) >= count / 40
 
 
 def test_an_equality_decides_a_later_input(tmp_path: Path) -> None:
@@ -147,8 +148,7 @@ LIMITS = {"assign_u": (Fraction(-3), Fraction(3)), "assign_z": (Fraction(-3), Fr
 U = Symbol("u", "variable")
 
 
-@settings(max_examples=300, deadline=None)
-@given(st.integers(0, 2**32))
+@few_and_many_examples(75, 300, st.integers(0, 2**32))
 def test_values_of_any_test_pass_and_none_is_missed(seed: int) -> None:
     rng = Random(seed)
     formula, env = input_test(rng, "u", ("x", "y")), env_of(rng)
@@ -185,8 +185,7 @@ def test_exact_values_are_near_those_in_doubles(seed: int) -> None:
             assert abs(abs(float(a) - wanted) - abs(float(b) - wanted)) < 1e-7, (formula, env, wanted, a, b)
 
 
-@settings(max_examples=100, deadline=None)
-@given(st.integers(0, 2**32))
+@few_and_many_examples(20, 100, st.integers(0, 2**32))
 def test_an_earlier_input_leaves_a_value_for_a_later_one(seed: int) -> None:
     rng = Random(seed)
     formula, env = input_test(rng, "z", ("u", "x"), 1), env_of(rng)
@@ -210,10 +209,11 @@ def test_an_earlier_input_leaves_a_value_for_a_later_one(seed: int) -> None:
         assert not missed, (formula, env, wanted, u, missed)
 
 
-def test_interpreter_and_compiled_code_agree_on_tests_of_inputs(tmp_path: Path) -> None:
-    pairs, seen = run_models(range(16), 8, tmp_path, random_unions, episodes=True)
+@pytest.mark.parametrize("seeds", few_and_many((2, 4, 11, 14), range(16)))
+def test_interpreter_and_compiled_code_agree_on_tests_of_inputs(seeds: Sequence[int], tmp_path: Path) -> None:
+    pairs, seen = run_models(seeds, 8, tmp_path, random_unions, episodes=True)
     admissions = [a for pair in pairs for p in pair.environment.paths.paths for a in p.admissions]
-    assert sum(not a.is_interval for a in admissions) >= 10
+    assert sum(not a.is_interval for a in admissions) >= 5 / 8 * len(seeds)
     assert any(a.following is not None for a in admissions) and any(a.solved for a in admissions)
     assert min(seen["steps"], seen["blocked"]) > 0
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from conftest import shared
+from selection import quick_rows
 
 from dl2c.diagnostics import CompileError
 from dl2c.options import Options
@@ -74,13 +75,16 @@ def reading_of_keymaera(text: str) -> Formula:
 
 
 @cache
-def public_models() -> dict[str, tuple[Archive, list[dict[str, str]]]]:
-    """By file, its archive and what the parsers of KeYmaera X 5 and 4 make of its entries."""
+def public_models(every: int = 1) -> dict[str, tuple[Archive, list[dict[str, str]]]]:
+    """By one file of so many, its archive and what the parsers of KeYmaera X 5 and 4 make of its entries."""
     rows: dict[str, list[dict[str, str]]] = {}
     for line in shared("oracle/golden.jsonl").read_text().splitlines():
         row = json.loads(line)
         rows.setdefault(row["file"], []).append(row)
-    return {f: (parse_archive(Source.read(shared(f"corpus/{f}")))[0], found) for f, found in rows.items()}
+    return {
+        f: (parse_archive(Source.read(shared(f"corpus/{f}")))[0], found)
+        for f, found in list(rows.items())[::every]
+    }
 
 
 def of_name(archive: Archive, name: str) -> list[Entry]:
@@ -88,11 +92,15 @@ def of_name(archive: Archive, name: str) -> list[Entry]:
     return [entry for entry in archive.entries if name in (entry.name, "<undefined>")]
 
 
-def compared(stage: str, ours: Callable[[Entry], Formula]) -> tuple[dict[str, int], list[str]]:
-    """How many entries agree with a stage of KeYmaera X, by its parser, and which differ."""
+def compared(
+    stage: str, ours: Callable[[Entry], Formula], every: int = 1
+) -> tuple[dict[str, int], list[str]]:
+    """How many entries of every so many files agree with a stage of KeYmaera X, by its parser, and which
+    differ.
+    """
     agreeing: Counter[str] = Counter()
     differing: list[str] = []
-    for file, (archive, rows) in public_models().items():
+    for file, (archive, rows) in public_models(every).items():
         for row in rows:
             expected = reading_of_keymaera(row[stage])
             if expected in [meaning(entry, ours(entry)) for entry in of_name(archive, row["name"])]:
@@ -106,9 +114,16 @@ def compared(stage: str, ours: Callable[[Entry], Formula]) -> tuple[dict[str, in
 ALL = {"archive": 473, "oldarchive": 114}
 """The entries that the parsers of KeYmaera X 5 and 4 read."""
 
+EVERY = 5
+"""One file of so many is read in quick tests."""
 
-def test_public_models_read_as_keymaera_reads_them() -> None:
-    assert compared("model", lambda entry: entry.problem) == (ALL, [])
+SOME = {"archive": 43, "oldarchive": 21}
+"""The entries in these."""
+
+
+@pytest.mark.parametrize(("every", "read"), quick_rows(((EVERY, SOME), (1, ALL)), ((EVERY, SOME),)))
+def test_public_models_read_as_keymaera_reads_them(every: int, read: dict[str, int]) -> None:
+    assert compared("model", lambda entry: entry.problem, every) == (read, [])
 
 
 @pytest.mark.slow  # expands all public models; test_the_expanded_stage_prints_the_expansion does a few
@@ -123,10 +138,11 @@ def hints(entry: Entry, *bodies: Expression | None) -> list[Formula]:
     return [meaning(entry, formula) for loop in loops for formula in loop.invariants]
 
 
-def test_invariants_of_public_models_are_those_of_keymaera() -> None:
+@pytest.mark.parametrize(("every", "count"), quick_rows(((EVERY, 13), (1, 278)), ((EVERY, 13),)))
+def test_invariants_of_public_models_are_those_of_keymaera(every: int, count: int) -> None:
     """KeYmaera X lists those of the problem and of the definitions that it uses."""
     found = 0
-    for archive, rows in public_models().values():
+    for archive, rows in public_models(every).values():
         for row in rows:
             (entry,) = of_name(archive, row["name"])[:1]
             listed = [reading_of_keymaera(text) for text in row["annot"].split(" ;; ") if text]
@@ -134,12 +150,12 @@ def test_invariants_of_public_models_are_those_of_keymaera() -> None:
             assert all(formula in listed for formula in hints(entry, entry.problem))
             assert all(formula in everywhere for formula in listed)
             found += bool(listed)
-    assert found == 278
+    assert found == count
 
 
 def test_the_expanded_stage_prints_the_expansion() -> None:
     """Of entries chosen by number; two of the public ones share a name."""
-    for file, (archive, _) in list(public_models().items())[::20]:
+    for file, (archive, _) in list(public_models(EVERY).items())[::4]:
         source = Source.read(shared(f"corpus/{file}"))
         for number, entry in enumerate(archive.entries[:2], 1):
             shown = emit(source, "expanded", Options(entry=str(number)))
