@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from commands.test_cli import run
 from conftest import shared
+from selection import quick_among
 
 import dl2c
 import dl2c.cli
@@ -66,7 +67,7 @@ def test_annotated_models_stay_as_they_are(path: Path) -> None:
     check_model(Source("copy.kyx", edited(content, edits).decode()), Options())
 
 
-@pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", quick_among(MODELS, MODELS[::4]), ids=lambda path: path.stem)
 def test_models_are_annotated_anew(path: Path) -> None:
     """Without its comments every model gets annotations with which it builds."""
     plain = re.sub(r"/\*.*?\*/", "", path.read_text(encoding="ascii"), flags=re.S)

@@ -10,8 +10,9 @@ import pytest
 from commands.test_cli import run
 from generators.ir_builder import formula
 from generators.lint_models import CASES, MODEL, Parts, varied
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from selection import few_and_many_examples
 from test_model_errors import mutated
 
 from dl2c.commands.check import table_of_codes
@@ -254,8 +255,7 @@ def test_codes_are_listed(capsys: Any) -> None:
 # Whatever is written -----------------------------------------------------------
 
 
-@settings(max_examples=60)
-@given(st.integers(0, 10**9))
+@few_and_many_examples(15, 60, st.integers(0, 10**9))
 def test_any_model_is_examined_corrected_and_annotated(seed: int) -> None:
     source = Source("any.kyx", mutated(MODEL, Random(seed)))
     examined = examine(source, Options(), portable=True)

@@ -12,6 +12,7 @@ from generators.syntax_strategies import archives, programs
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from lint.test_annotate import MODELS, annotated, without
+from selection import few_and_many_examples, quick_among
 
 from dl2c.diagnostics import CompileError
 from dl2c.ir.printer import print_model
@@ -77,8 +78,7 @@ def told(found: tuple[Annotation, ...]) -> list[object]:
     return [(a.name, [(name, value) for name, value, _ in a.attributes]) for a in found]
 
 
-@given(annotated_archives())
-@settings(max_examples=50)
+@few_and_many_examples(12, 50, annotated_archives())
 def test_annotations_survive_printing(archive: Archive) -> None:
     read, _ = parse_archive(Source("printed.kyx", print_archive(archive)))
     assert read == archive
@@ -100,8 +100,7 @@ def test_invariants_survive_printing(program: Program) -> None:
     assert invariants(parse_program(print_program(program))) == invariants(program)
 
 
-@given(SEEDS)
-@settings(max_examples=60)
+@few_and_many_examples(15, 60, SEEDS)
 def test_expansion_means_the_same(seed: int) -> None:
     """A model and the model that its expansion is have one step model."""
     text = random_text(seed)
@@ -114,8 +113,7 @@ def test_expansion_means_the_same(seed: int) -> None:
     assert found[0] == found[1]
 
 
-@given(SEEDS)
-@settings(max_examples=60)
+@few_and_many_examples(15, 60, SEEDS)
 def test_the_tree_of_a_model_means_the_same(seed: int) -> None:
     text = random_text(seed)
     again = emit(Source("random.kyx", text), "tree", Options())
@@ -129,7 +127,7 @@ DECISIONS = random_text(0).replace(
 )
 
 
-@pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", quick_among(MODELS, MODELS[::4]), ids=lambda path: path.stem)
 def test_printing_keeps_all_that_a_model_says(path: Path) -> None:
     source = Source.read(path)
     again = Source(path.name, emit(source, "tree", Options()))
@@ -147,8 +145,7 @@ def test_printing_keeps_the_annotations_inside_programs() -> None:
     assert [p.marks for p in found[0][1].paths] == [p.marks for p in found[1][1].paths]
 
 
-@given(SEEDS, st.randoms(use_true_random=False))
-@settings(max_examples=60)
+@few_and_many_examples(15, 60, SEEDS, st.randoms(use_true_random=False))
 def test_annotations_inside_programs_survive_printing(seed: int, random: Random) -> None:
     """Wherever they stand, where the model can be run with them."""
     text = random_text(seed)
