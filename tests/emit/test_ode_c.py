@@ -7,6 +7,7 @@ from random import Random
 import pytest
 from differential import environment_of
 from generators.random_models import variable
+from selection import few_and_many
 from symbolic.test_symbolic import FLOW, INCLUDES, SYMBOLS, expressions, leaves_of, place, run, unit
 
 from dl2c.emit.leaf import Leaves
@@ -42,7 +43,8 @@ def difference(term: Term, by: Symbol, environment: dict[Symbol, float]) -> floa
     return middle if abs(left - right) <= 1e-5 * (1 + abs(middle)) else None
 
 
-def test_partial_derivatives_are_limits_of_differences(tmp_path: Path) -> None:
+@pytest.mark.parametrize("count", few_and_many(8, 40))
+def test_partial_derivatives_are_limits_of_differences(count: int, tmp_path: Path) -> None:
     terms, _ = expressions(120)
     leaves = leaves_of(symbolic.Builder())
     asked = [(t, v) for t in terms for v in (X, Y, Z)]
@@ -50,14 +52,14 @@ def test_partial_derivatives_are_limits_of_differences(tmp_path: Path) -> None:
     in_c = unit([value or "0.0" for value in values], leaves, tmp_path)
     assert 0.2 < values.count(None) / len(values) < 0.9
     rng, agreed = Random(3), 0
-    for _ in range(40):
+    for _ in range(count):
         state = [rng.uniform(-4, 4) for _ in SYMBOLS]
         environment = dict(zip(SYMBOLS, state, strict=True))
         for (term, by), value in zip(asked, in_c(state), strict=True):
             if (wanted := difference(term, by, environment)) is not None:
                 assert value == pytest.approx(wanted, rel=1e-4, abs=1e-4), (term, by)
                 agreed += 1
-    assert agreed > 2000
+    assert agreed > 50 * count
 
 
 def number(value: int) -> Term:

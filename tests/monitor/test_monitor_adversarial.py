@@ -20,7 +20,7 @@ from dl2c.report.trace import questions
 
 EXAMPLES = sorted(set(MODELS) - {"operations", "functions", "pendulum"})
 """Whole numbers give the truth of these; campaigns/test_controller_relation.py judges the pendulum too."""
-STATES, FEW = 1_000_000, 2_000
+STATES, FEW = 1_000_000, 400
 AROUND = 40
 """States around each end of a bisection, each number off by 2 units in the last place at most."""
 

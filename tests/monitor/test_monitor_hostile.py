@@ -8,7 +8,7 @@ import pytest
 from monitor.test_monitor_adversarial import EXAMPLES, Rows, verdicts_of
 from monitor.test_monitor_sound import random_row
 from oracles.exact_truth import exact_check
-from selection import quick_among
+from selection import few_and_many, quick_among
 from target_program import on_host
 
 from dl2c.commands.monitor import unit_of
@@ -65,11 +65,12 @@ def test_what_is_no_number_is_never_satisfied(example: str, real: str, tmp_path:
                 assert ((ids == 0) == [holds(row) for row in rows.tolist()])[decided].all()
 
 
+@pytest.mark.parametrize("count", few_and_many(300, 3000))
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize("example", quick_among((*EXAMPLES, "pendulum"), ("acc", "pendulum", "waypoint")))
-def test_of_usual_states_hardly_any_is_unknown(example: str, real: str, tmp_path: Path) -> None:
+def test_of_usual_states_hardly_any_is_unknown(count: int, example: str, real: str, tmp_path: Path) -> None:
     unit = unit_of(f"example:{example}", {}, real=real, sound=True)
     asked = on_host(unit, tmp_path)
     for check in unit.monitor.checks:
-        _, unknown = verdicts_of(asked, check, random_rows(unit, check, 3000))
+        _, unknown = verdicts_of(asked, check, random_rows(unit, check, count))
         assert unknown.mean() < 0.01, check.kind
