@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from generators.kyx_builder import model_text
 from gymnasium.error import ResetNeeded
+from selection import few_and_many
 
 import dl2c
 import dl2c.env.single
@@ -167,7 +168,8 @@ def unchanged(before: list[int], after: list[int]) -> bool:
     return all(abs(a - b) < 10 for a, b in zip(after, before, strict=True))
 
 
-def test_steps_keep_nothing() -> None:
+@pytest.mark.parametrize("count", few_and_many(10_000, 100_000))
+def test_steps_keep_nothing(count: int) -> None:
     """Neither those that succeed nor those that are refused."""
     env = dl2c.make("example:waypoint")
     shared = shared_objects(env._transition)
@@ -185,7 +187,7 @@ def test_steps_keep_nothing() -> None:
         go_on(1000)
         gc.collect()
         memory = tracemalloc.get_traced_memory()[0]
-        go_on(100_000)
+        go_on(count)
         gc.collect()
         assert tracemalloc.get_traced_memory()[0] - memory < 20_000
     finally:
@@ -208,9 +210,14 @@ BROKEN: dict[str, Any] = {
 }
 
 
+@pytest.fixture(scope="module")
+def waypoint() -> Dl2cEnv:
+    return dl2c.make("example:waypoint")
+
+
 @pytest.mark.parametrize("part", BROKEN)
-def test_an_error_in_any_part_passes_through(part: str) -> None:
-    env = dl2c.make("example:waypoint")
+def test_an_error_in_any_part_passes_through(part: str, waypoint: Dl2cEnv) -> None:
+    env = waypoint
     make = single_step()
     assert make is not None
     parts = list(env._transition.__self__)  # pyright: ignore[reportFunctionMemberAccess]

@@ -8,6 +8,7 @@ from generators.ir_builder import model
 from native.test_native_sampling import ROBOT, audit_all
 from oracles.streams import Stream
 from sampling.test_sampling import planned
+from selection import few_and_many
 
 from dl2c import make, make_vec
 from dl2c.emit.simulator.sampler_c import alias_table
@@ -117,10 +118,10 @@ def nearest_distance(target, width, names, limits, starts):
     return min((squared(z) ** 0.5 for z in found if feasible(z)), default=np.inf)
 
 
+@pytest.mark.parametrize("count", few_and_many(20, 60))
 @pytest.mark.parametrize("text", LIMITS, ids=["square", "waypoint"])
-def test_states_are_almost_as_near_as_can_be(text):
+def test_states_are_almost_as_near_as_can_be(count, text):
     """To the targets of the stream, within a tenth on average; admissible targets are met."""
-    count = 60
     names, rows, _ = targeted(text, count)
     blocks = planned(Compilation(Source("m.kyx", text), Options()).lowered.drawn).blocks
     ratios = []
