@@ -17,6 +17,7 @@ from generators.flow_library import Compiled, compiled
 from generators.ir_builder import formula, term
 from generators.random_odes import VARIABLES, Start, flows_model, random_flow
 from oracles.flows import Singular, judge, moved
+from selection import few_and_many
 
 import dl2c
 from dl2c.flows.kernel import FlowPlan, plan_flow
@@ -44,10 +45,13 @@ def test_errors_fall_with_the_tolerance(tmp_path: Path) -> None:
     assert errors[0] > 30 * errors[1] > 900 * errors[2] > 0
 
 
-def test_events_lie_on_the_interpolant_as_exactly_as_steps(tmp_path: Path) -> None:
+@pytest.mark.parametrize("tolerances", few_and_many(("1e-7",), ("1e-5", "1e-7", "1e-9", "1e-11")))
+def test_events_lie_on_the_interpolant_as_exactly_as_steps(
+    tolerances: tuple[str, ...], tmp_path: Path
+) -> None:
     """The first time that y = -1/2: between two steps, whatever the tolerance."""
     true = pendulum(tmp_path / "true", "1e-13", domain="y >= -1/2")().duration
-    for rtol in ("1e-5", "1e-7", "1e-9", "1e-11"):
+    for rtol in tolerances:
         arrival = pendulum(tmp_path / rtol, rtol, domain="y >= -1/2")()
         assert arrival.state["y"] == -0.5
         assert abs(arrival.duration - true) < 10 * float(rtol)

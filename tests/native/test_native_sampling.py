@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from oracles.initial_states import audited, audited_witness, definitions_of
 from sampling.test_uniform import CELLS, circle_and_products, counts, cuts_of, p_value
+from selection import few_and_many
 
 from dl2c import make
 from dl2c.ir.model import Symbol
@@ -77,9 +78,10 @@ def audit_all(source, names, rows, manifest):
             assert "yes" in verdicts
 
 
+@pytest.mark.parametrize("count", few_and_many(300, 2000))
 @pytest.mark.parametrize(("source", "certificate"), [(WAYPOINT, "exact"), (ROBOT, "witness")])
-def test_compiled_samples_pass_the_audit(source, certificate):
-    names, rows, manifest = states(source, 2000)
+def test_compiled_samples_pass_the_audit(count, source, certificate):
+    names, rows, manifest = states(source, count)
     assert manifest.certificate == certificate
     assert manifest.sampler["error_bound"] <= 1e-14
     audit_all(source, names, rows, manifest)

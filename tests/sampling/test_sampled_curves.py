@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from generators.ir_builder import model
-from selection import quick_among, quick_rows
+from selection import few_and_many, quick_among, quick_rows
 
 import dl2c
 from dl2c.diagnostics import render
@@ -26,6 +26,8 @@ from dl2c.sampling.draw import draw_many
 from dl2c.sampling.plan import NoSampler, plan_sampling
 from dl2c.sampling.tables import SamplingPlan
 from dl2c.source import Source
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
 @dataclass(frozen=True)
@@ -102,11 +104,12 @@ def has_solution_near(curve, point, reach):
     return False
 
 
+@pytest.mark.parametrize("count", few_and_many(200, 1000))
 @pytest.mark.parametrize("curve", quick_among(CURVES, (CURVES[0], CURVES[4])), ids=lambda c: c.text)
-def test_every_state_is_next_to_a_solution(curve):
+def test_every_state_is_next_to_a_solution(count, curve):
     plan = planned(model(curve.text, curve.bounds))
     assert plan.certificate == "witness" and plan.error_bound < 1e-11
-    columns = draw_many(plan, np.random.default_rng(1), 1000)
+    columns = draw_many(plan, np.random.default_rng(1), count)
     for point in zip(*(columns[n].tolist() for n in curve.bounds), strict=True):
         assert has_solution_near(curve, point, plan.error_bound)
         limits = [map(float, b.split(":")) for b in curve.bounds.values()]

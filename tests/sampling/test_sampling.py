@@ -10,11 +10,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from generators.ir_builder import PAPER, formula, model, term
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example
 from hypothesis import strategies as st
 from oracles.initial_states import audited, audited_witness, definitions_of
 from oracles.ir import SYMBOLS, exact, formulas, holds, terms
-from selection import quick_among
+from selection import few_and_many, few_and_many_examples, quick_among
 
 from dl2c.diagnostics import render
 from dl2c.interval.arithmetic import Interval
@@ -105,14 +105,14 @@ def test_unequal_sides_in_one_case_split_the_states_of_two():
     assert np.mean(drawn["x"] == 0) == pytest.approx(1 / (1 + math.sqrt(2)), abs=0.03)
 
 
+@pytest.mark.parametrize("count", few_and_many(500, 3000))
 @pytest.mark.parametrize("m", quick_among(MODELS, MODELS[1::3]), ids=lambda m: m.source[:30])
-def test_every_sample_satisfies_the_precondition_exactly(m):
+def test_every_sample_satisfies_the_precondition_exactly(count, m):
     plan = planned(m)
-    audit(m, plan, draw_many(plan, np.random.default_rng(1), 3000))
+    audit(m, plan, draw_many(plan, np.random.default_rng(1), count))
 
 
-@settings(max_examples=60, deadline=None)
-@given(formulas)
+@few_and_many_examples(15, 60, formulas)
 def test_samples_of_random_preconditions_are_valid(f):
     m = replace(model("True", {s.name: "-2:3" for s in SYMBOLS}), precondition=f)
     plan = plan_sampling(m, boxes=8, time_limit_s=2.0)
@@ -143,8 +143,7 @@ def test_acceptance_proves_atoms_at_their_boundary():
     assert unsound > 50
 
 
-@settings(max_examples=300, deadline=None)
-@given(formulas, st.lists(st.floats(-2, 3), min_size=3, max_size=3))
+@few_and_many_examples(75, 300, formulas, st.lists(st.floats(-2, 3), min_size=3, max_size=3))
 @example(Compare("=", SYMBOLS[0], Neg(Div(SYMBOLS[0], SYMBOLS[0]))), [1.0, 0.0, 0.0])
 def test_acceptance_in_doubles_implies_truth(f, numbers):
     box = {s: Interval(-2.0, 3.0) for s in SYMBOLS}
@@ -157,8 +156,7 @@ def test_acceptance_in_doubles_implies_truth(f, numbers):
         assert holds(f, {s: Fraction(v) for s, v in zip(SYMBOLS, numbers, strict=True)})
 
 
-@settings(max_examples=400, deadline=None)
-@given(terms, st.lists(st.floats(-2, 3), min_size=3, max_size=3))
+@few_and_many_examples(100, 400, terms, st.lists(st.floats(-2, 3), min_size=3, max_size=3))
 def test_error_bound_covers_the_rounding(t, numbers):
     box = {s: Interval(-2.0, 3.0) for s in SYMBOLS}
     try:
@@ -176,8 +174,7 @@ def float_value(t, point):
     return interp_value(t, {Symbol(n, "variable"): v for n, v in point.items()})
 
 
-@settings(max_examples=200, deadline=None)
-@given(formulas, st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3))
+@few_and_many_examples(50, 200, formulas, st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3))
 def test_arrays_agree_with_the_interpreter(f, numbers):
     columns = {n: np.array([v]) for n, v in zip("xyz", numbers, strict=True)}
     point = dict(zip(SYMBOLS, numbers, strict=True))
