@@ -7,11 +7,13 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import pytest
 from commands.test_cli import run
+from selection import quick_rows
 
 import dl2c
 from dl2c.configuration import resolve_options
@@ -204,8 +206,9 @@ TURNING = (
 """True, and the search for a proof goes on for long."""
 
 
-@pytest.mark.parametrize("group", [False, True], ids=["process", "group"])
-@pytest.mark.parametrize("delay", [0.3, 2.0, 4.0])
+@pytest.mark.parametrize(
+    ("delay", "group"), quick_rows(product((0.3, 2.0, 4.0), (False, True)), ((0.3, False), (4.0, True)))
+)
 def test_an_interruption_says_what_is_known(tmp_path: Path, delay: float, group: bool) -> None:
     """Whether it comes to the process alone, or also to those that it started, as from a terminal."""
     (tmp_path / "turning.kyx").write_text(TURNING, encoding="utf-8")
@@ -226,6 +229,7 @@ def test_an_interruption_says_what_is_known(tmp_path: Path, delay: float, group:
     assert b"theorem: " in out or (not out and delay < 4)
 
 
+@pytest.mark.usefixtures("unoptimised")
 def test_commands_say_what_is_known(capsys: Any, models: dict[str, str], tmp_path: Path) -> None:
     """`info`, the manifest, the first comments of C, `check`: before a proof and after it."""
     model, hint, known = models["proved"], "`dl2c verify", "proved by dl2c verify"

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from policy_proof.questions import layers, question
 from policy_proof.test_leading_statements import CARELESS, report
+from selection import few_and_many
 
 from dl2c.ir.model import TRUE, Add, Compare, Formula, Number, Symbol
 from dl2c.policy.network import PolicyError
@@ -120,13 +121,16 @@ def test_a_plane_is_covered_exactly(proved: tuple[Question, Found], seed: int) -
         assert rows == sorted(zip(boxes.tolist(), codes.tolist(), strict=True))
 
 
-def test_a_hundred_thousand_leaves() -> None:
-    """A complete tree, as a search could leave it."""
+@pytest.mark.parametrize("levels", few_and_many(12, 16))
+def test_all_leaves_of_a_complete_tree(levels: int) -> None:
+    """As a search could leave it; the large one has more than a hundred thousand."""
     made = asked(3, 0.0, 2)
-    tree = [bytes([k % 2]) * 2**k for k in range(17)] + [bytes([BY_BOUNDS, NO_STATE]) * 2**16]
+    tree = [bytes([k % 2]) * 2**k for k in range(levels + 1)]
+    tree.append(bytes([BY_BOUNDS, NO_STATE]) * 2**levels)
     check_levels(made, tree)
     drawn = plane_of(made, Found("unknown", 0, 0, 0.0, 0.0, tree=tuple(tree)), ("x1", "x0"))
-    assert len(drawn.leaves) == 2**17 and exact_area(drawn.leaves) == exact_area(box_of(made)[None])
+    assert len(drawn.leaves) == 2 ** (levels + 1)
+    assert exact_area(drawn.leaves) == exact_area(box_of(made)[None])
 
 
 def test_boxes_that_were_open_are_open_in_a_refuted_search(refuted: tuple[Question, Found]) -> None:

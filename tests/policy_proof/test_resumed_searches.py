@@ -30,11 +30,23 @@ def before(found: Found, levels: int) -> Before:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: Any) -> PolicyReport:
+def kept(tmp_path_factory: Any) -> Path:
+    """Where one search is kept."""
+    return tmp_path_factory.mktemp("whole") / "search.json"
+
+
+@pytest.fixture(scope="module")
+def whole(kept: Path) -> PolicyReport:
     """One search."""
-    report = tank(tmp_path_factory.mktemp("whole"), BENT)
+    report = tank(kept.parent, BENT, resume=kept)
     assert report.answer == "proved" and len(report.found[0].tree) > 3
     return report
+
+
+@pytest.fixture(scope="module")
+def search_of_whole(kept: Path, whole: PolicyReport) -> str:
+    """The file of the search."""
+    return kept.read_text()
 
 
 def test_any_level_is_a_place_to_go_on(whole: PolicyReport) -> None:
@@ -121,9 +133,9 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_no_search_is_refused(tmp_path: Path, name: str) -> None:
+def test_what_is_no_search_is_refused(tmp_path: Path, search_of_whole: str, name: str) -> None:
     file = tmp_path / "search.json"
-    tank(tmp_path, BENT, resume=file)
+    file.write_text(search_of_whole)
     edited(file, WRONG[name])
     with pytest.raises(CertificateError):
         tank(tmp_path, BENT, resume=file)
