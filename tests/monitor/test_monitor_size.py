@@ -79,7 +79,7 @@ def deepest(graph: str, entries: list[str]) -> int:
     return max(map(depth, entries))
 
 
-@pytest.fixture(scope="module", params=quick_among(EXAMPLES, ("acc", "dubins", "evasion", "watertank")))
+@pytest.fixture(scope="module", params=quick_among(EXAMPLES, ("evasion", "watertank")))
 def forms(request: pytest.FixtureRequest) -> tuple[str, dict[str, Unit]]:
     """An example, and its monitor in every form."""
     example: str = request.param

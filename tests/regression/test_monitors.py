@@ -92,7 +92,7 @@ def test_fast_arithmetic_is_refused(flag: str, sound: bool, tmp_path: Path) -> N
 FORMS = [*product(EXAMPLES, (False, True), ("double", "float"))]
 
 
-@pytest.mark.parametrize(("example", "sound", "real"), quick_rows(FORMS, FORMS[::3]))
+@pytest.mark.parametrize(("example", "sound", "real"), quick_rows(FORMS, FORMS[::7]))
 def test_monitors_are_cpp_and_compile_as_one(example: str, sound: bool, real: str, tmp_path: Path) -> None:
     """Two builds of one model, and of two, in one file and in one program."""
     unit = unit_of(f"example:{example}", {}, real=real, sound=sound)
