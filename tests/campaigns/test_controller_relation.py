@@ -73,7 +73,7 @@ HIDDEN = {
 """What is done with a value that no variable shows afterwards."""
 
 MODELS = (*EXAMPLES, *PUBLIC, *FOUND, *HIDDEN)
-BRIEF = ("acc", "watertank", "followers", "o5", "a parabola")
+BRIEF = ("watertank", "o5", "a parabola")
 COUNTED = [
     *(pytest.param(name, QUICK, id=f"{name}-quick") for name in BRIEF),
     *(pytest.param(name, STATES // PASSES, marks=pytest.mark.slow, id=name) for name in MODELS),

@@ -38,7 +38,7 @@ from dl2c.training.folders import read_run
 from dl2c.training.rollout import rollout
 from dl2c.training.run import TrainingError
 
-MUTATIONS = int(os.environ.get("DL2C_MUTATIONS", "300"))
+MUTATIONS = int(os.environ.get("DL2C_MUTATIONS", "100"))
 SEED = int(os.environ.get("DL2C_SEED", "20240"))
 WAYPOINT = "example:waypoint"
 

@@ -12,6 +12,7 @@ from oracles.exact_runs import premises, refutes, theorem
 from oracles.exact_time import Poly, isolated, points, squarefree
 from oracles.exact_values import truth
 from oracles.sturm import from_roots, value
+from selection import few_and_many
 
 from dl2c.parse import tree
 from dl2c.parse.parser import parse_formula, parse_program
@@ -200,9 +201,10 @@ FALSE = (
 )
 
 
+@pytest.mark.parametrize("count", few_and_many(40, 150))
 @pytest.mark.parametrize("problem", TRUE)
-def test_true_theorems_are_not_refuted(problem: str) -> None:
-    assert refutation(model(problem), Random(1), 150) is None
+def test_true_theorems_are_not_refuted(count: int, problem: str) -> None:
+    assert refutation(model(problem), Random(1), count) is None
 
 
 @pytest.mark.parametrize("problem", FALSE)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from differential import pair_of
 from generators.kyx_builder import codes, paths_of
-from selection import quick_among
+from selection import few_and_many, quick_among
 
 from dl2c.diagnostics import CompileError
 from dl2c.paths.zeros import zeros
@@ -36,11 +36,12 @@ def at(c: list[Fraction], u: float) -> Fraction:
     return value
 
 
+@pytest.mark.parametrize("count", few_and_many(4, 12))
 @pytest.mark.parametrize("degree", quick_among((3, 4, 5, 8, 12), (3, 4, 5, 8)))
-def test_every_zero_is_found(degree: int) -> None:
+def test_every_zero_is_found(count: int, degree: int) -> None:
     """Between two neighbours of the zeros and turning points the sign is one, in doubles and rationals."""
     rng = Random(degree)
-    for _ in range(12):
+    for _ in range(count):
         c = polynomial(rng, degree)
         for exact in (False, True):
             found = zeros(c, Fraction(-3) if exact else -3.0, Fraction(3) if exact else 3.0, True, exact)
@@ -56,6 +57,7 @@ def test_every_zero_is_found(degree: int) -> None:
                 assert min(abs(float(z) - r) for z in found) < 1e-2
 
 
+@pytest.mark.parametrize("count", few_and_many(15, 60))
 @pytest.mark.parametrize(
     ("test", "margin"),
     [
@@ -65,10 +67,12 @@ def test_every_zero_is_found(degree: int) -> None:
         ("x*v^6 < 2 - v^3", lambda v, x: 2 - v**3 - x * v**6),
     ],
 )
-def test_the_nearest_value_that_passes_is_taken(test: str, margin: object, tmp_path: Path) -> None:
+def test_the_nearest_value_that_passes_is_taken(
+    count: int, test: str, margin: object, tmp_path: Path
+) -> None:
     pair = pair_of(f"v := *; ?{test};", tmp_path, VARIABLES)
     rng = Random(7)
-    for _ in range(60):
+    for _ in range(count):
         state = {"v": rng.uniform(-3, 3), "x": rng.uniform(-9, 9)}
         wanted = rng.uniform(-3.2, 3.2)
         start = margin(wanted, state["x"])  # pyright: ignore[reportCallIssue]
@@ -85,7 +89,7 @@ def test_the_nearest_value_that_passes_is_taken(test: str, margin: object, tmp_p
             u = -3 + 6 * k / 2000
             if abs(u - wanted) < distance - 1e-9:
                 assert margin(u, state["x"]) <= 1e-12  # pyright: ignore[reportCallIssue]
-    assert pair.seen["steps"] == 60
+    assert pair.seen["steps"] == count
 
 
 def test_equalities_take_their_zeros_and_masks_know_whether_there_is_one(tmp_path: Path) -> None:
