@@ -42,6 +42,7 @@ def test_good_models_have_no_warnings(path: Path) -> None:
     assert check_model(source(path), resolve_options({})) == ()
 
 
+@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("path", [WAYPOINT, *GOOD], ids=lambda path: path.stem)
 def test_good_models_run(path: Path) -> None:
     """Fifty random steps: observations lie in their space, rewards are numbers."""

@@ -87,6 +87,7 @@ def test_many_hostile_callers_do_no_harm(compiler: str, sanitizer: str, how: str
         run(sanitized(compiler, sanitizer, source, tmp_path, "-O1"), how)
 
 
+@pytest.mark.usefixtures("unoptimised")
 def test_inputs_that_are_no_numbers_mean_an_end() -> None:
     """NaN means the lowest admissible value, anything beyond an end that end."""
     library = dl2c.load(dl2c.build(HERE / "good" / "tank.kyx").directory)

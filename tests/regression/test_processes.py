@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 # The cache ---------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("unoptimised")
 def test_an_entry_that_cannot_be_loaded_is_built_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

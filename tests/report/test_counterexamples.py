@@ -37,6 +37,8 @@ from dl2c.report.recording import Recorder, failures_to
 from dl2c.report.search import propose, search
 from dl2c.report.shrink import simpler
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 HERE = Path(__file__).parents[1]
 WALK = HERE / "good" / "walk.kyx"
 TANK = HERE / "broken" / "watertank.kyx"
