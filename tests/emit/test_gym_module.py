@@ -13,12 +13,15 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from selection import few_and_many
 
 import dl2c
 from dl2c.configuration import resolve_options
 from dl2c.diagnostics import CompileError
 from dl2c.pipeline import emit
 from dl2c.source import Source
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 HERE = Path(__file__).parents[1]
 EXAMPLES = HERE.parent / "examples"
@@ -27,7 +30,7 @@ REFUSED = {"etcs", "evasion", "passive_safety", "static_safety"}
 """In plain Python: the environment decides, or tests join inputs."""
 SUPPORTED = sorted(path for path in EXAMPLES.glob("*.kyx") if path.stem not in REFUSED)
 SMALL = EXAMPLES / "rewards" / "deadline.kyx"
-QUICK = ("acc", "dubins", "waypoint")
+QUICK = ("dubins", "waypoint")
 NUMERIC = ("dubins", "pendulum", "thermostat")
 
 
@@ -139,11 +142,12 @@ def executed(info: dict[str, Any]) -> list[Any]:
     return [action[key] for key in sorted(action)] if isinstance(action, dict) else [action]
 
 
+@pytest.mark.parametrize("count", few_and_many(2, 5))
 @pytest.mark.parametrize("path", some_quick(SUPPORTED))
-def test_plain_python_agrees_with_compiled_code(path: Path, tmp_path: Path) -> None:
+def test_plain_python_agrees_with_compiled_code(count: int, path: Path, tmp_path: Path) -> None:
     """From the same state the same action has the same outcome."""
     module = imported(text_of(path, True), tmp_path)
-    agree(environment_of(module)(), dl2c.make(path), module, 5, 30)
+    agree(environment_of(module)(), dl2c.make(path), module, count, 30)
 
 
 def test_options_mean_the_same_in_plain_python(tmp_path: Path) -> None:

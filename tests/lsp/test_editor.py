@@ -9,6 +9,7 @@ from conftest import REPOSITORY
 from lsp_editor import Editor, File
 from lsp_mistakes import MODEL, SLIPS, Slip
 from lsprotocol import types
+from selection import quick_among
 
 from dl2c.commands.check import diagnostics_of
 from dl2c.lsp.analysis import analyse
@@ -43,7 +44,7 @@ def names(file: File, limit: int) -> list[tuple[int, int]]:
     return found[:: max(1, len(found) // limit)]
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", quick_among(EXAMPLES, EXAMPLES[::5]), ids=lambda path: path.stem)
 def test_names_of_an_example_are_answered(editor: Editor, path: Path) -> None:
     file = editor.read(path)
     for start, end in names(file, 12):
@@ -105,7 +106,7 @@ def test_words_have_their_colours(tank: File) -> None:
     assert 0 < len(part) < 300 and part[0] == tank.at("HP ctrl").line
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", quick_among(EXAMPLES, EXAMPLES[::5]), ids=lambda path: path.stem)
 def test_in_the_end_an_editor_shows_what_check_says(editor: Editor, path: Path) -> None:
     file = editor.read(path)
     wanted = sorted(d.code for d in diagnostics_of(str(path), {}, False))
@@ -133,7 +134,9 @@ def mistaken_and_mended(file: File, slip: Slip, pause: float) -> tuple[float, fl
     return told, file.until(lambda found: slip.code not in {d.code for d in found})
 
 
-@pytest.mark.parametrize("slip", SLIPS, ids=lambda slip: slip.typed.strip().replace(" ", "_"))
+@pytest.mark.parametrize(
+    "slip", quick_among(SLIPS, SLIPS[::3]), ids=lambda slip: slip.typed.strip().replace(" ", "_")
+)
 def test_a_slip_is_told_and_cleared(tank: File, slip: Slip) -> None:
     """In the time of twenty analyses at the most, on any machine."""
     begun = time.perf_counter()
