@@ -12,6 +12,7 @@ from both_forms import Both
 from oracles.motions import CURVE, LINE, MOTIONS, Motion
 from oracles.narrow_events import Tally, begins_outside, campaign, draw_case, narrow_model
 from oracles.narrow_forms import FORMS, Form, high
+from selection import few_and_many
 
 FLOWS = int(os.environ.get("DL2C_FLOWS", "10000"))
 SEED = int(os.environ.get("DL2C_SEED", "20240"))
@@ -32,12 +33,13 @@ def test_narrow_events(kernel: str) -> None:
     assert tally.counts["ended"] > FLOWS // 4
 
 
+@pytest.mark.parametrize("count", few_and_many(50, 200))
 @pytest.mark.parametrize("motion", (LINE, pytest.param(CURVE, marks=pytest.mark.slow)), ids=lambda m: m.name)
-def test_both_forms_meet_them_alike(motion: Motion) -> None:
+def test_both_forms_meet_them_alike(count: int, motion: Motion) -> None:
     """To the last bit; with widths that rounding hides."""
     random = Random(f"{SEED} both {motion.name}")
     both = Both(narrow_model(motion), default_bound="-1e6:1e6", on_blocked="terminate")
-    for _ in range(200):
+    for _ in range(count):
         case = draw_case(motion, random, thin=-11)
         if not begins_outside("exact", motion, case, FORMS[case.form]):
             continue

@@ -12,6 +12,7 @@ from policy_proof.questions import onnx_file
 from policy_proof.test_planes import is_progress
 from policy_proof.test_resumed_searches import BENT, interrupting
 from policy_proof.test_verify_policy import TANK, tank_network
+from selection import quick_among
 
 from dl2c.commands.policy import Asked, questions_of
 from dl2c.env.opening import compilation_of
@@ -19,6 +20,8 @@ from dl2c.policy.network import Interface, Layer, Network
 from dl2c.policy_proof import verdict
 from dl2c.policy_proof.search import Found, Limits, search
 from dl2c.version import install
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 pytest.importorskip("onnx")
 pytest.importorskip("matplotlib")
@@ -36,7 +39,7 @@ def verified(capsys: Any, folder: Path, network: Network, *words: str) -> tuple[
 BEGIN = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 
 
-@pytest.mark.parametrize("suffix", BEGIN)
+@pytest.mark.parametrize("suffix", quick_among(BEGIN, ("png", "svg")))
 def test_pictures_are_written(suffix: str, tmp_path: Path, capsys: Any) -> None:
     for network, code in ((tank_network(), 0), (SPIKE, 1)):
         file = tmp_path / "new" / f"{code}.{suffix}"
