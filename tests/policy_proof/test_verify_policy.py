@@ -15,6 +15,8 @@ from dl2c.policy.files import write_policy
 from dl2c.policy.network import Interface, Layer, Network, NetworkPolicy
 from dl2c.policy_proof.verdict import PolicyReport
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 pytest.importorskip("onnx")
 
 TANK = """Theorem "tank"
