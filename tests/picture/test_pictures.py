@@ -28,6 +28,8 @@ from dl2c.picture.track import Track, events, symbols_at
 from dl2c.pipeline import Compilation
 from dl2c.source import Source
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 
