@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from conftest import REPOSITORY
 from monitor_program import Program, Values, program_of
-from selection import quick_among
+from selection import few_and_many, quick_among
 
 from dl2c.commands.monitor import unit_of
 from dl2c.flows.solution import Solution, solve
@@ -302,13 +302,14 @@ def whole_program(example: str, folder: Path) -> Program:
     return program_of(unit_of(f"example:{example}", {}, kinds), folder)
 
 
+@pytest.mark.parametrize("count", few_and_many(300, 2000))
 @pytest.mark.parametrize("example", quick_among(EXAMPLES, ("acc", "etcs", "evasion", "thermostat")))
-def test_runs_of_the_model_itself_are_accepted(example: str, tmp_path: Path) -> None:
+def test_runs_of_the_model_itself_are_accepted(count: int, example: str, tmp_path: Path) -> None:
     program = whole_program(example, tmp_path)
     for check in program.unit.monitor.checks:
         mutant = Mutant("nothing", program.unit.monitor.model, check.kind == "model")
-        rows = list(runs(mutant, random.Random(1), 2000))
-        assert len(rows) > 20
+        rows = list(runs(mutant, random.Random(1), count))
+        assert len(rows) > count / 100
         assert {number for number, _ in program.verdicts(check.kind, rows)} == {0}
 
 
