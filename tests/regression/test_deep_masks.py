@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from both_forms import Both, quick_builds, theorem
 from differential import run_models
 from generators.random_models import random_model, random_program
+from selection import few_and_many
 
 import dl2c
 from dl2c.env.sb3 import Dl2cVecEnv
@@ -144,10 +146,8 @@ def varied(model: Model, rng: Random) -> Model:
     )
 
 
-@pytest.mark.parametrize(
-    "seeds", [range(8), pytest.param(range(8, 120), marks=pytest.mark.slow)], ids=["some", "many"]
-)
-def test_both_forms_agree_whatever_is_watched_and_masked(seeds: range, tmp_path: Path) -> None:
+@pytest.mark.parametrize("seeds", few_and_many((5, 6, 7), range(120)))
+def test_both_forms_agree_whatever_is_watched_and_masked(seeds: Sequence[int], tmp_path: Path) -> None:
     _, total = run_models(seeds, 40, tmp_path, judged)
     _, more = run_models(seeds, 20, tmp_path, judged_program, episodes=True)
     assert total["steps"] > 100 and more["steps"] > 20
