@@ -1,6 +1,6 @@
 """Run interpreter and compiled code side by side.
 
-Models are compiled at -O1 as plain shared libraries and stepped through the same `Batch`
+Random models are compiled at -O1 as plain shared libraries and stepped through the same `Batch`
 that environments use. Every result of a step is compared to the last bit.
 """
 
@@ -322,8 +322,8 @@ def run_models(
 def pair_of(
     program: str, folder: Path, variables: str = "Real x; Real v;", options: Mapping[str, Any] | None = None
 ) -> Pair:
-    """Both forms of a model whose step is the program."""
+    """Both forms of a model whose step is the program; the compiler does not optimise."""
     environment = environment_of(lowered(f"true -> [{{{program}}}*] x > -99", "", variables, options=options))
     assert environment is not None
-    (library,) = compiled([environment], Path(mkdtemp(dir=folder)))
+    (library,) = compiled([environment], Path(mkdtemp(dir=folder)), "-O0")
     return Pair(environment, library, "fallback", 0.0)

@@ -58,10 +58,12 @@ def test_simulator_and_target_compile_one_text(example: str) -> None:
 IN_LANES = ("acc", "forced_acceleration", "static_safety_line", "watertank", "waypoint")
 """Whose steps are made in lanes, unless they are judged."""
 
+NOT_IN_LANES = ("static_safety", "thermostat")
+
 
 @pytest.mark.parametrize("action_map", ["project", "squash"])
 @pytest.mark.parametrize("on_blocked", ["fallback", "truncate"])
-@pytest.mark.parametrize("example", quick_among((*IN_LANES, "static_safety"), ("static_safety", "waypoint")))
+@pytest.mark.parametrize("example", quick_among((*IN_LANES, *NOT_IN_LANES), ("thermostat", "waypoint")))
 def test_steps_are_the_same_with_and_without_a_monitor(
     example: str, on_blocked: str, action_map: str
 ) -> None:
