@@ -22,6 +22,8 @@ from dl2c.native.errors import ResetFailed
 from dl2c.options import Options, UnknownOption, with_options
 from dl2c.training.evaluation import evaluate
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 WAYPOINT = "example:waypoint"
 REPOSITORY = Path(dl2c.__file__).parent.parent
 

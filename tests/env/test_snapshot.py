@@ -12,6 +12,8 @@ from gymnasium.utils.env_checker import data_equivalence
 
 import dl2c
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 MODELS = ["waypoint", "static_safety", "dubins", "bouncing_ball"]
 CHANCE = """Theorem "chance"
 ProgramVariables

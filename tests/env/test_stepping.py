@@ -26,6 +26,8 @@ from dl2c.native.errors import NativeError
 from dl2c.native.single import single_step
 from dl2c.native.toolchain import STRICT_FLAGS, find_compiler, python_include, run
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 WALK = model_text(
     "x = 0 & w = 0 & t = 0 -> [{w := *; {x := x + 1; ++ ?x > 0; x := x - 1;} {t := 0; ++ t := 0.5;}"
     " {x' = w, t' = 1 & t <= 1}}*] x < 5",

@@ -28,6 +28,8 @@ from dl2c.diagnostics import CompileError
 from dl2c.env.single import Dl2cEnv
 from dl2c.ir.printer import print_block
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 # Who decides ------------------------------------------------------------------
 
 

@@ -28,6 +28,8 @@ from dl2c.report.trace import replayed, rows_of, unseen
 from dl2c.source import Source
 from dl2c.training.rollout import rollout
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 EXAMPLES = sorted(p.stem for p in (REPOSITORY / "examples").glob("*.kyx"))
 QUICK = ("acc", "pendulum")
 CLOSED_FORM = {

@@ -19,6 +19,8 @@ from dl2c.source import Source
 from dl2c.training.evaluation import flat_environments
 from dl2c.training.policies import policy_of
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 EXAMPLES = sorted(p.stem for p in (REPOSITORY / "examples").glob("*.kyx"))
 QUICK = ("bouncing_ball", "passive_safety", "watertank", "waypoint")
 ENVIRONMENTS = 8
@@ -55,7 +57,7 @@ def test_simulator_and_target_compile_one_text(example: str) -> None:
             assert (built.directory / name).read_text(encoding="utf-8") == text
 
 
-IN_LANES = ("acc", "forced_acceleration", "static_safety_line", "watertank", "waypoint")
+IN_LANES = ("acc", "bouncing_ball", "forced_acceleration", "static_safety_line", "watertank", "waypoint")
 """Whose steps are made in lanes, unless they are judged."""
 
 NOT_IN_LANES = ("static_safety", "thermostat")

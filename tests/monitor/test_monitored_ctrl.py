@@ -20,6 +20,8 @@ from dl2c.env.encodings import Flat
 from dl2c.env.opening import open_library, source_of
 from dl2c.native.program import answers, compile_program
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 EXAMPLES = sorted(p.stem for p in (REPOSITORY / "examples").glob("*.kyx"))
 INPUTS = ["acc", "dubins", "pendulum", "static_safety", "watertank"]
 ENVIRONMENT = {"static_safety": ("xo", "yo")}

@@ -16,6 +16,8 @@ from selection import few_and_many
 
 import dl2c
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 KERNELS = ("exact", "linear", "cvodes", "dopri5")
 BESIDE = {kernel: MOTIONS[kernel][0] for kernel in KERNELS}
 """x' = v, beside another equation where that decides how the flow is followed."""

@@ -12,6 +12,8 @@ from dl2c.configuration import resolve_options
 from dl2c.pipeline import emit
 from dl2c.source import Source
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 STIFF = "x'=-1000000*(x-y), y'=-y"
 FAST = "x'=-100000*y, y'=100000*x"
 

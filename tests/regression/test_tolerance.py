@@ -23,6 +23,8 @@ from dl2c.ir.slack import relaxed, terms_of
 from dl2c.pipeline import emit, step_model
 from dl2c.source import Source
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 def safe(condition: str, parameters: str = "Real x", on_failure: str = "terminate:failure") -> str:
     return f"/* @safety: penalty=-1, on_failure={on_failure} */ Bool below({parameters}) <-> ({condition});"
