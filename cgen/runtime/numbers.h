@@ -127,6 +127,20 @@ static inline int64_t dl2c_next(const uint8_t *flags, int64_t i, int64_t count)
   return i;
 }
 
+/* The first index from i on where a flag, which is 0 or 1, is not set; `count` for none. */
+static inline int64_t dl2c_next_clear(const uint8_t *flags, int64_t i, int64_t count)
+{
+  const uint64_t all = 0x0101010101010101u;
+  uint64_t word = all;
+  while (i + 8 <= count) {
+    memcpy(&word, flags + i, sizeof word);
+    if (word != all) break;
+    i += 8;
+  }
+  while (i < count && flags[i]) i++;
+  return i;
+}
+
 /* dL's min and max; b where the two are equal or one is NaN. */
 static inline real dl2c_min(real a, real b) { return a < b ? a : b; }
 static inline real dl2c_max(real a, real b) { return a > b ? a : b; }

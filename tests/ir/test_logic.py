@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from fractions import Fraction
+from math import isfinite
 
 from generators.ir_builder import formula as ir_formula
 from generators.ir_builder import term as ir_term
@@ -22,6 +23,7 @@ from dl2c.ir.logic import (
     mapped,
     negation,
     oriented,
+    sides,
     substituted,
 )
 from dl2c.ir.model import FALSE, TRUE, Add, Compare, Flow, Formula, Mul, Neg, Number, Sub, Symbol, Term
@@ -31,6 +33,7 @@ from dl2c.ir.slack import relaxed
 Point = Mapping[Symbol, Fraction]
 points = st.fixed_dictionaries(dict.fromkeys(SYMBOLS, fractions))
 small_points = st.fixed_dictionaries(dict.fromkeys(SYMBOLS, st.fractions(-4, 4, max_denominator=3)))
+doubles = st.one_of(fractions.map(float), st.floats(-1e9, 1e9))
 TOLERANCE = Fraction(1, 10**9)
 
 
@@ -96,6 +99,27 @@ def test_orientation_keeps_the_truth(formula: Formula, point: Point) -> None:
 def test_relaxation_only_grows(formula: Formula, point: Point, tolerance: Fraction) -> None:
     if truth(formula, point, exact=True):
         assert truth(relaxed(formula, tolerance), point, exact=True)
+
+
+def has_values(formula: Formula, point: Mapping[Symbol, float]) -> bool:
+    try:
+        return all(isfinite(evaluate(side, point)) for side in sides(formula))
+    except Undefined:
+        return False
+
+
+@given(
+    formulas,
+    st.fixed_dictionaries(dict.fromkeys(SYMBOLS, doubles)),
+    st.sampled_from((TOLERANCE, Fraction(1))),
+)
+def test_what_holds_in_doubles_holds_relaxed(
+    formula: Formula, point: dict[Symbol, float], tolerance: Fraction
+) -> None:
+    """Rounding does not matter: compiled code asks for the relaxed formula only where the other is false."""
+    wide = relaxed(formula, tolerance)
+    assume(has_values(wide, point))
+    assert truth(wide, point) or not truth(formula, point)
 
 
 def test_no_tolerance_relaxes_nothing() -> None:

@@ -14,12 +14,14 @@ from dl2c.emit.names import lane, slot
 from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.paths_c import guard_conditions
 from dl2c.flows.watch import watches_of
+from dl2c.ir.logic import sides
 from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Rank, Symbol, Term, rank
 from dl2c.ir.printer import print_formula, print_term
-from dl2c.ir.slack import equalities_relaxed
+from dl2c.ir.slack import equalities_relaxed, relaxed
 from dl2c.lower.observations import fixed_entries, observation_limits, observed
 
 STATE = "const real *x, const real *p"
+RELAX = "model_relax(x, p, stride, count, row, facts);"
 STATUS = {"none": "DL2C_NONE", "success": "DL2C_SUCCESS", "failure": "DL2C_FAILURE"}
 ENDS = {"terminate": "DL2C_TERMINATE", "truncate": "DL2C_TRUNCATE"}
 
@@ -27,10 +29,13 @@ ENDS = {"terminate": "DL2C_TERMINATE", "truncate": "DL2C_TRUNCATE"}
 def judge_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """All functions of this file."""
     model = build.model
-    facts = _fact_conditions(model, leaves)
+    apart = [p for p in model.predicates if _is_relaxed_apart(p, build, leaves)]
+    facts = _fact_conditions(model, apart, leaves)
+    last = [RELAX] if apart else []
     return [
-        _facts(facts),
-        _facts_and_guards(facts, guard_conditions(build, 0, leaves)),
+        *([_relax(apart, leaves)] if apart else []),
+        _facts(facts, last),
+        _facts_and_guards(facts, guard_conditions(build, 0, leaves), last),
         _revise(model),
         _judge(model, leaves),
         _shapes(model, leaves),
@@ -80,8 +85,20 @@ def _derive(leaves: Leaves) -> str:
     )
 
 
-def _fact_conditions(model: Model, leaves: Leaves) -> list[tuple[str, str]]:
-    """Which flag says what of a post-state, and when it does."""
+def _is_relaxed_apart(predicate: Predicate, build: BuildPlan, leaves: Leaves) -> bool:
+    """Whether the tolerance is worth a thought only where the condition as it is written does not hold: that
+    implies the relaxed one, also in doubles, atom by atom, where everything has a value. Of what is to be
+    reached the condition rarely holds.
+    """
+    formula, wide = predicate.formula, predicate.relaxed
+    if predicate.category == "progress" or formula == wide:
+        return False
+    alike = relaxed(formula, build.options.tolerance) == wide
+    return alike and not any(leaves.builder.defined(side) for side in sides(wide))
+
+
+def _fact_conditions(model: Model, apart: Sequence[Predicate], leaves: Leaves) -> list[tuple[str, str]]:
+    """Which flag says what of a post-state, and when it does; but for the tolerance of those `apart`."""
     conditions: list[tuple[str, str]] = []
 
     def add(fact: str, name: str, formula: Formula, about: str) -> None:
@@ -89,33 +106,56 @@ def _fact_conditions(model: Model, leaves: Leaves) -> list[tuple[str, str]]:
         conditions.append((f"facts[{fact} * row + i]", holds))
 
     for predicate in model.predicates:
-        name, where = predicate.name, place(predicate.span)
-        about = f"{where}  @{predicate.category} {name}: {print_formula(predicate.formula)}, within tolerance"
-        add(f"F_{name}_holds", f"{name}_holds", predicate.relaxed, about)
+        name, about = predicate.name, _about(predicate)
+        if predicate in apart:
+            add(f"F_{name}_holds", f"{name}_surely_holds", predicate.formula, about)
+        else:
+            add(f"F_{name}_holds", f"{name}_holds", predicate.relaxed, f"{about}, within tolerance")
         if predicate.due is not None:
-            about = f"{where}  {name} is due: {print_formula(predicate.due)}"
+            about = f"{place(predicate.span)}  {name} is due: {print_formula(predicate.due)}"
             add(f"F_{name}_due", f"{name}_due", predicate.due, about)
     post = TRUE if model.postcondition is None else model.postcondition
     add("F_postcondition", "problem_postcondition", post, f"the problem's Q: {print_formula(post)}")
     return conditions
 
 
-def _facts(facts: list[tuple[str, str]]) -> str:
+def _about(predicate: Predicate) -> str:
+    where = place(predicate.span)
+    return f"{where}  @{predicate.category} {predicate.name}: {print_formula(predicate.formula)}"
+
+
+def _relax(apart: Sequence[Predicate], leaves: Leaves) -> str:
+    body: list[str] = []
+    for predicate in apart:
+        name, about = f"{predicate.name}_holds", f"{_about(predicate)}, within tolerance"
+        holds = leaves.condition(name, leaves.derived.in_formula(predicate.relaxed), about, lane)
+        flags = f"facts + F_{name} * row"
+        step = f"i = dl2c_next_clear({flags}, i, count)"
+        body += [f"for (int64_t i = 0; ({step}) < count; i++)"]
+        body += [f"  {line}" for line in wrapped(f"facts[F_{name} * row + i] = {holds};")]
+    return function(
+        f"DL2C_INLINE void model_relax({LANES}, int64_t row, uint8_t *restrict facts)",
+        body,
+        "Predicates that do not hold as they are written, within tolerance.   facts: (NFACT, row)",
+    )
+
+
+def _facts(facts: list[tuple[str, str]], last: list[str]) -> str:
     return function(
         f"DL2C_INLINE void model_facts({LANES}, int64_t row, uint8_t *restrict facts)",
-        each_flag(facts),
+        [*each_flag(facts), *last],
         "What a post-state is tested for.   facts: (NFACT, row)",
     )
 
 
-def _facts_and_guards(facts: list[tuple[str, str]], guards: list[tuple[str, str]]) -> str:
+def _facts_and_guards(facts: list[tuple[str, str]], guards: list[tuple[str, str]], last: list[str]) -> str:
     """Few enough share what they are made of."""
     arguments = "x, p, stride, count"
     calls = [f"model_facts({arguments}, row, facts);", f"model_guards(0, {arguments}, enabled);"]
     return function(
         f"DL2C_INLINE void model_facts_and_guards({LANES}, int64_t row, uint8_t *restrict facts, "
         "uint8_t *restrict enabled)",
-        each_flag([*facts, *guards]) if len(facts) + len(guards) <= BYTE else calls,
+        [*each_flag([*facts, *guards]), *last] if len(facts) + len(guards) <= BYTE else calls,
         "Both of a post-state: what it is tested for, and which paths of point 0 pass their tests.   "
         "facts: (NFACT, row)   enabled: (paths, stride)",
     )
