@@ -92,6 +92,9 @@ static inline void dl2c_leave_upper_halves(void)
 #define DL2C_INLINE static inline
 #endif
 
+/* For a function that is rarely called: it is compiled to be small. */
+#define DL2C_RARE static __attribute__((cold, noinline))
+
 /* For a function: inlines all that it calls. */
 #define DL2C_FLAT __attribute__((flatten))
 

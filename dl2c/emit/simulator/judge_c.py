@@ -33,7 +33,7 @@ def judge_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     facts = _fact_conditions(model, apart, leaves)
     last = [RELAX] if apart else []
     return [
-        *([_relax(apart, leaves)] if apart else []),
+        *_relax(apart, leaves),
         _facts(facts, last),
         _facts_and_guards(facts, guard_conditions(build, 0, leaves), last),
         _revise(model),
@@ -124,20 +124,23 @@ def _about(predicate: Predicate) -> str:
     return f"{where}  @{predicate.category} {predicate.name}: {print_formula(predicate.formula)}"
 
 
-def _relax(apart: Sequence[Predicate], leaves: Leaves) -> str:
+def _relax(apart: Sequence[Predicate], leaves: Leaves) -> list[str]:
+    functions: list[str] = []
     body: list[str] = []
     for predicate in apart:
         name, about = f"{predicate.name}_holds", f"{_about(predicate)}, within tolerance"
         holds = leaves.condition(name, leaves.derived.in_formula(predicate.relaxed), about, lane)
+        head = f"DL2C_RARE bool {predicate.name}_relaxed({STATE}, int64_t stride, int64_t i)"
+        functions.append(function(head, wrapped(f"return {holds};"), f"{name} in environment i."))
         flags = f"facts + F_{name} * row"
-        step = f"i = dl2c_next_clear({flags}, i, count)"
-        body += [f"for (int64_t i = 0; ({step}) < count; i++)"]
-        body += [f"  {line}" for line in wrapped(f"facts[F_{name} * row + i] = {holds};")]
-    return function(
+        body.append(f"for (int64_t i = 0; (i = dl2c_next_clear({flags}, i, count)) < count; i++)")
+        body.append(f"  facts[F_{name} * row + i] = {predicate.name}_relaxed(x, p, stride, i);")
+    relax = function(
         f"DL2C_INLINE void model_relax({LANES}, int64_t row, uint8_t *restrict facts)",
         body,
         "Predicates that do not hold as they are written, within tolerance.   facts: (NFACT, row)",
     )
+    return [*functions, relax] if apart else []
 
 
 def _facts(facts: list[tuple[str, str]], last: list[str]) -> str:

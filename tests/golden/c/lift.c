@@ -716,13 +716,19 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, cons
 
 #include "no_inputs.h"
 
+/* closed_holds in environment i. */
+DL2C_RARE bool closed_relaxed(const real *x, const real *p, int64_t stride, int64_t i)
+{
+  (void)p;
+  return closed_holds(x[X_h * stride + i], x[X_door * stride + i]);
+}
+
 /* Predicates that do not hold as they are written, within tolerance.   facts: (NFACT, row) */
 DL2C_INLINE void model_relax(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
-  (void)p;
   for (int64_t i = 0; (i = dl2c_next_clear(facts + F_closed_holds * row, i, count)) < count; i++)
-    facts[F_closed_holds * row + i] = closed_holds(x[X_h * stride + i], x[X_door * stride + i]);
+    facts[F_closed_holds * row + i] = closed_relaxed(x, p, stride, i);
 }
 
 /* What a post-state is tested for.   facts: (NFACT, row) */

@@ -423,12 +423,18 @@ DL2C_INLINE bool model_admits(int path, int input, const real *x, const real *p,
   return true;
 }
 
+/* inside_holds in environment i. */
+DL2C_RARE bool inside_relaxed(const real *x, const real *p, int64_t stride, int64_t i)
+{
+  return inside_holds(x[X_x * stride + i], p[P_H * stride + i]);
+}
+
 /* Predicates that do not hold as they are written, within tolerance.   facts: (NFACT, row) */
 DL2C_INLINE void model_relax(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
   for (int64_t i = 0; (i = dl2c_next_clear(facts + F_inside_holds * row, i, count)) < count; i++)
-    facts[F_inside_holds * row + i] = inside_holds(x[X_x * stride + i], p[P_H * stride + i]);
+    facts[F_inside_holds * row + i] = inside_relaxed(x, p, stride, i);
 }
 
 /* What a post-state is tested for.   facts: (NFACT, row) */

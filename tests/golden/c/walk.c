@@ -667,15 +667,28 @@ DL2C_INLINE bool model_admits(int path, int input, const real *x, const real *p,
   return true;
 }
 
+/* inside_holds in environment i. */
+DL2C_RARE bool inside_relaxed(const real *x, const real *p, int64_t stride, int64_t i)
+{
+  (void)p;
+  return inside_holds(x[X_x * stride + i]);
+}
+
+/* near_holds in environment i. */
+DL2C_RARE bool near_relaxed(const real *x, const real *p, int64_t stride, int64_t i)
+{
+  (void)p;
+  return near_holds(x[X_x * stride + i]);
+}
+
 /* Predicates that do not hold as they are written, within tolerance.   facts: (NFACT, row) */
 DL2C_INLINE void model_relax(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
-  (void)p;
   for (int64_t i = 0; (i = dl2c_next_clear(facts + F_inside_holds * row, i, count)) < count; i++)
-    facts[F_inside_holds * row + i] = inside_holds(x[X_x * stride + i]);
+    facts[F_inside_holds * row + i] = inside_relaxed(x, p, stride, i);
   for (int64_t i = 0; (i = dl2c_next_clear(facts + F_near_holds * row, i, count)) < count; i++)
-    facts[F_near_holds * row + i] = near_holds(x[X_x * stride + i]);
+    facts[F_near_holds * row + i] = near_relaxed(x, p, stride, i);
 }
 
 /* What a post-state is tested for.   facts: (NFACT, row) */

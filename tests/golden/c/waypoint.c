@@ -773,15 +773,20 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, cons
 
 #include "no_inputs.h"
 
+/* loopInv_holds in environment i. */
+DL2C_RARE bool loopInv_relaxed(const real *x, const real *p, int64_t stride, int64_t i)
+{
+  return loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+      x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i],
+      p[P_GDelta * stride + i], p[P_Vmax * stride + i], p[P_derived_constant1 * stride + i]);
+}
+
 /* Predicates that do not hold as they are written, within tolerance.   facts: (NFACT, row) */
 DL2C_INLINE void model_relax(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
   for (int64_t i = 0; (i = dl2c_next_clear(facts + F_loopInv_holds * row, i, count)) < count; i++)
-    facts[F_loopInv_holds * row + i] = loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i],
-        p[P_A * stride + i], p[P_GDelta * stride + i], p[P_Vmax * stride + i],
-        p[P_derived_constant1 * stride + i]);
+    facts[F_loopInv_holds * row + i] = loopInv_relaxed(x, p, stride, i);
 }
 
 /* What a post-state is tested for.   facts: (NFACT, row) */
