@@ -61,7 +61,10 @@ static inline real dl2c_pace(const real *y, const real *rates)
   return size > 0.0 ? speed / size : speed;
 }
 
-/* An interval that contains one variable: s^i is between 0 and 1.   up, down: sums of its terms, but c[0] */
+/*
+ * An interval that contains one variable: s^i is between 0 and 1, and rounding adds little.   down, up: sums
+ * of its negative and positive terms, without the first
+ */
 DL2C_INLINE dl2c_hull dl2c_terms_between(real first, real down, real up, real end)
 {
   const real rounding = (fabs(first) + up - down) * DL2C_TRACK_ROUNDING;

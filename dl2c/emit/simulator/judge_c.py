@@ -86,9 +86,9 @@ def _derive(leaves: Leaves) -> str:
 
 
 def _is_relaxed_apart(predicate: Predicate, build: BuildPlan, leaves: Leaves) -> bool:
-    """Whether the tolerance is worth a thought only where the condition as it is written does not hold: that
-    implies the relaxed one, also in doubles, atom by atom, where everything has a value. Of what is to be
-    reached the condition rarely holds.
+    """Whether the tolerance is computed only where the condition does not hold as it is written: that implies
+    the relaxed one, also in doubles, atom by atom, where everything has a value. What is to be reached rarely
+    holds as it is written: there nothing would be gained.
     """
     formula, wide = predicate.formula, predicate.relaxed
     if predicate.category == "progress" or formula == wide:
