@@ -92,9 +92,6 @@ static inline void dl2c_leave_upper_halves(void)
 #define DL2C_INLINE static inline
 #endif
 
-/* For a function that is rarely called: it is compiled to be small. */
-#define DL2C_RARE static __attribute__((cold, noinline))
-
 /* For a function: inlines all that it calls. */
 #define DL2C_FLAT __attribute__((flatten))
 
@@ -127,20 +124,6 @@ static inline int64_t dl2c_next(const uint8_t *flags, int64_t i, int64_t count)
   if (word != 0) i -= 8;
 #endif
   while (i < count && !flags[i]) i++;
-  return i;
-}
-
-/* The first index from i on where a flag, which is 0 or 1, is not set; `count` for none. */
-static inline int64_t dl2c_next_clear(const uint8_t *flags, int64_t i, int64_t count)
-{
-  const uint64_t all = 0x0101010101010101u;
-  uint64_t word = all;
-  while (i + 8 <= count) {
-    memcpy(&word, flags + i, sizeof word);
-    if (word != all) break;
-    i += 8;
-  }
-  while (i < count && flags[i]) i++;
   return i;
 }
 

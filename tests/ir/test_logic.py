@@ -116,7 +116,7 @@ def has_values(formula: Formula, point: Mapping[Symbol, float]) -> bool:
 def test_what_holds_in_doubles_holds_relaxed(
     formula: Formula, point: dict[Symbol, float], tolerance: Fraction
 ) -> None:
-    """Rounding does not matter: compiled code asks for the relaxed formula only where the other is false."""
+    """Rounding does not matter."""
     wide = relaxed(formula, tolerance)
     assume(has_values(wide, point))
     assert truth(wide, point) or not truth(formula, point)

@@ -14,14 +14,12 @@ from dl2c.emit.names import lane, slot
 from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.paths_c import guard_conditions
 from dl2c.flows.watch import watches_of
-from dl2c.ir.logic import sides
 from dl2c.ir.model import TRUE, Bound, Formula, Model, Predicate, Rank, Symbol, Term, rank
 from dl2c.ir.printer import print_formula, print_term
-from dl2c.ir.slack import equalities_relaxed, relaxed
+from dl2c.ir.slack import equalities_relaxed
 from dl2c.lower.observations import fixed_entries, observation_limits, observed
 
 STATE = "const real *x, const real *p"
-RELAX = "model_relax(x, p, stride, count, row, facts);"
 STATUS = {"none": "DL2C_NONE", "success": "DL2C_SUCCESS", "failure": "DL2C_FAILURE"}
 ENDS = {"terminate": "DL2C_TERMINATE", "truncate": "DL2C_TRUNCATE"}
 
@@ -29,13 +27,10 @@ ENDS = {"terminate": "DL2C_TERMINATE", "truncate": "DL2C_TRUNCATE"}
 def judge_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     """All functions of this file."""
     model = build.model
-    apart = [p for p in model.predicates if _is_relaxed_apart(p, build, leaves)]
-    facts = _fact_conditions(model, apart, leaves)
-    last = [RELAX] if apart else []
+    facts = _fact_conditions(model, leaves)
     return [
-        *_relax(apart, leaves),
-        _facts(facts, last),
-        _facts_and_guards(facts, guard_conditions(build, 0, leaves), last),
+        _facts(facts),
+        _facts_and_guards(facts, guard_conditions(build, 0, leaves)),
         _revise(model),
         _judge(model, leaves),
         _shapes(model, leaves),
@@ -85,20 +80,8 @@ def _derive(leaves: Leaves) -> str:
     )
 
 
-def _is_relaxed_apart(predicate: Predicate, build: BuildPlan, leaves: Leaves) -> bool:
-    """Whether the tolerance is computed only where the condition does not hold as it is written: that implies
-    the relaxed one, also in doubles, atom by atom, where everything has a value. What is to be reached rarely
-    holds as it is written: there nothing would be gained.
-    """
-    formula, wide = predicate.formula, predicate.relaxed
-    if predicate.category == "progress" or formula == wide:
-        return False
-    alike = relaxed(formula, build.options.tolerance) == wide
-    return alike and not any(leaves.builder.defined(side) for side in sides(wide))
-
-
-def _fact_conditions(model: Model, apart: Sequence[Predicate], leaves: Leaves) -> list[tuple[str, str]]:
-    """Which flag says what of a post-state, and when it does; but for the tolerance of those `apart`."""
+def _fact_conditions(model: Model, leaves: Leaves) -> list[tuple[str, str]]:
+    """Which flag says what of a post-state, and when it does."""
     conditions: list[tuple[str, str]] = []
 
     def add(fact: str, name: str, formula: Formula, about: str) -> None:
@@ -106,59 +89,33 @@ def _fact_conditions(model: Model, apart: Sequence[Predicate], leaves: Leaves) -
         conditions.append((f"facts[{fact} * row + i]", holds))
 
     for predicate in model.predicates:
-        name, about = predicate.name, _about(predicate)
-        if predicate in apart:
-            add(f"F_{name}_holds", f"{name}_surely_holds", predicate.formula, about)
-        else:
-            add(f"F_{name}_holds", f"{name}_holds", predicate.relaxed, f"{about}, within tolerance")
+        name, where = predicate.name, place(predicate.span)
+        about = f"{where}  @{predicate.category} {name}: {print_formula(predicate.formula)}, within tolerance"
+        add(f"F_{name}_holds", f"{name}_holds", predicate.relaxed, about)
         if predicate.due is not None:
-            about = f"{place(predicate.span)}  {name} is due: {print_formula(predicate.due)}"
+            about = f"{where}  {name} is due: {print_formula(predicate.due)}"
             add(f"F_{name}_due", f"{name}_due", predicate.due, about)
     post = TRUE if model.postcondition is None else model.postcondition
     add("F_postcondition", "problem_postcondition", post, f"the problem's Q: {print_formula(post)}")
     return conditions
 
 
-def _about(predicate: Predicate) -> str:
-    where = place(predicate.span)
-    return f"{where}  @{predicate.category} {predicate.name}: {print_formula(predicate.formula)}"
-
-
-def _relax(apart: Sequence[Predicate], leaves: Leaves) -> list[str]:
-    functions: list[str] = []
-    body: list[str] = []
-    for predicate in apart:
-        name, about = f"{predicate.name}_holds", f"{_about(predicate)}, within tolerance"
-        holds = leaves.condition(name, leaves.derived.in_formula(predicate.relaxed), about, lane)
-        head = f"DL2C_RARE bool {predicate.name}_relaxed({STATE}, int64_t stride, int64_t i)"
-        functions.append(function(head, wrapped(f"return {holds};"), f"{name} in environment i."))
-        flags = f"facts + F_{name} * row"
-        body.append(f"for (int64_t i = 0; (i = dl2c_next_clear({flags}, i, count)) < count; i++)")
-        body.append(f"  facts[F_{name} * row + i] = {predicate.name}_relaxed(x, p, stride, i);")
-    relax = function(
-        f"DL2C_INLINE void model_relax({LANES}, int64_t row, uint8_t *restrict facts)",
-        body,
-        "Predicates that do not hold as they are written, within tolerance.   facts: (NFACT, row)",
-    )
-    return [*functions, relax] if apart else []
-
-
-def _facts(facts: list[tuple[str, str]], last: list[str]) -> str:
+def _facts(facts: list[tuple[str, str]]) -> str:
     return function(
         f"DL2C_INLINE void model_facts({LANES}, int64_t row, uint8_t *restrict facts)",
-        [*each_flag(facts), *last],
+        each_flag(facts),
         "What a post-state is tested for.   facts: (NFACT, row)",
     )
 
 
-def _facts_and_guards(facts: list[tuple[str, str]], guards: list[tuple[str, str]], last: list[str]) -> str:
+def _facts_and_guards(facts: list[tuple[str, str]], guards: list[tuple[str, str]]) -> str:
     """Few enough share what they are made of."""
     arguments = "x, p, stride, count"
     calls = [f"model_facts({arguments}, row, facts);", f"model_guards(0, {arguments}, enabled);"]
     return function(
         f"DL2C_INLINE void model_facts_and_guards({LANES}, int64_t row, uint8_t *restrict facts, "
         "uint8_t *restrict enabled)",
-        [*each_flag([*facts, *guards]), *last] if len(facts) + len(guards) <= BYTE else calls,
+        each_flag([*facts, *guards]) if len(facts) + len(guards) <= BYTE else calls,
         "Both of a post-state: what it is tested for, and which paths of point 0 pass their tests.   "
         "facts: (NFACT, row)   enabled: (paths, stride)",
     )

@@ -169,10 +169,12 @@ static inline real path8_set_load(real load)
   return dl2c_min(load + 0.5, 1.0);
 }
 
-/* lift.kyx:11  @safety closed: 0 >= h | h >= 3 | door = 0 */
-static inline bool closed_surely_holds(real h, real door)
+/* lift.kyx:11  @safety closed: 0 >= h | h >= 3 | door = 0, within tolerance */
+static inline bool closed_holds(real h, real door)
 {
-  return (h <= 0.0) | (h >= 3.0) | (door == 0.0);
+  const real t0 = 1.0 + fabs(h);
+  const real t1 = fabs(door);
+  return (h <= 0.0 + 1e-09 * t0) | (h + 1e-09 * (t0 + 3.0) >= 3.0) | (t1 <= 1e-09 * (1.0 + t1));
 }
 
 /* lift.kyx:13  @progress delivered: h >= 3 & load >= 1, within tolerance */
@@ -193,14 +195,6 @@ static inline bool problem_postcondition(real h, real door, real load, real cloc
 {
   const bool t0 = h >= 3.0;
   return ((h <= 0.0) | t0 | (door == 0.0)) & ((clock < 20.0) | (t0 & (load >= 1.0)));
-}
-
-/* lift.kyx:11  @safety closed: 0 >= h | h >= 3 | door = 0, within tolerance */
-static inline bool closed_holds(real h, real door)
-{
-  const real t0 = 1.0 + fabs(h);
-  const real t1 = fabs(door);
-  return (h <= 0.0 + 1e-09 * t0) | (h + 1e-09 * (t0 + 3.0) >= 3.0) | (t1 <= 1e-09 * (1.0 + t1));
 }
 
 /* delivered reward = 10 - waited */
@@ -716,30 +710,16 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, cons
 
 #include "no_inputs.h"
 
-/* closed_holds in environment i. */
-DL2C_RARE bool closed_relaxed(const real *x, const real *p, int64_t stride, int64_t i)
-{
-  (void)p;
-  return closed_holds(x[X_h * stride + i], x[X_door * stride + i]);
-}
-
-/* Predicates that do not hold as they are written, within tolerance.   facts: (NFACT, row) */
-DL2C_INLINE void model_relax(const real *restrict x, const real *restrict p, int64_t stride,
-                             int64_t count, int64_t row, uint8_t *restrict facts)
-{
-  for (int64_t i = 0; (i = dl2c_next_clear(facts + F_closed_holds * row, i, count)) < count; i++)
-    facts[F_closed_holds * row + i] = closed_relaxed(x, p, stride, i);
-}
-
 /* What a post-state is tested for.   facts: (NFACT, row) */
 DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
+  (void)p;
   int64_t words[DL2C_BLOCK];
   uint8_t bits[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) {
     int64_t word = 0;
-    word |= (int64_t)(closed_surely_holds(x[X_h * stride + i], x[X_door * stride + i])) << 0;
+    word |= (int64_t)(closed_holds(x[X_h * stride + i], x[X_door * stride + i])) << 0;
     word |= (int64_t)(delivered_holds(x[X_h * stride + i], x[X_load * stride + i])) << 1;
     word |= (int64_t)(delivered_due(x[X_clock * stride + i])) << 2;
     word |= (int64_t)(problem_postcondition(x[X_h * stride + i], x[X_door * stride + i],
@@ -751,7 +731,6 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++) facts[F_delivered_holds * row + i] = bits[i] >> 1 & 1;
   for (int64_t i = 0; i < count; i++) facts[F_delivered_due * row + i] = bits[i] >> 2 & 1;
   for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 3 & 1;
-  model_relax(x, p, stride, count, row, facts);
 }
 
 /*

@@ -83,17 +83,17 @@ static inline bool path0_admits0(real x_v, real ep, real H, real assign_f)
   return (assign_f >= -0.8) & (assign_f <= 0.8) & (t0 >= 0.0) & (t0 <= H);
 }
 
-/* tank.kyx:12  @safety inside: 0 <= x & x <= H */
-static inline bool inside_surely_holds(real x_v, real H)
-{
-  return (x_v >= 0.0) & (x_v <= H);
-}
-
 /* tank.kyx:12  @safety inside: 0 <= x & x <= H, within tolerance */
 static inline bool inside_holds(real x_v, real H)
 {
   const real t0 = 1.0 + fabs(x_v);
   return (x_v + 1e-09 * t0 >= 0.0) & (x_v <= H + 1e-09 * (t0 + fabs(H)));
+}
+
+/* the problem's Q: 0 <= x & x <= H */
+static inline bool problem_postcondition(real x_v, real H)
+{
+  return (x_v >= 0.0) & (x_v <= H);
 }
 
 /* distance shape = -abs(x - H / 2) */
@@ -423,20 +423,6 @@ DL2C_INLINE bool model_admits(int path, int input, const real *x, const real *p,
   return true;
 }
 
-/* inside_holds in environment i. */
-DL2C_RARE bool inside_relaxed(const real *x, const real *p, int64_t stride, int64_t i)
-{
-  return inside_holds(x[X_x * stride + i], p[P_H * stride + i]);
-}
-
-/* Predicates that do not hold as they are written, within tolerance.   facts: (NFACT, row) */
-DL2C_INLINE void model_relax(const real *restrict x, const real *restrict p, int64_t stride,
-                             int64_t count, int64_t row, uint8_t *restrict facts)
-{
-  for (int64_t i = 0; (i = dl2c_next_clear(facts + F_inside_holds * row, i, count)) < count; i++)
-    facts[F_inside_holds * row + i] = inside_relaxed(x, p, stride, i);
-}
-
 /* What a post-state is tested for.   facts: (NFACT, row) */
 DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
@@ -445,16 +431,15 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   uint8_t bits[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) {
     int64_t word = 0;
-    word |= (int64_t)(inside_surely_holds(x[X_x * stride + i], p[P_H * stride + i])) << 0;
+    word |= (int64_t)(inside_holds(x[X_x * stride + i], p[P_H * stride + i])) << 0;
     word |= (int64_t)(true) << 1;
-    word |= (int64_t)(inside_surely_holds(x[X_x * stride + i], p[P_H * stride + i])) << 2;
+    word |= (int64_t)(problem_postcondition(x[X_x * stride + i], p[P_H * stride + i])) << 2;
     words[i] = word;
   }
   for (int64_t i = 0; i < count; i++) bits[i] = (uint8_t)words[i];
   for (int64_t i = 0; i < count; i++) facts[F_inside_holds * row + i] = bits[i] >> 0 & 1;
   for (int64_t i = 0; i < count; i++) facts[F_distance_holds * row + i] = bits[i] >> 1 & 1;
   for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 2 & 1;
-  model_relax(x, p, stride, count, row, facts);
 }
 
 /*
@@ -469,9 +454,9 @@ DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *rest
   uint8_t bits[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) {
     int64_t word = 0;
-    word |= (int64_t)(inside_surely_holds(x[X_x * stride + i], p[P_H * stride + i])) << 0;
+    word |= (int64_t)(inside_holds(x[X_x * stride + i], p[P_H * stride + i])) << 0;
     word |= (int64_t)(true) << 1;
-    word |= (int64_t)(inside_surely_holds(x[X_x * stride + i], p[P_H * stride + i])) << 2;
+    word |= (int64_t)(problem_postcondition(x[X_x * stride + i], p[P_H * stride + i])) << 2;
     word |= (int64_t)(path0_guard(x[X_x * stride + i], p[P_ep * stride + i])) << 3;
     words[i] = word;
   }
@@ -480,7 +465,6 @@ DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *rest
   for (int64_t i = 0; i < count; i++) facts[F_distance_holds * row + i] = bits[i] >> 1 & 1;
   for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 2 & 1;
   for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 3 & 1;
-  model_relax(x, p, stride, count, row, facts);
 }
 
 /*

@@ -151,24 +151,6 @@ static inline bool path11_admits2(real prefix_assign_v)
   return (prefix_assign_v >= 0.0) & (prefix_assign_v <= 1.0);
 }
 
-/* walk.kyx:9  @safety inside: x <= 40 */
-static inline bool inside_surely_holds(real x_v)
-{
-  return x_v <= 40.0;
-}
-
-/* walk.kyx:12  @stability near: x <= 3 */
-static inline bool near_surely_holds(real x_v)
-{
-  return x_v <= 3.0;
-}
-
-/* the problem's Q: x >= 0 */
-static inline bool problem_postcondition(real x_v)
-{
-  return x_v >= 0.0;
-}
-
 /* walk.kyx:9  @safety inside: x <= 40, within tolerance */
 static inline bool inside_holds(real x_v)
 {
@@ -179,6 +161,12 @@ static inline bool inside_holds(real x_v)
 static inline bool near_holds(real x_v)
 {
   return x_v <= 3.0 + 1e-09 * (1.0 + fabs(x_v) + 3.0);
+}
+
+/* the problem's Q: x >= 0 */
+static inline bool problem_postcondition(real x_v)
+{
+  return x_v >= 0.0;
 }
 
 /* near reward = -abs(x) */
@@ -667,40 +655,17 @@ DL2C_INLINE bool model_admits(int path, int input, const real *x, const real *p,
   return true;
 }
 
-/* inside_holds in environment i. */
-DL2C_RARE bool inside_relaxed(const real *x, const real *p, int64_t stride, int64_t i)
-{
-  (void)p;
-  return inside_holds(x[X_x * stride + i]);
-}
-
-/* near_holds in environment i. */
-DL2C_RARE bool near_relaxed(const real *x, const real *p, int64_t stride, int64_t i)
-{
-  (void)p;
-  return near_holds(x[X_x * stride + i]);
-}
-
-/* Predicates that do not hold as they are written, within tolerance.   facts: (NFACT, row) */
-DL2C_INLINE void model_relax(const real *restrict x, const real *restrict p, int64_t stride,
-                             int64_t count, int64_t row, uint8_t *restrict facts)
-{
-  for (int64_t i = 0; (i = dl2c_next_clear(facts + F_inside_holds * row, i, count)) < count; i++)
-    facts[F_inside_holds * row + i] = inside_relaxed(x, p, stride, i);
-  for (int64_t i = 0; (i = dl2c_next_clear(facts + F_near_holds * row, i, count)) < count; i++)
-    facts[F_near_holds * row + i] = near_relaxed(x, p, stride, i);
-}
-
 /* What a post-state is tested for.   facts: (NFACT, row) */
 DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
 {
+  (void)p;
   int64_t words[DL2C_BLOCK];
   uint8_t bits[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) {
     int64_t word = 0;
-    word |= (int64_t)(inside_surely_holds(x[X_x * stride + i])) << 0;
-    word |= (int64_t)(near_surely_holds(x[X_x * stride + i])) << 1;
+    word |= (int64_t)(inside_holds(x[X_x * stride + i])) << 0;
+    word |= (int64_t)(near_holds(x[X_x * stride + i])) << 1;
     word |= (int64_t)(problem_postcondition(x[X_x * stride + i])) << 2;
     words[i] = word;
   }
@@ -708,7 +673,6 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++) facts[F_inside_holds * row + i] = bits[i] >> 0 & 1;
   for (int64_t i = 0; i < count; i++) facts[F_near_holds * row + i] = bits[i] >> 1 & 1;
   for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 2 & 1;
-  model_relax(x, p, stride, count, row, facts);
 }
 
 /*
@@ -719,12 +683,13 @@ DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *rest
                                         int64_t stride, int64_t count, int64_t row,
                                         uint8_t *restrict facts, uint8_t *restrict enabled)
 {
+  (void)p;
   int64_t words[DL2C_BLOCK];
   uint8_t bits[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) {
     int64_t word = 0;
-    word |= (int64_t)(inside_surely_holds(x[X_x * stride + i])) << 0;
-    word |= (int64_t)(near_surely_holds(x[X_x * stride + i])) << 1;
+    word |= (int64_t)(inside_holds(x[X_x * stride + i])) << 0;
+    word |= (int64_t)(near_holds(x[X_x * stride + i])) << 1;
     word |= (int64_t)(problem_postcondition(x[X_x * stride + i])) << 2;
     word |= (int64_t)(true) << 3;
     words[i] = word;
@@ -734,7 +699,6 @@ DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *rest
   for (int64_t i = 0; i < count; i++) facts[F_near_holds * row + i] = bits[i] >> 1 & 1;
   for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 2 & 1;
   for (int64_t i = 0; i < count; i++) enabled[0 * stride + i] = bits[i] >> 3 & 1;
-  model_relax(x, p, stride, count, row, facts);
 }
 
 /*

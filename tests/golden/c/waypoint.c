@@ -175,43 +175,6 @@ static inline real path0_set_ar(real b)
  * waypoint.kyx:51  @safety loopInv: 0 <= vr & vr <= Vmax & xr + vr^2 / (2 * b) < xg + GDelta &
  * (xg - GDelta >= xr | vr = 0 | T >= vr / b) & (xr > xg - GDelta | (vr >= A * ep & T > (xg - xr
  * - GDelta) / (A * ep) + ep + Vmax / b) | (vr <= A * ep & T > ep - vr / A + (xg - xr - GDelta) /
- * (A * ep) + ep + Vmax / b))
- */
-static inline bool loopInv_surely_holds(real xr, real vr, real xg, real T, real ep, real b, real A,
-                                        real GDelta, real Vmax, real derived_constant1)
-{
-  const real t0 = xg - GDelta;
-  const real t1 = A * ep;
-  const real t2 = (xg - xr - GDelta) / t1;
-  return (vr >= 0.0) & (vr <= Vmax) & (xr + vr * vr / (2.0 * b) < xg + GDelta) & ((xr <= t0)
-      | (vr == 0.0) | (vr / b <= T)) & ((t0 < xr) | ((t1 <= vr) & (t2 + ep + derived_constant1 < T))
-      | ((vr <= t1) & (ep - vr / A + t2 + ep + derived_constant1 < T)));
-}
-
-/* waypoint.kyx:60  @progress ensure: xg - GDelta < xr & vr = 0, within tolerance */
-static inline bool ensure_holds(real xr, real vr, real xg, real GDelta)
-{
-  const real t0 = fabs(vr);
-  return (xg - GDelta < xr + 1e-09 * (1.0 + fabs(xg) + fabs(GDelta) + fabs(xr)))
-      & (t0 <= 1e-09 * (1.0 + t0));
-}
-
-/* waypoint.kyx:60  ensure is due: T <= 0 */
-static inline bool ensure_due(real T)
-{
-  return T <= 0.0;
-}
-
-/* the problem's Q: xr < xg + GDelta & (T > 0 | (xg - GDelta < xr & vr = 0)) */
-static inline bool problem_postcondition(real xr, real vr, real xg, real T, real GDelta)
-{
-  return (xr < xg + GDelta) & ((T > 0.0) | ((xg - GDelta < xr) & (vr == 0.0)));
-}
-
-/*
- * waypoint.kyx:51  @safety loopInv: 0 <= vr & vr <= Vmax & xr + vr^2 / (2 * b) < xg + GDelta &
- * (xg - GDelta >= xr | vr = 0 | T >= vr / b) & (xr > xg - GDelta | (vr >= A * ep & T > (xg - xr
- * - GDelta) / (A * ep) + ep + Vmax / b) | (vr <= A * ep & T > ep - vr / A + (xg - xr - GDelta) /
  * (A * ep) + ep + Vmax / b)), within tolerance
  */
 static inline bool loopInv_holds(real xr, real vr, real xg, real T, real ep, real b, real A,
@@ -242,6 +205,26 @@ static inline bool loopInv_holds(real xr, real vr, real xg, real T, real ep, rea
       | (t9 <= T + 1e-09 * (t10 + fabs(t9)))) & ((t8 < xr + 1e-09 * (t5 + t6 + t7))
       | ((t11 <= vr + t12) & (t13 + ep + derived_constant1 < T + 1e-09 * (t10 + t14 + t15 + t16)))
       | ((vr <= t11 + t12) & t18));
+}
+
+/* waypoint.kyx:60  @progress ensure: xg - GDelta < xr & vr = 0, within tolerance */
+static inline bool ensure_holds(real xr, real vr, real xg, real GDelta)
+{
+  const real t0 = fabs(vr);
+  return (xg - GDelta < xr + 1e-09 * (1.0 + fabs(xg) + fabs(GDelta) + fabs(xr)))
+      & (t0 <= 1e-09 * (1.0 + t0));
+}
+
+/* waypoint.kyx:60  ensure is due: T <= 0 */
+static inline bool ensure_due(real T)
+{
+  return T <= 0.0;
+}
+
+/* the problem's Q: xr < xg + GDelta & (T > 0 | (xg - GDelta < xr & vr = 0)) */
+static inline bool problem_postcondition(real xr, real vr, real xg, real T, real GDelta)
+{
+  return (xr < xg + GDelta) & ((T > 0.0) | ((xg - GDelta < xr) & (vr == 0.0)));
 }
 
 /*
@@ -773,22 +756,6 @@ static inline bool model_assign(int64_t path, const real *x, const real *p, cons
 
 #include "no_inputs.h"
 
-/* loopInv_holds in environment i. */
-DL2C_RARE bool loopInv_relaxed(const real *x, const real *p, int64_t stride, int64_t i)
-{
-  return loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
-      x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i],
-      p[P_GDelta * stride + i], p[P_Vmax * stride + i], p[P_derived_constant1 * stride + i]);
-}
-
-/* Predicates that do not hold as they are written, within tolerance.   facts: (NFACT, row) */
-DL2C_INLINE void model_relax(const real *restrict x, const real *restrict p, int64_t stride,
-                             int64_t count, int64_t row, uint8_t *restrict facts)
-{
-  for (int64_t i = 0; (i = dl2c_next_clear(facts + F_loopInv_holds * row, i, count)) < count; i++)
-    facts[F_loopInv_holds * row + i] = loopInv_relaxed(x, p, stride, i);
-}
-
 /* What a post-state is tested for.   facts: (NFACT, row) */
 DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int64_t stride,
                              int64_t count, int64_t row, uint8_t *restrict facts)
@@ -797,10 +764,9 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   uint8_t bits[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) {
     int64_t word = 0;
-    word |= (int64_t)(loopInv_surely_holds(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i],
-        p[P_A * stride + i], p[P_GDelta * stride + i], p[P_Vmax * stride + i],
-        p[P_derived_constant1 * stride + i])) << 0;
+    word |= (int64_t)(loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i],
+        p[P_GDelta * stride + i], p[P_Vmax * stride + i], p[P_derived_constant1 * stride + i])) << 0;
     word |= (int64_t)(ensure_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         p[P_GDelta * stride + i])) << 1;
     word |= (int64_t)(ensure_due(x[X_T * stride + i])) << 2;
@@ -813,7 +779,6 @@ DL2C_INLINE void model_facts(const real *restrict x, const real *restrict p, int
   for (int64_t i = 0; i < count; i++) facts[F_ensure_holds * row + i] = bits[i] >> 1 & 1;
   for (int64_t i = 0; i < count; i++) facts[F_ensure_due * row + i] = bits[i] >> 2 & 1;
   for (int64_t i = 0; i < count; i++) facts[F_postcondition * row + i] = bits[i] >> 3 & 1;
-  model_relax(x, p, stride, count, row, facts);
 }
 
 /*
@@ -828,10 +793,9 @@ DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *rest
   uint8_t bits[DL2C_BLOCK];
   for (int64_t i = 0; i < count; i++) {
     int64_t word = 0;
-    word |= (int64_t)(loopInv_surely_holds(x[X_xr * stride + i], x[X_vr * stride + i],
-        x[X_xg * stride + i], x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i],
-        p[P_A * stride + i], p[P_GDelta * stride + i], p[P_Vmax * stride + i],
-        p[P_derived_constant1 * stride + i])) << 0;
+    word |= (int64_t)(loopInv_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
+        x[X_T * stride + i], p[P_ep * stride + i], p[P_b * stride + i], p[P_A * stride + i],
+        p[P_GDelta * stride + i], p[P_Vmax * stride + i], p[P_derived_constant1 * stride + i])) << 0;
     word |= (int64_t)(ensure_holds(x[X_xr * stride + i], x[X_vr * stride + i], x[X_xg * stride + i],
         p[P_GDelta * stride + i])) << 1;
     word |= (int64_t)(ensure_due(x[X_T * stride + i])) << 2;
@@ -858,7 +822,6 @@ DL2C_INLINE void model_facts_and_guards(const real *restrict x, const real *rest
   for (int64_t i = 0; i < count; i++) enabled[1 * stride + i] = bits[i] >> 5 & 1;
   for (int64_t i = 0; i < count; i++) enabled[2 * stride + i] = bits[i] >> 6 & 1;
   for (int64_t i = 0; i < count; i++) enabled[3 * stride + i] = bits[i] >> 7 & 1;
-  model_relax(x, p, stride, count, row, facts);
 }
 
 /*
