@@ -127,8 +127,7 @@ DL2C_INLINE bool dl2c_decide_lane(int64_t path, const real *x, const real *p, co
   DL2C_UNROLL_PATHS
   for (int k = 0; k < NPATH; k++)
     if (NU > 0) well &= (path != k) | dl2c_all_admissible(k, x, p, u);
-  well &= model_assign(path, x, p, u, y);
-  return well & dl2c_all_finite(y, NX);
+  return well & model_assign(path, x, p, u, y);
 }
 
 /*

@@ -141,17 +141,20 @@ static inline void dl2c_copy(const real *x, int n, real *y)
 /* State values beyond this magnitude count as infinite. */
 #define DL2C_LARGEST_STATE 1e100
 
-/* Whether no value is NaN, or larger than that in magnitude.   x: (n) */
+/* Whether a value is neither NaN nor larger than that in magnitude. */
+static inline bool dl2c_finite(real value) { return fabs(value) <= DL2C_LARGEST_STATE; }
+
+/* Whether all values are finite.   x: (n) */
 static inline bool dl2c_all_finite(const real *x, int n)
 {
   bool finite = true;
   DL2C_UNROLL
-  for (int k = 0; k < n; k++) finite &= fabs(x[k]) <= DL2C_LARGEST_STATE;
+  for (int k = 0; k < n; k++) finite &= dl2c_finite(x[k]);
   return finite;
 }
 
 /* A value that stays constant along a flow; NaN and values out of range become 0. */
-static inline real dl2c_frozen(real value) { return fabs(value) <= DL2C_LARGEST_STATE ? value : 0.0; }
+static inline real dl2c_frozen(real value) { return dl2c_finite(value) ? value : 0.0; }
 
 /* -1, 0 or 1. */
 static inline real dl2c_sign(real a) { return (real)((a > 0.0) - (a < 0.0)); }

@@ -138,7 +138,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     crossings = [line for j, edge in enumerate(plan.edges) for line in _exit(j, edge, local)]
     body += [*local.begun(), *crossings]
     exits = [f"exit{j}" for j in range(len(plan.edges))]
-    body += _reached(k, plan.flow, exits) if plan.flow.reach is not None else [f"real end = {limits[0]};"]
+    body += _reached(k, plan, exits) if plan.flow.reach is not None else [f"real end = {limits[0]};"]
     body += [f"end = dl2c_select({name} < end, {name}, end);" for name in (*limits[1:], *exits)]
     short = [f"hit{j}" for j, w in enumerate(plan.edges) if w.kind in ("open", "unequal")]
     used = {*short, *(f"hit{j}" for j, w in enumerate(plan.edges) if w.snap is not None)}
@@ -149,14 +149,14 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
         body.append(f"end = dl2c_select({' | '.join(short)}, dl2c_before(end), end);")
     conditions = [] if defined is None else [defined]
     conditions += [f"isfinite({limit})" for limit in limits if limit.startswith("left")]
-    conditions.append("(!moves | dl2c_all_finite(y, NX))")
+    conditions.append(f"(!moves | ({_finite('y', plan)}))")
     doubts = [f"doubt{j}" for j, w in enumerate(plan.edges) if w.kind != "equal" and len(w.margin) > 2]
     body += [
         "",
         "dl2c_copy(x, NX, y);",
         f"flow{k}_at(x, p, end, y);",
         *_snapped(k, plan, leaves),
-        f"const bool defined = {' & '.join(conditions)};",
+        *wrapped(f"const bool defined = {' & '.join(conditions)};"),
         f"const bool inside = !moves | {_ends_inside(k, plan.flow)};",
         *(f"y[{v}] = dl2c_select(moves, y[{v}], x[{v}]);" for v in _moving(plan)),
         "*duration = dl2c_select(moves, end, 0.0);",
@@ -167,8 +167,9 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
     return function(head, body, f"{place(plan.flow.span)}  {print_flow(plan.flow)}")
 
 
-def _reached(k: int, flow: Flow, exits: list[str]) -> list[str]:
+def _reached(k: int, plan: ExactPlan, exits: list[str]) -> list[str]:
     """How long a flow without a clock may last: longer than `cap` where its domain ends it in time."""
+    flow = plan.flow
     assert flow.reach is not None and flow.cap is not None
     return [
         f"const real reach = {number(float(flow.reach))};",
@@ -179,7 +180,8 @@ def _reached(k: int, flow: Flow, exits: list[str]) -> list[str]:
         "real there[NX];",
         "dl2c_copy(x, NX, there);",
         f"flow{k}_at(x, p, first, there);",
-        f"real end = dl2c_select(met & dl2c_all_finite(there, NX), reach, {number(float(flow.cap))});",
+        f"const bool bounded = met & {_finite('there', plan)};",
+        f"real end = dl2c_select(bounded, reach, {number(float(flow.cap))});",
     ]
 
 
@@ -191,6 +193,11 @@ def _moving(plan: ExactPlan) -> list[str]:
     """Indices of the variables that the flow changes."""
     solution = plan.solution.variables
     return [index(Symbol(v, "variable")) for v, cs in solution.items() if len(cs) > 1]
+
+
+def _finite(state: str, plan: ExactPlan) -> str:
+    """That a finite state is finite still where the flow has led it."""
+    return " & ".join(f"dl2c_finite({state}[{v}])" for v in _moving(plan)) or "true"
 
 
 def _stays(k: int, plan: FlowPlan, leaves: Leaves) -> str:

@@ -141,14 +141,17 @@ def _assign(build: BuildPlan, leaves: Leaves) -> str:
             if condition is not None:
                 defined.append(f"((path != {k}) | {condition})")
         for variable, by_value in values.items():
-            body += _selected(f"y[{index(Symbol(variable, 'variable'))}]", by_value, len(build.paths.paths))
+            assigned = f"y[{index(Symbol(variable, 'variable'))}]"
+            body += _selected(assigned, by_value, len(build.paths.paths))
+            defined.append(f"dl2c_finite({assigned})")
         body += wrapped(f"return {' & '.join(defined) or 'true'};")
     else:
         body.append("return true;")
     return function(
         f"static inline bool model_assign(int64_t path, {STATE}, const real *u, real *y)",
         body,
-        "The assignments of a path as selections, from x into its copy y. False where a value is undefined.",
+        "The assignments of a path as selections, from x into its copy y. False where a value is undefined "
+        "or not finite.",
     )
 
 
