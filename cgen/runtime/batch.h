@@ -51,6 +51,15 @@ static bool dl2c_options_valid(const dl2c_options *o)
          && (o->shared_obs == 0 || o->shared_obs == 1);
 }
 
+/* Zeros from the beginning of a cache line on, to be given back to `free`; NULL where there is no memory. */
+static void *dl2c_cleared(size_t count, size_t size)
+{
+  const size_t lines = (count * size + DL2C_CACHE_LINE - 1) / DL2C_CACHE_LINE;
+  void *memory = aligned_alloc(DL2C_CACHE_LINE, lines * DL2C_CACHE_LINE);
+  if (memory != NULL) memset(memory, 0, lines * DL2C_CACHE_LINE);
+  return memory;
+}
+
 dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c_buffers *buffers,
                               dl2c_batch **out)
 {
@@ -65,21 +74,21 @@ dl2c_status dl2c_batch_create(int64_t n, const dl2c_options *options, const dl2c
   b->n = n;
   b->options = *options;
   b->out = *buffers;
-  b->x = calloc(wide * (NX + 1), sizeof *b->x);
-  b->p = calloc(wide * (NP + 1), sizeof *b->p);
-  b->enabled = calloc(wide * ((size_t)DL2C_NSTART + 1), sizeof *b->enabled);
-  b->ended = calloc(rows, sizeof *b->ended);
-  b->seed = calloc(rows, sizeof *b->seed);
-  b->episode = calloc(rows, sizeof *b->episode);
-  b->steps = calloc(rows, sizeof *b->steps);
-  b->elapsed = calloc(rows, sizeof *b->elapsed);
-  b->stalled = calloc(rows, sizeof *b->stalled);
-  b->rng = calloc(NSTEPDRAW > 0 ? rows : 1, sizeof *b->rng);
-  b->start = calloc(NSTEPDRAW > 0 ? rows : 1, sizeof *b->start);
-  b->scalar_steps = calloc(DL2C_FLOWS_IN_LANES ? rows / DL2C_BLOCK + 1 : 1, sizeof *b->scalar_steps);
-  b->fixed = calloc(rows * NFIXED + 1, sizeof *b->fixed);
-  b->clipped = calloc(rows, sizeof *b->clipped);
-  b->seen = calloc(DL2C_LOOKS_AHEAD ? rows * NMASK + 1 : 1, sizeof *b->seen);
+  b->x = dl2c_cleared(wide * (NX + 1), sizeof *b->x);
+  b->p = dl2c_cleared(wide * (NP + 1), sizeof *b->p);
+  b->enabled = dl2c_cleared(wide * ((size_t)DL2C_NSTART + 1), sizeof *b->enabled);
+  b->ended = dl2c_cleared(rows, sizeof *b->ended);
+  b->seed = dl2c_cleared(rows, sizeof *b->seed);
+  b->episode = dl2c_cleared(rows, sizeof *b->episode);
+  b->steps = dl2c_cleared(rows, sizeof *b->steps);
+  b->elapsed = dl2c_cleared(rows, sizeof *b->elapsed);
+  b->stalled = dl2c_cleared(rows, sizeof *b->stalled);
+  b->rng = dl2c_cleared(NSTEPDRAW > 0 ? rows : 1, sizeof *b->rng);
+  b->start = dl2c_cleared(NSTEPDRAW > 0 ? rows : 1, sizeof *b->start);
+  b->scalar_steps = dl2c_cleared(DL2C_FLOWS_IN_LANES ? rows / DL2C_BLOCK + 1 : 1, sizeof *b->scalar_steps);
+  b->fixed = dl2c_cleared(rows * NFIXED + 1, sizeof *b->fixed);
+  b->clipped = dl2c_cleared(rows, sizeof *b->clipped);
+  b->seen = dl2c_cleared(DL2C_LOOKS_AHEAD ? rows * NMASK + 1 : 1, sizeof *b->seen);
 #if DL2C_INSPECT
   b->followed = calloc(rows * DL2C_INSPECT_FLOWS, sizeof *b->followed);
   b->nfollowed = calloc(rows, sizeof *b->nfollowed);

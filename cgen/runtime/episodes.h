@@ -51,9 +51,9 @@ typedef struct dl2c_beginnings {
   uint8_t ended[DL2C_BLOCK]; /* no episode has ended where it begins */
   uint8_t saturated[DL2C_BLOCK];
   uint8_t clipped[DL2C_BLOCK];
-  dl2c_obs fixed[NFIXED * DL2C_BLOCK + 1];
-  dl2c_obs obs[NOBS * DL2C_BLOCK + 1];
-  int8_t mask[NMASK * DL2C_BLOCK + 1];
+  dl2c_obs fixed[(NFIXED + 1) * DL2C_BLOCK];
+  dl2c_obs obs[(NOBS + 1) * DL2C_BLOCK];
+  int8_t mask[(NMASK + 1) * DL2C_BLOCK];
 } dl2c_beginnings;
 
 /* Which paths are open in `count` lanes, none in the others of the block.   enabled: (paths, DL2C_BLOCK) */

@@ -22,7 +22,7 @@ enum {
 #define DL2C_BOX_WIDTH ((int64_t)(sizeof SAMPLE_LOW[0] / sizeof(real)))
 
 typedef struct dl2c_initials {
-  uint64_t stream[4 * DL2C_BLOCK];      /* (4, DL2C_BLOCK) */
+  _Alignas(DL2C_CACHE_LINE) uint64_t stream[4 * DL2C_BLOCK];      /* (4, DL2C_BLOCK) */
   real x[NX * DL2C_BLOCK];              /* (NX, DL2C_BLOCK) */
   real p[(NP + 1) * DL2C_BLOCK];        /* (NP, DL2C_BLOCK) */
   real drawn[(NFREE + 1) * DL2C_BLOCK]; /* (NFREE + 1, DL2C_BLOCK) in its box; last: see dl2c_draw */

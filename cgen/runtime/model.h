@@ -178,6 +178,9 @@ typedef enum dl2c_end {
 /* Environments that are moved and judged together: their data fit into the first-level cache. */
 enum { DL2C_BLOCK = 64 };
 
+/* Bytes. The arrays of a batch begin with a cache line, so that no vector lies in two of them. */
+enum { DL2C_CACHE_LINE = 64 };
+
 /* What the annotated predicates say of the states of a block. */
 typedef struct dl2c_judgement {
   real reward[DL2C_BLOCK];

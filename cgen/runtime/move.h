@@ -36,7 +36,7 @@ typedef enum dl2c_attempt {
 
 /* Everything that a step of one block computes on its way. */
 typedef struct dl2c_scratch {
-  dl2c_moves moves;
+  _Alignas(DL2C_CACHE_LINE) dl2c_moves moves;
   dl2c_judgement judged;
   uint8_t attempt[DL2C_BLOCK]; /* dl2c_attempt */
   uint8_t waited[DL2C_BLOCK];  /* the episode had ended before: this call begins the next */

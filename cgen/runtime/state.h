@@ -47,7 +47,7 @@ enum { NVARYING = NOBS - NFIXED }; /* entries of observations that a step may ch
  */
 static int64_t dl2c_stride(int64_t n)
 {
-  enum { LINE = 8 };
+  enum { LINE = DL2C_CACHE_LINE / sizeof(real) };
   const int64_t lines = (n + LINE - 1) / LINE;
   return n == 1 ? 1 : (lines | 1) * LINE;
 }

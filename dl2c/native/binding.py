@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dl2c.native.errors import MonitorViolated, NativeError, ResetFailed
 from dl2c.native.loading import find, load
 from dl2c.native.manifest import Manifest
-from dl2c.native.results import Results, Widths
+from dl2c.native.results import Results, Widths, zeros
 from dl2c.native.single import single_step
 from dl2c.native.sundials import load_solver
 from dl2c.native.turns import Turns
@@ -174,10 +174,10 @@ class Batch(Results):
         super().__init__(n, Widths(s.nchoice, s.ninput, s.nenvchoice, s.nenvinput, s.nmask))
         obs = np.float32 if s.obs_size == 4 else np.float64
         self.library, self.n = library, n
-        self.choices = np.zeros((n, s.nchoice), np.int32)
-        self.inputs = np.zeros((n, s.ninput), np.float64)
-        self.obs: NDArray[Any] = np.zeros((n, s.nobs), obs)
-        self.final_obs: NDArray[Any] = np.zeros((n, s.nobs), obs)
+        self.choices = zeros((n, s.nchoice), np.int32)
+        self.inputs = zeros((n, s.ninput), np.float64)
+        self.obs: NDArray[Any] = zeros((n, s.nobs), obs)
+        self.final_obs: NDArray[Any] = zeros((n, s.nobs), obs)
         self._lib = lib
         self._native_step = lib.dl2c_batch_step
         self._handle = ffi.NULL

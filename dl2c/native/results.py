@@ -1,5 +1,6 @@
 """What a step tells of n environments besides their observations, in arrays side by side in one memory."""
 
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,6 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+CACHE_LINE = 64
+"""Bytes."""
 
 OUTCOME = struct.Struct("@3d3i6?")
 """How `Results.memory` of one environment begins."""
@@ -47,7 +51,7 @@ class Results:
         inputs, choices = widths.ninput + widths.nenvinput, widths.nchoice + widths.nenvchoice
         outcome = -(-OUTCOME.size * n // 8) * 8
         size = outcome + n * (8 * inputs + 4 * choices + widths.nmask)
-        self.memory = np.zeros(size, np.uint8) if memory is None else memory
+        self.memory = zeros((size,), np.uint8) if memory is None else memory
         take = _parts(self.memory)
         self.rewards, self.duration, self.time = take(np.float64, 3, n)
         self.status, self.reason, self.cost = take(np.int32, 3, n)
@@ -67,6 +71,14 @@ class Results:
     def laid_over(self, memory: NDArray[np.uint8]) -> "Results":
         """The results that a copy of `memory` keeps."""
         return Results(self._n, self._widths, memory)
+
+
+def zeros(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    """An array that begins with a cache line, as those of a batch in C do (cgen/runtime/model.h)."""
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    memory = np.zeros(size + CACHE_LINE, np.uint8)
+    first = -memory.__array_interface__["data"][0] % CACHE_LINE
+    return memory[first : first + size].view(dtype).reshape(shape)
 
 
 def _parts(memory: NDArray[np.uint8]) -> Callable[[Any, int, int], NDArray[Any]]:
