@@ -124,11 +124,11 @@ DL2C_INLINE void dl2c_rows(int width, int stride, int64_t count, const dl2c_obs 
 {
 #ifdef DL2C_SHUFFLES
   if (width >= 4 && count % 4 == 0) {
-    for (int64_t i = 0; i < count; i += 4)
-      for (int k = 0; k < width; k += 4) {
-        const int first = k + 4 <= width ? k : width - 4;
+    for (int k = 0; k < width; k += 4) {
+      const int first = k + 4 <= width ? k : width - 4;
+      for (int64_t i = 0; i < count; i += 4)
         dl2c_four_rows(columns + first * DL2C_BLOCK + i, stride, rows + i * stride + first);
-      }
+    }
     return;
   }
 #endif
