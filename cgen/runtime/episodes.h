@@ -79,7 +79,7 @@ static void dl2c_draw_beginnings(const dl2c_batch *b, const dl2c_followers *who,
   dl2c_initials *drawn = &all->drawn;
   for (int64_t i = 0; i < who->count; i++) {
     const dl2c_rng rng = dl2c_rng_make(b->seed[who->env[i]], b->episode[who->env[i]]);
-    for (int k = 0; k < 4; k++) drawn->stream[k * DL2C_BLOCK + i] = rng.s[k];
+    for (int k = 0; k < 4; k++) drawn->points.stream[k * DL2C_BLOCK + i] = rng.s[k];
   }
   dl2c_draw_initials(drawn, who->count);
   memset(all->ended, 0, sizeof all->ended);

@@ -21,13 +21,18 @@ enum {
 /* Numbers in a row of the tables of boxes. */
 #define DL2C_BOX_WIDTH ((int64_t)(sizeof SAMPLE_LOW[0] / sizeof(real)))
 
-typedef struct dl2c_initials {
-  _Alignas(DL2C_CACHE_LINE) uint64_t stream[4 * DL2C_BLOCK];      /* (4, DL2C_BLOCK) */
-  real x[NX * DL2C_BLOCK];              /* (NX, DL2C_BLOCK) */
-  real p[(NP + 1) * DL2C_BLOCK];        /* (NP, DL2C_BLOCK) */
+/* Streams of lanes, and what was drawn from them last for a block. */
+typedef struct dl2c_points {
+  _Alignas(DL2C_CACHE_LINE) uint64_t stream[4 * DL2C_BLOCK]; /* (4, DL2C_BLOCK) */
   real drawn[(NFREE + 1) * DL2C_BLOCK]; /* (NFREE + 1, DL2C_BLOCK) in its box; last: see dl2c_draw */
-  uint8_t admitted[DL2C_BLOCK];         /* the last draw is admissible */
-  uint8_t lost[DL2C_BLOCK];             /* no draw was in so many rounds */
+  uint8_t admitted[DL2C_BLOCK];         /* what was drawn is admissible */
+} dl2c_points;
+
+typedef struct dl2c_initials {
+  dl2c_points points;
+  real x[NX * DL2C_BLOCK];       /* (NX, DL2C_BLOCK) */
+  real p[(NP + 1) * DL2C_BLOCK]; /* (NP, DL2C_BLOCK) */
+  uint8_t lost[DL2C_BLOCK];      /* no draw was admissible in so many rounds */
 } dl2c_initials;
 
 /* The next number in [0, 1) of the stream of lane i.   s: (4, DL2C_BLOCK) */
@@ -43,7 +48,7 @@ DL2C_INLINE double dl2c_unit_of_lane(uint64_t *restrict s, int64_t i)
 }
 
 /* A box for each lane, and a point in it.   groups: of DL2C_DRAW_GROUP lanes */
-DL2C_LANES static void dl2c_draw_points(dl2c_initials *lanes, int block, int64_t groups)
+DL2C_LANES static void dl2c_draw_points(dl2c_points *lanes, int block, int64_t groups)
 {
   uint64_t *restrict s = lanes->stream;
   real *restrict drawn = lanes->drawn;
@@ -59,26 +64,44 @@ DL2C_LANES static void dl2c_draw_points(dl2c_initials *lanes, int block, int64_t
     const int64_t other = -(int64_t)(place - (real)cell >= SAMPLE_SHARE[first + cell]);
     box[i] = (first + cell) ^ (((first + cell) ^ alias) & other);
   }
-  for (int k = 0; k < free_names; k++)
+  for (int k = 0; k < free_names; k++) {
+    DL2C_ALIAS_FREE
     for (int64_t i = 0; i < groups * DL2C_DRAW_GROUP; i++) {
       const int64_t row = box[i] * DL2C_BOX_WIDTH;
       const real low = (&SAMPLE_LOW[0][k])[row], high = (&SAMPLE_HIGH[0][k])[row];
       const real a = low + (high - low) * dl2c_unit_of_lane(s, i);
       drawn[k * DL2C_BLOCK + i] = dl2c_select(a < high, a, high);
     }
+  }
   for (int64_t i = 0; DL2C_WEIGHTED && i < groups * DL2C_DRAW_GROUP; i++) {
     const real u = dl2c_unit_of_lane(s, i);
     drawn[NFREE * DL2C_BLOCK + i] = u * u * SAMPLE_DENSITY[DL2C_WEIGHTED ? box[i] : 0];
   }
 }
 
-/* The states that the points stand for, and which of them are admissible. */
-DL2C_INLINE void dl2c_admit_points(dl2c_initials *lanes, int block, int64_t groups)
+/* Which points are admissible: a block has no condition on names of others. */
+DL2C_INLINE void dl2c_admit_points(dl2c_points *lanes, int block, int64_t groups)
+{
+  const real *restrict drawn = lanes->drawn;
+  int64_t good[DL2C_BLOCK];
+  DL2C_ALIAS_FREE
+  for (int64_t i = 0; i < groups * DL2C_DRAW_GROUP; i++) {
+    real point[NFREE + 1], x[NX] = {0.0}, p[NP + 1] = {0.0};
+    DL2C_UNROLL
+    for (int k = 0; k <= NFREE; k++) point[k] = drawn[k * DL2C_BLOCK + i];
+    model_initial(block, point, x, p);
+    good[i] = model_accept(block, x, p);
+    if (DL2C_WEIGHTED) good[i] &= point[NFREE] <= model_density(block, x, p);
+  }
+  for (int64_t i = 0; i < groups * DL2C_DRAW_GROUP; i++) lanes->admitted[i] = good[i] != 0;
+}
+
+/* The states that the points stand for: sets the names of a block. */
+DL2C_INLINE void dl2c_place_points(dl2c_initials *lanes, int block, int64_t groups)
 {
   real *restrict x = lanes->x;
   real *restrict p = lanes->p;
-  const real *restrict drawn = lanes->drawn;
-  int64_t good[DL2C_BLOCK];
+  const real *restrict drawn = lanes->points.drawn;
   DL2C_ALIAS_FREE
   for (int64_t i = 0; i < groups * DL2C_DRAW_GROUP; i++) {
     real point[NFREE + 1], own_x[NX], own_p[NP + 1];
@@ -86,22 +109,17 @@ DL2C_INLINE void dl2c_admit_points(dl2c_initials *lanes, int block, int64_t grou
     for (int k = 0; k <= NFREE; k++) point[k] = drawn[k * DL2C_BLOCK + i];
     dl2c_read_lane(x, p, DL2C_BLOCK, i, own_x, own_p);
     model_initial(block, point, own_x, own_p);
-    good[i] = model_accept(block, own_x, own_p);
-    if (DL2C_WEIGHTED) good[i] &= point[NFREE] <= model_density(block, own_x, own_p);
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) x[k * DL2C_BLOCK + i] = own_x[k];
     DL2C_UNROLL
     for (int k = 0; k < NP; k++) p[k * DL2C_BLOCK + i] = own_p[k];
   }
-  for (int64_t i = 0; i < groups * DL2C_DRAW_GROUP; i++) lanes->admitted[i] = good[i] != 0;
 }
 
-/* Copies lane `from` of one to lane `to` of another. */
-static inline void dl2c_copy_lane(const dl2c_initials *a, int64_t from, dl2c_initials *b, int64_t to)
+/* Lane `to` goes on with the stream of lane `from`. */
+static inline void dl2c_copy_stream(const dl2c_points *a, int64_t from, dl2c_points *b, int64_t to)
 {
   for (int k = 0; k < 4; k++) b->stream[k * DL2C_BLOCK + to] = a->stream[k * DL2C_BLOCK + from];
-  for (int k = 0; k < NX; k++) b->x[k * DL2C_BLOCK + to] = a->x[k * DL2C_BLOCK + from];
-  for (int k = 0; k < NP; k++) b->p[k * DL2C_BLOCK + to] = a->p[k * DL2C_BLOCK + from];
 }
 
 /* How many groups the lanes are; those that complete the last one draw what the first lane draws. */
@@ -114,9 +132,9 @@ static inline int64_t dl2c_whole_groups(uint64_t *stream, int64_t count)
 }
 
 /* Draws the names of a block in each of `count` lanes; `rest` is for those that draw again. */
-DL2C_INLINE void dl2c_draw_block(dl2c_initials *all, dl2c_initials *rest, int block, int64_t count)
+DL2C_INLINE void dl2c_draw_block(dl2c_initials *all, dl2c_points *rest, int block, int64_t count)
 {
-  dl2c_initials *lanes = all;
+  dl2c_points *lanes = &all->points;
   int64_t place[DL2C_BLOCK]; /* where among all the lanes are that still draw */
   int64_t left = count;
   for (int64_t i = 0; i < count; i++) place[i] = i;
@@ -127,16 +145,19 @@ DL2C_INLINE void dl2c_draw_block(dl2c_initials *all, dl2c_initials *rest, int bl
     int64_t failed = 0;
     for (int64_t i = 0; i < left; i++) {
       if (!lanes->admitted[i]) {
-        dl2c_copy_lane(lanes, i, rest, failed);
+        dl2c_copy_stream(lanes, i, rest, failed);
         place[failed++] = place[i];
-      } else if (lanes != all) {
-        dl2c_copy_lane(lanes, i, all, place[i]);
+      } else if (lanes == rest) {
+        dl2c_copy_stream(rest, i, &all->points, place[i]);
+        for (int k = 0; k < SAMPLE_FREE[block]; k++)
+          all->points.drawn[k * DL2C_BLOCK + place[i]] = rest->drawn[k * DL2C_BLOCK + i];
       }
     }
     left = failed;
     lanes = rest;
   }
   for (int64_t i = 0; i < left; i++) all->lost[place[i]] = 1;
+  dl2c_place_points(all, block, (count + DL2C_DRAW_GROUP - 1) / DL2C_DRAW_GROUP);
 }
 
 /* Constants that are derived, in groups of lanes. */
@@ -155,12 +176,10 @@ DL2C_LANES static void dl2c_derive_in_lanes(dl2c_initials *lanes, int64_t groups
 /* Draws initial states in `count` lanes whose streams are given. */
 static void dl2c_draw_initials(dl2c_initials *lanes, int64_t count)
 {
-  dl2c_initials rest;
+  dl2c_points rest;
   memset(lanes->x, 0, sizeof lanes->x);
   memset(lanes->p, 0, sizeof lanes->p);
   memset(lanes->lost, 0, sizeof lanes->lost);
-  memset(rest.x, 0, sizeof rest.x);
-  memset(rest.p, 0, sizeof rest.p);
   DL2C_UNROLL
   for (int block = 0; block < (DL2C_DRAWS_IN_LANES ? NBLOCK : 0); block++)
     dl2c_draw_block(lanes, &rest, block, count);
