@@ -20,12 +20,19 @@ DL2C_INLINE void dl2c_endings(int64_t count, const dl2c_options *options,
   int32_t *restrict ends = judged->end;
   int32_t *restrict statuses = judged->status;
   int32_t *restrict reasons = judged->reason;
+  const uint8_t *restrict undefined = judged->undefined;
   int32_t others[DL2C_BLOCK];
+  int64_t ending = !DL2C_LOOPS;
   for (int64_t i = 0; i < count; i++) {
     const int64_t late = steps[i] >= longest ? DL2C_REASON_TIME_LIMIT : DL2C_REASON_NONE;
-    others[i] = (int32_t)(stalled[i] >= stall ? (int64_t)DL2C_REASON_STALLED : late);
+    const int64_t other = stalled[i] >= stall ? (int64_t)DL2C_REASON_STALLED : late;
+    others[i] = (int32_t)other;
+    ending |= other;
   }
-  const uint8_t *restrict undefined = judged->undefined;
+  uint8_t unusual = 0;
+  for (int64_t i = 0; i < count; i++)
+    unusual |= (uint8_t)((attempt[i] != DL2C_RAN) | !open[i] | undefined[i]);
+  if (!ending && !unusual) return; /* mostly nothing ends but by a predicate */
   for (int64_t i = 0; i < count; i++) {
     const int32_t no_run = attempt[i] == DL2C_NO_RUN;
     const int32_t failed = attempt[i] >= DL2C_NUMERICAL;
