@@ -195,16 +195,18 @@ static inline float dl2c_observe_float(real a, float low, float high, int32_t *s
   const float narrow = (float)a;
   const float least = low < -DL2C_LARGEST_FLOAT ? -DL2C_LARGEST_FLOAT : low;
   const float largest = high > DL2C_LARGEST_FLOAT ? DL2C_LARGEST_FLOAT : high;
-  *saturated |= (narrow < least) | (narrow > largest);
   const float raised = narrow < least ? least : narrow;
-  return raised > largest ? largest : raised;
+  const float shown = raised > largest ? largest : raised;
+  *saturated |= shown != narrow;
+  return shown;
 }
 
 static inline double dl2c_observe_double(real a, double low, double high, int32_t *saturated)
 {
-  *saturated |= (a < low) | (a > high);
   const double raised = a < low ? low : a;
-  return raised > high ? high : raised;
+  const double shown = raised > high ? high : raised;
+  *saturated |= shown != a;
+  return shown;
 }
 
 /* The distance of two ordinals; it may exceed the range of int64_t. */
