@@ -149,7 +149,7 @@ def _motion(k: int, plan: ExactPlan, leaves: Leaves) -> str:
         body.append(f"end = dl2c_select({' | '.join(short)}, dl2c_before(end), end);")
     conditions = [] if defined is None else [defined]
     conditions += [f"isfinite({limit})" for limit in limits if limit.startswith("left")]
-    conditions.append(f"(!moves | ({_finite('y', plan)}))")
+    conditions.append(f"((!moves) | ({_finite('y', plan)}))")
     doubts = [f"doubt{j}" for j, w in enumerate(plan.edges) if w.kind != "equal" and len(w.margin) > 2]
     body += [
         "",

@@ -257,7 +257,8 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
   y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
   y[X_h] = dl2c_select(hit0, 0.0, y[X_h]);
   y[X_h] = dl2c_select(hit1, 3.0, y[X_h]);
-  const bool defined = isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
+  const bool defined = isfinite(left0) & ((!moves) | (dl2c_finite(y[X_h]) & dl2c_finite(y[X_clock])
+      & dl2c_finite(y[X_t])));
   const bool inside = !moves | flow0_stays(y, p);
   y[X_h] = dl2c_select(moves, y[X_h], x[X_h]);
   y[X_clock] = dl2c_select(moves, y[X_clock], x[X_clock]);
@@ -293,7 +294,8 @@ static inline int64_t flow1_motion(const real *x, const real *p, real *y, real *
   dl2c_copy(x, NX, y);
   flow1_at(x, p, end, y);
   y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
-  const bool defined = isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
+  const bool defined = isfinite(left0) & ((!moves) | (dl2c_finite(y[X_clock])
+      & dl2c_finite(y[X_t])));
   const bool inside = !moves | flow1_stays(y, p);
   y[X_clock] = dl2c_select(moves, y[X_clock], x[X_clock]);
   y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
@@ -700,7 +702,7 @@ static inline bool model_update(int path, const real *x, const real *p, const re
 
 /*
  * The assignments of a path as selections, from x into its copy y. False where a value is
- * undefined.
+ * undefined or not finite.
  */
 static inline bool model_assign(int64_t path, const real *x, const real *p, const real *u, real *y)
 {

@@ -146,7 +146,7 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
   flow0_at(x, p, end, y);
   y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
   y[X_x] = dl2c_select(hit0, 0.0, y[X_x]);
-  const bool defined = isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
+  const bool defined = isfinite(left0) & ((!moves) | (dl2c_finite(y[X_x]) & dl2c_finite(y[X_t])));
   const bool inside = !moves | flow0_stays(y, p);
   y[X_x] = dl2c_select(moves, y[X_x], x[X_x]);
   y[X_t] = dl2c_select(moves, y[X_t], x[X_t]);
@@ -375,14 +375,14 @@ static inline bool model_update(int path, const real *x, const real *p, const re
 
 /*
  * The assignments of a path as selections, from x into its copy y. False where a value is
- * undefined.
+ * undefined or not finite.
  */
 static inline bool model_assign(int64_t path, const real *x, const real *p, const real *u, real *y)
 {
   (void)path; (void)x; (void)p;
   y[X_f] = u[U_assign_f];
   y[X_t] = 0.0;
-  return true;
+  return dl2c_finite(y[X_f]) & dl2c_finite(y[X_t]);
 }
 
 /* Narrows the values of an input to those its tests leave, up to rounding. */

@@ -320,7 +320,8 @@ static inline int64_t flow0_motion(const real *x, const real *p, real *y, real *
   flow0_at(x, p, end, y);
   y[X_t] = dl2c_select(left0 == end, until0, y[X_t]);
   y[X_vr] = dl2c_select(hit0, 0.0, y[X_vr]);
-  const bool defined = isfinite(left0) & (!moves | dl2c_all_finite(y, NX));
+  const bool defined = isfinite(left0) & ((!moves) | (dl2c_finite(y[X_xr]) & dl2c_finite(y[X_vr])
+      & dl2c_finite(y[X_t]) & dl2c_finite(y[X_T])));
   const bool inside = !moves | flow0_stays(y, p);
   y[X_xr] = dl2c_select(moves, y[X_xr], x[X_xr]);
   y[X_vr] = dl2c_select(moves, y[X_vr], x[X_vr]);
@@ -744,14 +745,14 @@ static inline bool model_update(int path, const real *x, const real *p, const re
 
 /*
  * The assignments of a path as selections, from x into its copy y. False where a value is
- * undefined.
+ * undefined or not finite.
  */
 static inline bool model_assign(int64_t path, const real *x, const real *p, const real *u, real *y)
 {
   (void)x; (void)u;
   y[X_ar] = dl2c_select((path == 2), p[P_A], dl2c_select((path == 0), path0_set_ar(p[P_b]), 0.0));
   y[X_t] = 0.0;
-  return true;
+  return dl2c_finite(y[X_ar]) & dl2c_finite(y[X_t]);
 }
 
 #include "no_inputs.h"
