@@ -4,6 +4,9 @@
  * - `new STIFF RTOL ATOL`: a solver for what follows
  * - `run FLOW STOP X[NX] P`: its tracks, "track FROM LENGTH DEGREE c.. END[NX]", and how it ended
  * - `time FLOW STOP REPEAT X[NX] P`: microseconds a flow takes
+ * - `sum ALIAS A B X[NX] Y[NX]`, `scale ALIAS C X[NX]`, `norm 0 0 X[NX] W[NX]`: "values" of the operation of
+ *   the kernel, then of that of the wheel; into X or Y where ALIAS is 1 or 2
+ * - `replaced 0 0`: "values", how many operations of the wheel a vector has, and how many of the kernel
  *
  * Numbers are hexadecimal, so that nothing is lost. The only argument is the solver's library.
  */
@@ -157,6 +160,71 @@ static bool read_reals(real *values, int n)
   return true;
 }
 
+#ifndef DL2C_SUNDIALS_SYSTEM
+static void print_values(const real *values, int n)
+{
+  for (int k = 0; k < n; k++) printf(" %a", values[k]);
+}
+
+/* Writes what an operation gives with these functions.   xy: (2, NX) */
+static void operate(const dl2c_sundials *functions, const char *word, int alias, real a, real b,
+                    const real *xy)
+{
+  real values[3][NX] = {{0.0}};
+  N_Vector v[3];
+  memcpy(values[0], xy, sizeof values[0]);
+  memcpy(values[1], xy + NX, sizeof values[1]);
+  for (int k = 0; k < 3; k++) v[k] = DL2C_SUN(N_VMake_Serial)(NX, values[k]);
+  const int to = alias == 0 ? 2 : alias - 1;
+  if (strcmp(word, "sum") == 0) functions->N_VLinearSum_Serial(a, v[0], b, v[1], v[to]);
+  if (strcmp(word, "scale") == 0) functions->N_VScale_Serial(a, v[0], v[to]);
+  if (strcmp(word, "norm") == 0) values[to][0] = functions->N_VWrmsNorm_Serial(v[0], v[1]);
+  print_values(values[to], NX);
+  for (int k = 0; k < 3; k++) DL2C_SUN(N_VDestroy_Serial)(v[k]);
+}
+
+static int has(N_Vector v, const void *function)
+{
+  int found = 0;
+  for (size_t k = 0; k < 24; k++)
+    found += memcmp((char *)v->operations + k * sizeof(void *), function, sizeof(void *)) == 0;
+  return found;
+}
+
+/* Answers what is about vectors; false if the word is not. */
+static bool about_vectors(const char *word, int alias, real a)
+{
+  const dl2c_sundials ours = {.N_VLinearSum_Serial = dl2c_vector_sum,
+                              .N_VScale_Serial = dl2c_vector_scale,
+                              .N_VWrmsNorm_Serial = dl2c_vector_norm};
+  real numbers[1 + 2 * NX] = {0.0};
+  if (strcmp(word, "replaced") == 0) {
+    N_Vector v = dl2c_wheel_vector(numbers);
+    printf("values %d %d\n",
+           has(v, &dl2c_wheel.N_VLinearSum_Serial) + has(v, &dl2c_wheel.N_VScale_Serial)
+               + has(v, &dl2c_wheel.N_VWrmsNorm_Serial),
+           has(v, &ours.N_VLinearSum_Serial) + has(v, &ours.N_VScale_Serial)
+               + has(v, &ours.N_VWrmsNorm_Serial));
+    DL2C_SUN(N_VDestroy_Serial)(v);
+    return true;
+  }
+  const bool sum = strcmp(word, "sum") == 0, scale = strcmp(word, "scale") == 0;
+  if (!sum && !scale && strcmp(word, "norm") != 0) return false;
+  if (!read_reals(numbers + !sum, (int)sum + (scale ? NX : 2 * NX))) return false;
+  printf("values");
+  operate(&ours, word, alias, a, numbers[0], numbers + 1);
+  operate(&dl2c_wheel, word, alias, a, numbers[0], numbers + 1);
+  printf("\n");
+  return true;
+}
+#else
+static bool about_vectors(const char *word, int alias, real a)
+{
+  (void)word, (void)alias, (void)a;
+  return false;
+}
+#endif
+
 int main(int argc, char **argv)
 {
   char problem[512];
@@ -177,6 +245,7 @@ int main(int argc, char **argv)
     real stop = 0.0;
     real x[NX + 1];
     if (scanf("%d", &a) != 1 || !read_reals(&stop, 1)) return 2;
+    if (about_vectors(word, a, stop)) continue;
     if (strcmp(word, "new") == 0) {
       dl2c_solver_free(solver);
       if (!read_reals(x, 1) || dl2c_solver_create(stop, x[0], a, &solver) != DL2C_OK) return 2;

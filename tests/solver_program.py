@@ -82,7 +82,7 @@ def ask(program: Path, *commands: str, library: Path | None = None, **environmen
                 flows.append(tuple(tracks))
                 done.append(how == "done")
                 tracks = []
-            case ["time", *rest]:
+            case ["time" | "values", *rest]:
                 numbers.append(tuple(float.fromhex(w) for w in rest))
             case _:
                 pass

@@ -1,10 +1,11 @@
 """The CVODES kernel: tolerances, tracks, published events, failures, and what a solver may depend on."""
 
+import random
 import shutil
 import subprocess
 from collections.abc import Callable
 from itertools import pairwise
-from math import cos, exp, isfinite, sin
+from math import cos, exp, inf, isfinite, isnan, sin
 from pathlib import Path
 from typing import Any
 
@@ -226,6 +227,34 @@ def refusal(program: Path, library: Path) -> str:
     result = subprocess.run((program, library), input="", capture_output=True, text=True, check=False)
     assert result.returncode == 1
     return result.stdout
+
+
+def test_vector_operations_are_those_of_sundials_to_the_bit(casadi_program: Path) -> None:
+    draw = random.Random(5)
+    special = (0.0, -0.0, 1.0, -1.0, inf, -inf, 1e308, 5e-324)
+
+    def number() -> float:
+        return draw.choice(special) if draw.random() < 0.3 else draw.uniform(-3.0, 3.0)
+
+    def vectors(count: int) -> str:
+        return " ".join(number().hex() for _ in range(count * NX))
+
+    commands = ["replaced 0 0"]
+    for _ in range(3000):
+        a = number()
+        b = draw.choice((a, -a, 1.0, -1.0, number(), number()))
+        alias = draw.randrange(3)
+        commands += [
+            f"sum {alias} {a.hex()} {b.hex()} {vectors(2)}",
+            f"scale {min(alias, 1)} {a.hex()} {vectors(1)}",
+            f"norm 0 0 {vectors(2)}",
+        ]
+    replaced, *results = ask(casadi_program, *commands).numbers
+    assert replaced == (0.0, 3.0)
+    assert len(results) == 9000
+    for command, values in zip(commands[1:], results, strict=True):
+        ours, theirs = (["nan" if isnan(v) else v.hex() for v in part] for part in (values[:NX], values[NX:]))
+        assert ours == theirs, command
 
 
 def test_a_library_without_cvodes_is_refused_by_name(casadi_program: Path, tmp_path: Path) -> None:
