@@ -269,7 +269,7 @@ class Compilation:
 
     def _key(self, claim: "Claim") -> str:
         source = self.place.source
-        return build_key({source.name: source.text}, as_words(self.resolved.options), claim.known)
+        return build_key({source.file_name: source.text}, as_words(self.resolved.options), claim.known)
 
     def manifest(self) -> "Manifest":
         """What a build would say of itself; no C is written or compiled. Raises what `load` raises."""

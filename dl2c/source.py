@@ -35,6 +35,13 @@ class Source:
         return Source(str(path), text.replace("\r\n", "\n").replace("\r", "\n"))
 
     @property
+    def file_name(self) -> str:
+        """`name` without the directory: what generated files call it, so that they are the same wherever the
+        file is.
+        """
+        return self.name.replace("\\", "/").rsplit("/", 1)[-1]
+
+    @property
     def start(self) -> "Span":
         """Its first character."""
         return Span(self, 0, min(1, len(self.text)))

@@ -36,8 +36,7 @@ def place(span: Span) -> str:
     """`file:line`, the file without its directory."""
     if span == NOWHERE:
         return ""
-    name = span.source.name.replace("\\", "/").rsplit("/", 1)[-1]
-    return f"{name}:{span.line}"
+    return f"{span.source.file_name}:{span.line}"
 
 
 def function(head: str, body: Iterable[str], about: str = "") -> str:

@@ -59,7 +59,7 @@ def lower(problem: Problem, options: Options) -> ir.Model:
     flows = tuple(lowering.flows)
     model = ir.Model(
         name=problem.entry.name,
-        source=problem.entry.span.source.name,
+        source=problem.entry.span.source.file_name,
         variables=_variables(problem, precondition, (*prefix, *step), flows),
         constants=constants,
         precondition=precondition,

@@ -91,7 +91,7 @@ def _found(
     reading = reading_of(source, options)
     if reading is None:
         return None
-    key = build_key({source.name: source.text}, reading.options, known())
+    key = build_key({source.file_name: source.text}, reading.options, known())
     found = inspected_key(key) if inspect else key
     return reused(found, lambda folder: take(folder, source, reading.warnings))
 

@@ -40,7 +40,7 @@ def manifest_of(build: BuildPlan, key: str, platform: dict[str, str]) -> Manifes
     model, paths, plan = build.model, build.paths, build.sampling
     return Manifest(
         name=model.name,
-        source=model.source.replace("\\", "/").rsplit("/", 1)[-1],
+        source=model.source,
         dl2c_version=build.version,
         abi_version=ABI_VERSION,
         stream_version=STREAM_VERSION,

@@ -41,7 +41,7 @@ def remember(kind: str, source: Source, options: Options, found: dict[str, Any])
 
 
 def _path(kind: str, source: Source, options: Options) -> Path:
-    facts = [kind, source.name, source.text, as_words(options), sorted(options.given), code_digest()]
+    facts = [kind, source.file_name, source.text, as_words(options), sorted(options.given), code_digest()]
     name = hashlib.sha256(json.dumps(facts, sort_keys=True).encode("utf-8", "surrogatepass")).hexdigest()
     return cache_dir() / NOTES / f"{name[:32]}.json"
 

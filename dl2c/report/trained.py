@@ -45,7 +45,7 @@ def read_trained(folder: Path, model: Model | None = None) -> Trained:
         data: dict[str, Any] = read_json(folder / RUN, MOST_BYTES)
         return Trained(
             folder=folder,
-            source=_source(folder, str(data["model"]), model),
+            source=_source(folder, str(data["model"]), str(data.get("source", TEXT)), model),
             algo=str(data["algo"]),
             seed=int(data["seed"]),
             options=dict(data["options"]),
@@ -58,9 +58,10 @@ def read_trained(folder: Path, model: Model | None = None) -> Trained:
         )
 
 
-def _source(folder: Path, name: str, model: Model | None) -> Source:
+def _source(folder: Path, name: str, file: str, model: Model | None) -> Source:
+    """The text that was trained on, under the name that its file had: so the builds of the training serve."""
     if model is not None:
         return source_of(model)
     if not (folder / TEXT).is_file():
         raise RunError(f"{folder} does not hold the text of {name!r}: name the model with --model")
-    return Source(TEXT, Source.read(folder / TEXT).text)
+    return Source(file, Source.read(folder / TEXT).text)

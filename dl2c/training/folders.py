@@ -96,6 +96,7 @@ class Training:
         seconds = self._before + time.perf_counter() - self._began
         run = Run(folder / POLICY, tuple(self.curve), seconds, tuple(self.evaluations), interrupted)
         content = self.given.content() | {
+            "source": self.source.file_name,
             "steps": self.learner.num_timesteps,
             "seconds": seconds,
             "interrupted": interrupted,

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from shutil import rmtree
+from shutil import copytree, rmtree
 
 Rates = dict[str, list[float]]
 Environment = Callable[[Path], Mapping[str, str]]
@@ -19,13 +19,14 @@ TRAINED = ("--steps", "2048", "--n-envs", "8", "--algo", "ppo")
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What is started; a `cold` one finds nothing that is kept, an `edited` one a model with another reward.
-    In a tree without the flag `--debug` it is left out.
+    """What is started; a `cold` one finds nothing that is kept, a `first` one what the training left, an
+    `edited` one a model with another reward. In a tree without the flag `--debug` it is left out.
     """
 
     row: str
     words: tuple[str, ...]
     cold: bool = False
+    first: bool = False
     edited: bool = False
 
 
@@ -39,7 +40,8 @@ def commands_of(model: str, run: str, edited: str) -> tuple[Command, ...]:
         Command("build-cold", ("build", model), cold=True),
         Command("build-debug", ("build", model, "--debug"), cold=True),
         Command("build-edited", ("build", edited), edited=True),
-        Command("report", ("report", run, "--episodes", "50")),
+        Command("report", ("report", run, "--episodes", "50"), first=True),
+        Command("report-kept", ("report", run, "--episodes", "50")),
     )
 
 
@@ -50,9 +52,11 @@ def seconds_of_commands(
     for example in examples:
         rates: list[Rates] = [{}, {}]
         for tree in trees:
-            run = _run_of(tree, example)
+            run, left = _run_of(tree, example), _left_by_training(tree)
             rmtree(run, ignore_errors=True)
-            _seconds(tree, ("train", f"examples/{example}.kyx", "-o", str(run), *TRAINED), environment(tree))
+            rmtree(left, ignore_errors=True)
+            given = {**environment(tree), "DL2C_CACHE_DIR": str(left)}
+            _seconds(tree, ("train", f"examples/{example}.kyx", "-o", str(run), *TRAINED), given)
             list(_round(tree, example, environment(tree)))  # so that all is kept
         for turn in range(rounds):
             for k in in_turn(len(trees), turn):
@@ -75,6 +79,11 @@ def _run_of(tree: Path, example: str) -> Path:
     return kept(tree) / example
 
 
+def _left_by_training(tree: Path) -> Path:
+    """The cache in which the training for a report was done."""
+    return kept(tree) / "trained"
+
+
 def with_another_reward(text: str, number: int) -> str:
     """A model whose first reward or penalty has other decimals."""
     return re.sub(r"(reward|penalty)=(-?\d+)", rf"\1=\2.{number}", text, count=1)
@@ -82,14 +91,16 @@ def with_another_reward(text: str, number: int) -> str:
 
 def _round(tree: Path, example: str, given: Mapping[str, str]) -> Iterator[tuple[str, float]]:
     """Every command once."""
-    cold = Path(given["DL2C_CACHE_DIR"]) / "cold"
+    own = Path(given["DL2C_CACHE_DIR"]) / "own"
     model, edited = tree / "examples" / f"{example}.kyx", kept(tree) / f"{example}.kyx"
     for command in commands_of(str(model), str(_run_of(tree, example)), str(edited)):
-        rmtree(cold, ignore_errors=True)
+        rmtree(own, ignore_errors=True)
+        if command.first:
+            copytree(_left_by_training(tree), own)
         if command.edited:
             changed = with_another_reward(model.read_text(encoding="utf-8"), time.time_ns())
             edited.write_text(changed, encoding="utf-8")
-        place = {"DL2C_CACHE_DIR": str(cold)} if command.cold else {}
+        place = {"DL2C_CACHE_DIR": str(own)} if command.cold or command.first else {}
         known = _has_debug(tree)
         words = tuple(word for word in command.words if known or word != "--debug")
         yield command.row, 1.0 / _seconds(tree, words, {**given, **place})

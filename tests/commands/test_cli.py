@@ -17,6 +17,7 @@ from dl2c.diagnostics import CompileError, error, warning
 from dl2c.native.errors import CompilerMissing
 from dl2c.options import OPTIONS, Options, UnknownOption, with_options
 from dl2c.parse import archive
+from dl2c.report.trained import read_trained
 from dl2c.source import Source, Span
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -230,6 +231,8 @@ def test_train_writes_its_results(capsys: Any, model: str, tmp_path: Path) -> No
         *("policy.zip", "policy.json", "policy.npz", "vecnormalize.pkl"),
         *("model.kyx", "run.json", "curve.png"),
     }
+    text = Source.read(model).text
+    assert read_trained(output).source == Source("toy.kyx", text)
     code, _, err = run(capsys, "train", model, "--algo", "sarsa")
     assert code == 1 and "no algorithm" in err
 

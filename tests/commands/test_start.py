@@ -98,6 +98,29 @@ def test_a_model_is_read_once(place: Mapping[str, str], tmp_path: Path) -> None:
         assert dl2c(place, *words) == first
 
 
+def test_a_build_serves_wherever_the_file_is(place: Mapping[str, str], tmp_path: Path) -> None:
+    folders = [tmp_path / "here", tmp_path / "there"]
+    for folder in folders:
+        folder.mkdir()
+        (folder / "warned.kyx").write_text(WARNED)
+    calls, said = tmp_path / "calls", [dl2c(place, "build", str(folders[0] / "warned.kyx"))]
+    compiled = calls.read_text()
+    said.append(dl2c(place, "build", str(folders[1] / "warned.kyx")))
+    assert calls.read_text() == compiled
+    for folder, (_, warnings) in zip(folders, said, strict=True):
+        assert "warning" in warnings and f"{folder}/warned.kyx:" in warnings
+
+
+def test_a_report_compiles_what_its_training_did_not(place: Mapping[str, str], tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    run, calls = str(tmp_path / "run"), tmp_path / "calls"
+    dl2c(place, "train", str(MODEL), "-o", run, "--algo", "ppo", "--steps", "128", "--n-envs", "1")
+    compiled = calls.read_text()
+    dl2c(place, "report", run, "--episodes", "2")
+    assert "Water_tank" in compiled
+    assert "Water_tank" not in calls.read_text().removeprefix(compiled)
+
+
 def test_a_build_imports_what_it_needs(place: Mapping[str, str], tmp_path: Path) -> None:
     words = ("build", str(MODEL), "-o", str(tmp_path))
     assert not imported(place, *words) & {"rich.console", "gymnasium", "dl2c.monitor.check"}

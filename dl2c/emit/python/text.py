@@ -57,7 +57,7 @@ def class_name(model: Model) -> str:
 
 def file_name(source: Source) -> str:
     """The model's file, without its directory."""
-    return clean(source.name.replace("\\", "/").rsplit("/", 1)[-1])
+    return clean(source.file_name)
 
 
 def source_text(build: BuildPlan) -> str:
