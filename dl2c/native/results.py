@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 CACHE_LINE = 64
-"""Bytes."""
+"""Bytes in it."""
 
 OUTCOME = struct.Struct("@3d3i6?")
 """How `Results.memory` of one environment begins."""
