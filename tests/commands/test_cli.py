@@ -41,6 +41,7 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         library = ToyLibrary(toy_manifest(**{k: v for k, v in given.items() if k != "constants"}))
         return SimpleNamespace(library=library, manifest=library.manifest, warnings=found, directory=built)
 
+    monkeypatch.setenv("DL2C_CACHE_DIR", str(tmp_path / "notes"))
     monkeypatch.setattr("dl2c.env.opening.build", build)
     monkeypatch.setattr("dl2c.env.opening.kept", build)
     monkeypatch.setattr(
@@ -254,6 +255,7 @@ def test_a_command_reads_a_model_once(
         read.append(source)
         return whole(source)
 
+    monkeypatch.setenv("DL2C_CACHE_DIR", str(tmp_path / "own"))
     monkeypatch.setattr(archive, "read_archive", reading)
     folder = ["-o", str(tmp_path / "monitor")] if command == "monitor" else []
     code, out, err = run(capsys, *command.split(), str(path), *folder)

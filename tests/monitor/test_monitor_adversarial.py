@@ -32,7 +32,7 @@ def beginnings(unit: Unit, check: Check, rng: random.Random, holds: Holds) -> li
     """States of a rollout, and random ones, that satisfy a check; all where none does, as an equality of
     computed values that doubles do not have.
     """
-    steps_ = list(steps(unit.monitor.model.source, 200))
+    steps_ = list(steps(unit, 200))
     asked = [q.line.split()[1:] for q in questions(unit, steps_) if q.check == check]
     found = [list(map(float, numbers)) for numbers in rng.sample(asked, min(len(asked), 200))]
     for _ in range(2000):

@@ -36,7 +36,7 @@ def recorded(request: pytest.FixtureRequest) -> tuple[str, Records]:
 
 def asked(unit: Unit, states: int) -> Iterator[list[float]]:
     """All that replay asks about the states, and whether each step as a whole is one of the controller."""
-    rows = list(steps(unit.monitor.model.source, states))
+    rows = list(steps(unit, states))
     numbers = len(unit.monitor.model.variables)
     for question in questions(unit, rows):
         found = list(map(float, question.line.split()[1:]))
@@ -48,10 +48,11 @@ def asked(unit: Unit, states: int) -> Iterator[list[float]]:
         yield record("controller", [*parts, {c.name: now[c.name] for c in unit.parameters}])
 
 
-def steps(model: str, states: int) -> Iterator[dict[str, Any]]:
-    rows = 0
+def steps(unit: Unit, states: int) -> Iterator[dict[str, Any]]:
+    """Rows of rollouts of the example that a unit watches."""
+    example, rows = f"example:{Path(unit.monitor.model.source).stem}", 0
     while rows < states:
-        for row in rollout("random", Path(model), 20, seed=rows):
+        for row in rollout("random", example, 20, seed=rows):
             rows += 1
             yield row | {"step": str(row["step"])}
 
