@@ -194,17 +194,15 @@ static int has(N_Vector v, const void *function)
 /* Answers what is about vectors; false if the word is not. */
 static bool about_vectors(const char *word, int alias, real a)
 {
-  const dl2c_sundials ours = {.N_VLinearSum_Serial = dl2c_vector_sum,
-                              .N_VScale_Serial = dl2c_vector_scale,
-                              .N_VWrmsNorm_Serial = dl2c_vector_norm};
+  const dl2c_sundials *ours = &dl2c_vector_operations;
   real numbers[1 + 2 * NX] = {0.0};
   if (strcmp(word, "replaced") == 0) {
     N_Vector v = dl2c_wheel_vector(numbers);
     printf("values %d %d\n",
            has(v, &dl2c_wheel.N_VLinearSum_Serial) + has(v, &dl2c_wheel.N_VScale_Serial)
                + has(v, &dl2c_wheel.N_VWrmsNorm_Serial),
-           has(v, &ours.N_VLinearSum_Serial) + has(v, &ours.N_VScale_Serial)
-               + has(v, &ours.N_VWrmsNorm_Serial));
+           has(v, &ours->N_VLinearSum_Serial) + has(v, &ours->N_VScale_Serial)
+               + has(v, &ours->N_VWrmsNorm_Serial));
     DL2C_SUN(N_VDestroy_Serial)(v);
     return true;
   }
@@ -212,7 +210,7 @@ static bool about_vectors(const char *word, int alias, real a)
   if (!sum && !scale && strcmp(word, "norm") != 0) return false;
   if (!read_reals(numbers + !sum, (int)sum + (scale ? NX : 2 * NX))) return false;
   printf("values");
-  operate(&ours, word, alias, a, numbers[0], numbers + 1);
+  operate(ours, word, alias, a, numbers[0], numbers + 1);
   operate(&dl2c_wheel, word, alias, a, numbers[0], numbers + 1);
   printf("\n");
   return true;

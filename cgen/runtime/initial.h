@@ -122,10 +122,16 @@ static inline void dl2c_copy_stream(const dl2c_points *a, int64_t from, dl2c_poi
   for (int k = 0; k < 4; k++) b->stream[k * DL2C_BLOCK + to] = a->stream[k * DL2C_BLOCK + from];
 }
 
-/* How many groups the lanes are; those that complete the last one draw what the first lane draws. */
+/* How many groups the lanes are. The last one may have fewer. */
+static inline int64_t dl2c_groups_of(int64_t count)
+{
+  return (count + DL2C_DRAW_GROUP - 1) / DL2C_DRAW_GROUP;
+}
+
+/* The same; lanes that complete the last one draw what the first lane draws. */
 static inline int64_t dl2c_whole_groups(uint64_t *stream, int64_t count)
 {
-  const int64_t groups = (count + DL2C_DRAW_GROUP - 1) / DL2C_DRAW_GROUP;
+  const int64_t groups = dl2c_groups_of(count);
   for (int64_t i = count; i < groups * DL2C_DRAW_GROUP; i++)
     for (int k = 0; k < 4; k++) stream[k * DL2C_BLOCK + i] = stream[k * DL2C_BLOCK];
   return groups;
@@ -157,7 +163,7 @@ DL2C_INLINE void dl2c_draw_block(dl2c_initials *all, dl2c_points *rest, int bloc
     lanes = rest;
   }
   for (int64_t i = 0; i < left; i++) all->lost[place[i]] = 1;
-  dl2c_place_points(all, block, (count + DL2C_DRAW_GROUP - 1) / DL2C_DRAW_GROUP);
+  dl2c_place_points(all, block, dl2c_groups_of(count));
 }
 
 /* Constants that are derived, in groups of lanes. */
@@ -183,7 +189,7 @@ static void dl2c_draw_initials(dl2c_initials *lanes, int64_t count)
   DL2C_UNROLL
   for (int block = 0; block < (DL2C_DRAWS_IN_LANES ? NBLOCK : 0); block++)
     dl2c_draw_block(lanes, &rest, block, count);
-  dl2c_derive_in_lanes(lanes, (count + DL2C_DRAW_GROUP - 1) / DL2C_DRAW_GROUP);
+  dl2c_derive_in_lanes(lanes, dl2c_groups_of(count));
 }
 
 #endif

@@ -220,6 +220,10 @@ static double dl2c_vector_norm(N_Vector x, N_Vector w)
   return sqrt(sum / NX);
 }
 
+static const dl2c_sundials dl2c_vector_operations = {.N_VLinearSum_Serial = dl2c_vector_sum,
+                                                     .N_VScale_Serial = dl2c_vector_scale,
+                                                     .N_VWrmsNorm_Serial = dl2c_vector_norm};
+
 /* Puts a function into the table of a vector in place of another. Both are addresses of pointers to them. */
 static void dl2c_wheel_replace(N_Vector y, const void *theirs, const void *ours)
 {
@@ -235,12 +239,10 @@ static void dl2c_wheel_replace(N_Vector y, const void *theirs, const void *ours)
  */
 static void dl2c_wheel_operations(N_Vector y)
 {
-  const dl2c_sundials ours = {.N_VLinearSum_Serial = dl2c_vector_sum,
-                              .N_VScale_Serial = dl2c_vector_scale,
-                              .N_VWrmsNorm_Serial = dl2c_vector_norm};
-  dl2c_wheel_replace(y, &dl2c_wheel.N_VLinearSum_Serial, &ours.N_VLinearSum_Serial);
-  dl2c_wheel_replace(y, &dl2c_wheel.N_VScale_Serial, &ours.N_VScale_Serial);
-  dl2c_wheel_replace(y, &dl2c_wheel.N_VWrmsNorm_Serial, &ours.N_VWrmsNorm_Serial);
+  const dl2c_sundials *ours = &dl2c_vector_operations;
+  dl2c_wheel_replace(y, &dl2c_wheel.N_VLinearSum_Serial, &ours->N_VLinearSum_Serial);
+  dl2c_wheel_replace(y, &dl2c_wheel.N_VScale_Serial, &ours->N_VScale_Serial);
+  dl2c_wheel_replace(y, &dl2c_wheel.N_VWrmsNorm_Serial, &ours->N_VWrmsNorm_Serial);
 }
 
 /* A vector over an array; NULL also where its layout is not the one declared above. */
