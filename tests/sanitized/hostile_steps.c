@@ -93,7 +93,7 @@ static void place(dl2c_batch *b, int64_t n, dl2c_rng *rng)
       x[k] = dl2c_rng_next(rng) % 50 == 0 ? hostile_number(rng) : dl2c_rng_uniform(rng, -3.0, 3.0);
       finite = finite && fabs(x[k]) <= 1e100;
     }
-    for (int k = 0; k < NP; k++) {
+    for (int k = 0; k < NCONSTANT; k++) {
       p[k] = dl2c_rng_next(rng) % 50 == 0 ? hostile_number(rng) : dl2c_rng_uniform(rng, 0.5, 2.0);
       finite = finite && isfinite(p[k]);
     }
