@@ -36,7 +36,7 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "gae_lambda": (0.9, 0.95, 0.98),
     "n_steps": (16, 32, 64, 128),
     "batch_size": (256, 1024),
-    "n_epochs": (3, 6, 10),
+    "n_epochs": (2, 3, 6, 10),
     "ent_coef": (0.0, 0.003, 0.01),
     "action_map": ("project", "squash"),
 }
@@ -57,6 +57,7 @@ def configuration(model: str, steps: int, values: Mapping[str, Any]) -> dict[str
     manifest = dl2c.make(model).manifest
     algo = "ppo" if manifest.inputs else "maskable-ppo"
     hyper = {name: value for name, value in values.items() if name != "action_map"}
+    hyper["schedule"] = DEFAULT["schedule"]
     chosen: dict[str, Any] = {"model": model, "algo": algo, "steps": steps, "n_envs": N_ENVS, "hyper": hyper}
     return chosen | ({"options": {"action_map": values["action_map"]}} if manifest.inputs else {})
 

@@ -46,6 +46,7 @@ GUARDS = Settings(
         "batch_size": 256,
         "n_epochs": 3,
         "learning_rate": 3e-3,
+        "schedule": "linear",
         "gamma": 0.01,
         "gae_lambda": 0.0,
         "net_arch": [128, 128],

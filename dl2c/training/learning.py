@@ -110,7 +110,8 @@ def _begun(given: Given, env: Dl2cVecEnv) -> tuple[Any, Run]:
     if not settings.normalize:
         moments = _moments(env, given.seed)
         policy |= {"features_extractor_class": Standardised, "features_extractor_kwargs": moments}
-    if hyper.pop("schedule") == "linear":
+    schedule = hyper.pop("schedule")
+    if schedule != "constant":
         hyper["learning_rate"] = _falling(hyper["learning_rate"])
     if given.algo != "sac":
         hyper["batch_size"] = min(hyper["batch_size"], hyper["n_steps"] * env.num_envs)
@@ -121,6 +122,7 @@ def _begun(given: Given, env: Dl2cVecEnv) -> tuple[Any, Run]:
         )
     except (AssertionError, ValueError) as problem:
         raise TrainingError(f"{given.algo} refuses these hyperparameters: {problem}") from None
+    learner.tapered = schedule == "tapered"
     return learner, Run(Path(), (), 0.0)
 
 

@@ -1,5 +1,6 @@
 """PPO in closed form against automatic differentiation in Stable-Baselines3."""
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -11,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
 
 from dl2c.training.activations import Tanh
 from dl2c.training.ppo.update import closed_form, known
@@ -128,3 +130,26 @@ def test_other_networks_are_not_known() -> None:
     assert parts(activation_fn=torch.nn.LeakyReLU) is None
     assert parts(share_features_extractor=False) is None
     assert parts(net_arch={"pi": [4], "vf": [4, 4]}) is not None
+
+
+@pytest.mark.parametrize("special", [{}, {"target_kl": 1e3}])
+def test_epochs_fall_with_what_is_left(special: dict[str, Any], tmp_path: Path) -> None:
+    """After rounds that leave 3/4, 1/2, 1/4 and nothing, of four epochs at first; saved learners go on so."""
+    made: list[int] = []
+
+    class Count(BaseCallback):
+        def _on_rollout_start(self) -> None:
+            made.append(self.model._n_updates)
+
+        def _on_step(self) -> bool:
+            return True
+
+    kind = closed_form(PPO)
+    learner = kind("MlpPolicy", Noise(SPACES[3], 0), n_steps=8, batch_size=8, n_epochs=4, **special)
+    learner.tapered = True
+    learner.learn(32, callback=Count())
+    assert np.diff([*made, learner._n_updates]).tolist() == [3, 2, 1, 1]
+    assert learner.n_epochs == 4
+    learner.save(tmp_path / "learner.zip")
+    assert kind.load(tmp_path / "learner.zip").tapered
+    assert not kind("MlpPolicy", Noise(SPACES[3], 0)).tapered

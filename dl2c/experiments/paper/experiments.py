@@ -22,6 +22,7 @@ GUARDS: dict[str, Any] = {
     "batch_size": 1024,
     "n_epochs": 4,
     "learning_rate": 4e-3,
+    "schedule": "linear",
     "gamma": 0.0,
     "gae_lambda": 0.0,
 }

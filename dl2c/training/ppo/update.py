@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -76,6 +77,9 @@ class ClosedForm:
     without automatic differentiation. What is not known here is left to Stable-Baselines3.
     """
 
+    tapered = False
+    """Whether the number of epochs falls in proportion to what is left of the training, down to 1."""
+
     def collect_rollouts(self, *args: Any, **kwargs: Any) -> bool:
         """Fill the buffer with a round of experience."""
         learner: Any = self
@@ -94,6 +98,15 @@ class ClosedForm:
     def train(self) -> None:
         """Learn from the buffer's round."""
         learner: Any = self
+        epochs = learner.n_epochs
+        if self.tapered:
+            learner.n_epochs = max(1, ceil(epochs * learner._current_progress_remaining))
+        try:
+            self._train(learner)
+        finally:
+            learner.n_epochs = epochs
+
+    def _train(self, learner: Any) -> None:
         special = learner.clip_range_vf is not None or learner.target_kl is not None
         policy = None if special else known(learner.policy)
         if policy is None:
