@@ -3,9 +3,10 @@
     python tests/bench/against.py REV [--start] [--examples waypoint,acc] [--require ROW=RATIO] ...
 
 Without --start, all rows of `dl2c bench` on every example; with it, whole commands, of which processor time
-counts. A ratio above 1 means that this tree is faster; its interval holds 95 % of Student's t. Exit 1 if the
-upper end of an interval is below what is required of its row, or the geometric mean of all other rows is
-less than `OVERALL`. A row is `batch1024`, or `waypoint/batch1024` of one example. Needs git.
+counts, also those of all examples together. A ratio above 1 means that this tree is faster; its interval
+holds 95 % of Student's t. Exit 1 if the upper end of an interval is below what is required of its row, or the
+geometric mean of all other rows is less than `OVERALL`. A row is `batch1024`, or `waypoint/batch1024` of one
+example. Needs git.
 """
 
 import argparse
@@ -153,6 +154,24 @@ def environments(trees: Sequence[Path], examples: Sequence[str]) -> Iterator[tup
         yield example, here, {row: there[row] for row in here if row in there}
 
 
+def with_all(
+    measured: Iterator[tuple[str, Rates, Rates]],
+) -> Generator[tuple[str, Rates, Rates], None, None]:
+    """The rates of every example, then those of doing the same with all of them, one after another."""
+    seconds: tuple[Rates, Rates] = ({}, {})
+    examples = 0
+    for name, *found in measured:
+        yield name, found[0], found[1]
+        examples += 1
+        for sums, rates in zip(seconds, found, strict=True):
+            for row, values in rates.items():
+                before = sums.get(row, [0.0] * len(values))
+                sums[row] = [s + 1.0 / v for s, v in zip(before, values, strict=True)]
+    if examples > 1:
+        here, there = ({row: [1.0 / s for s in sums[row]] for row in sums} for sums in seconds)
+        yield "all", here, there
+
+
 def ratios(
     measured: Iterator[tuple[str, Rates, Rates]], required: Mapping[str, float]
 ) -> Generator[Ratio, None, None]:
@@ -187,7 +206,7 @@ def main() -> int:
         trees = [ROOT, other]
         known = [name for name in examples if (other / "examples" / f"{name}.kyx").exists()]
         if asked.start:
-            measured = seconds_of_commands(trees, known, environment, ROUNDS)
+            measured = with_all(seconds_of_commands(trees, known, environment, ROUNDS))
         else:
             measured = environments(trees, known)
         print(f"{'row':42}{'times':>8}  95 % interval")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from bench import against
-from bench.against import ROUNDS, Rates, ratio_of, ratios, required_of
+from bench.against import ROUNDS, Rates, ratio_of, ratios, required_of, with_all
 from bench.processes import with_another_reward
 
 from dl2c.resolve.unreadable import read_file
@@ -48,6 +48,16 @@ def test_only_rows_of_both_are_compared() -> None:
         yield "acc", {"gym": here, "new": here}, {"gym": there}
 
     assert [r.row for r in ratios(measured(), {})] == ["acc/gym"]
+
+
+def test_all_examples_together_take_the_sum_of_their_times() -> None:
+    def measured() -> Iterator[tuple[str, Rates, Rates]]:
+        yield "acc", {"cold": [1.0, 0.5]}, {"cold": [0.5, 0.25]}
+        yield "etcs", {"cold": [0.5, 1.0]}, {"cold": [0.25, 0.5]}
+
+    rows = list(with_all(measured()))
+    assert [name for name, _, _ in rows] == ["acc", "etcs", "all"]
+    assert rows[-1][1:] == ({"cold": [1 / 3, 1 / 3]}, {"cold": [1 / 6, 1 / 6]})
 
 
 def test_every_example_has_a_reward_to_edit() -> None:
