@@ -16,7 +16,7 @@ from dl2c.commands.verbosity import quiet
 from dl2c.commands.waiting import working
 from dl2c.diagnostics import CompileError
 from dl2c.env.interface import interface_of
-from dl2c.env.opening import compilation_of
+from dl2c.env.opening import Model, compilation_of
 from dl2c.native.describe import manifest_of
 from dl2c.native.manifest import Manifest
 from dl2c.options import UnknownOption, exact_number
@@ -54,7 +54,7 @@ INTERFACE = (
 
 
 def policy_for(
-    model: str, path: Path, options: Mapping[str, Any], *, trusted: bool = False
+    model: Model, path: Path, options: Mapping[str, Any], *, trusted: bool = False
 ) -> tuple[NetworkPolicy, Mapping[str, Any]]:
     """The policy at a path, and the options of the environment that it acts in: those given over those it
     was trained with. Where it is `trusted`, nothing warns of code that loading it executes. Raises
@@ -100,7 +100,7 @@ def _warn(file: Path, statistics: Path | None) -> None:
         print(f"warning: loading {what} executes code that is in it; {advice}", file=sys.stderr)
 
 
-def _manifest(model: str, options: Mapping[str, Any]) -> Manifest:
+def _manifest(model: Model, options: Mapping[str, Any]) -> Manifest:
     """What the environment of a model is, without building it."""
     return manifest_of(compilation_of(model, options).planned.build, "", {})
 

@@ -63,7 +63,7 @@ def report(
     if film is not None:
         _write_film(trained, film)
     if play is not None:
-        _write_page(trained, model, play)
+        _write_page(trained, play)
 
 
 def _links(page: Path, beside: Mapping[str, Path | None]) -> dict[str, str]:
@@ -82,15 +82,12 @@ def _write_film(trained: "Trained", path: Path) -> None:
     print(path)
 
 
-def _write_page(trained: "Trained", model: str | None, path: Path) -> None:
+def _write_page(trained: "Trained", path: Path) -> None:
     from dl2c.commands.policy import policy_for
     from dl2c.play.build import playable
     from dl2c.play.page import page_of
-    from dl2c.training.run import TEXT
 
     with working(f"making {path}") as note:
-        policy, options = policy_for(
-            model or str(trained.folder / TEXT), trained.folder, trained.options, trusted=True
-        )
+        policy, options = policy_for(trained.source, trained.folder, trained.options, trusted=True)
         write_output(path, page_of(playable(trained.source, options, policy, note)))
     print(path)
