@@ -107,6 +107,7 @@ class ClosedForm:
             learner.n_epochs = epochs
 
     def _train(self, learner: Any) -> None:
+        """Learn as many epochs as the learner says now."""
         special = learner.clip_range_vf is not None or learner.target_kl is not None
         policy = None if special else known(learner.policy)
         if policy is None:
