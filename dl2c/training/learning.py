@@ -30,6 +30,9 @@ from dl2c.training.stopping import stoppable
 SAMPLED_STEPS = 200
 """Steps of every environment from which observations are standardised."""
 
+FUNCTIONS = (torch.exp, torch.log, torch.sqrt, torch.tanh)
+"""What trainings leave to MKL."""
+
 
 def train(
     model: Model,
@@ -56,6 +59,8 @@ def train(
     if tensorboard is not None and find_spec("tensorboard") is None:
         raise TrainingError("TensorBoard is not installed; `pip install tensorboard`, or leave it out")
     torch.set_num_threads(chosen.threads)
+    for function in FUNCTIONS:
+        function(torch.ones(1))  # MKL before 2025 loses digits where threads race for the first call of one
     torch.distributions.Distribution.set_default_validate_args(False)
     source = source_of(model)
     env = Dl2cVecEnv(source, chosen.n_envs or 1, num_threads=None, **options)

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,11 @@ from dl2c.training.rollout import COLUMNS, rollout
 
 MODEL = "a model\nof two lines"
 DECISIONS = [((3,), 0), ((3, 2), 0), ((), 2), ((), 0), ((2, 3), 1)]
+
+MKL = re.compile("a?(cos|sin|tan)|erf(c|inv)?|exp|log(2|10)?|sqrt|tanh|trunc")
+"""What PyTorch leaves to MKL where it has that."""
+SHARED = 2048
+"""From so many elements on, PyTorch's threads share what they leave to MKL."""
 
 
 @pytest.fixture(autouse=True)
@@ -132,6 +138,30 @@ def test_a_trained_policy_can_be_read_back(
     rows = list(rollout(run.policy, MODEL))
     plot_trajectory(rows, {"x": "position / m"}, tmp_path / "trajectory.png", "toy")
     assert (tmp_path / "curve.png").stat().st_size > 1000
+
+
+def test_mkl_is_called_by_one_thread_first(toy: Any, tmp_path: Path) -> None:
+    """Versions before 2025 can lose digits where several threads call a function for the first time."""
+    pytest.importorskip("torch")
+    from torch.utils._python_dispatch import TorchDispatchMode
+
+    from dl2c.training.learning import train
+    from dl2c.training.run import Settings
+
+    sizes: dict[str, int] = {}
+
+    class Calls(TorchDispatchMode):
+        def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+            if MKL.fullmatch(name := func.overloadpacket.__name__.rstrip("_")):
+                sizes.setdefault(name, args[0].numel())
+            return func(*args, **(kwargs or {}))
+
+    toy((3,), 0)
+    hyper = {"n_steps": 4, "batch_size": 4096, "n_epochs": 1, "net_arch": [8, 8]}
+    with Calls():
+        train(MODEL, directory=tmp_path, settings=Settings(steps=4096, n_envs=1024, hyper=hyper))
+    assert "exp" in sizes
+    assert max(sizes.values()) < SHARED, sizes
 
 
 def test_maskable_ppo_refuses_continuous_actions(toy: Any, tmp_path: Path) -> None:
