@@ -30,11 +30,12 @@ from dl2c.version import install
 CODE_FLAGS = ("-std=c11", "-O3", "-fno-trapping-math", "-fno-math-errno", "-fvisibility=hidden", "-fPIC")
 GCC_FLAGS = (
     *("-fno-tree-pre", "-fno-code-hoisting", "-fno-gcse", "-fno-rerun-cse-after-loop", "-fno-thread-jumps"),
+    *("-fno-gcse-after-reload", "-fno-predictive-commoning", "-fno-tree-vrp"),
     *("-fno-unswitch-loops", "-fno-split-loops", "-fno-peel-loops", "-fno-loop-unroll-and-jam"),
     *("-fno-tree-loop-distribution", "-fno-ipa-cp-clone", "-fno-schedule-insns2", "-fno-tree-slp-vectorize"),
     "--param=max-completely-peeled-insns=80",
 )
-"""Without passes of GCC that make this code no faster: they take a fifth of the time, and the first (which
+"""Without passes of GCC that make this code no faster: they take a quarter of the time, and the first (which
 runs unless both of its flags are there) most of it in large models. The last one makes vectors of values of a
 single environment, with which its steps are slower; loops over lanes are vectorised by another pass. Loops
 are unrolled whole up to 80 instructions: with GCC's own 200 compiling takes a tenth longer, and no step is
