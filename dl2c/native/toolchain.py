@@ -36,8 +36,8 @@ GCC_FLAGS = (
     "--param=max-completely-peeled-insns=80",
 )
 """Without passes of GCC that make this code no faster: they take a quarter of the time, and the first (which
-runs unless both of its flags are there) most of it in large models. The last pass makes vectors of values of a
-single environment, with which its steps are slower; loops over lanes are vectorised by another pass. Loops
+runs unless both of its flags are there) most of it in large models. The last pass makes vectors of values of
+a single environment, with which its steps are slower; loops over lanes are vectorised by another pass. Loops
 are unrolled whole up to 80 instructions: with GCC's own 200 compiling takes a tenth longer, and no step is
 faster; with 60 some are slower.
 """
