@@ -303,7 +303,7 @@ class Compilation:
         model = self.lowered.model
         with stage("compiling C", self.progress):
             name, sundials = file_stem(model.name), self._sundials
-            library = partial(compile_library, native=options.native, debug=options.debug)
+            library = partial(compile_library, native=options.native, debug=options.debug, keep=True)
             library(sources, name, folder, sundials=sundials, inspect=inspect)
         manifest = self._manifest(key, claim)
         (folder / "manifest.json").write_text(manifest.to_json(), encoding="utf-8")

@@ -93,7 +93,7 @@ dl2c_status dl2c_inspect_violations(int64_t count, const double *x, const double
   for (int64_t j = 0; j < count; j++) {
     uint8_t facts[NFACT] = {0};
     model_facts(x + j * NX, constants, 1, 1, 1, facts);
-    model_judge(x + j * NX, constants, 1, 1, facts, 1, &judged);
+    dl2c_judge(x + j * NX, constants, 1, 1, facts, 1, &judged);
     violated[j] = judged.cost[0];
   }
   return DL2C_OK;

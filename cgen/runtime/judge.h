@@ -164,7 +164,7 @@ DL2C_INLINE void dl2c_forgive(const dl2c_batch *b, int64_t first, int64_t count,
     real x[NX];
     real p[NP + 1];
     dl2c_load(b, first + i, x, p);
-    s->judged.reward[i] = DL2C_LOOPS ? model_shapes(x, p) : 0.0;
+    s->judged.reward[i] = DL2C_LOOPS ? dl2c_shapes(x, p) : 0.0;
     s->judged.cost[i] = 0;
     if (!DL2C_LOOPS) s->facts[F_postcondition * DL2C_BLOCK + i] = 1;
   }
@@ -224,7 +224,7 @@ DL2C_INLINE void dl2c_judge_lanes(dl2c_batch *b, int64_t block, int64_t lane, in
     model_facts(x, p, b->stride, count, DL2C_BLOCK, s->facts);
   dl2c_late(b, first, count, s->late);
   model_revise(count, s->watch + lane, s->late, DL2C_BLOCK, s->facts);
-  model_judge(x, p, b->stride, count, s->facts, DL2C_BLOCK, &s->judged);
+  dl2c_judge(x, p, b->stride, count, s->facts, DL2C_BLOCK, &s->judged);
   dl2c_forgive(b, first, count, attempt, s);
   dl2c_lead_block(b, first, count, attempt);
   if (DL2C_GUARDS_WITH_FACTS)

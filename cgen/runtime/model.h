@@ -191,6 +191,16 @@ typedef struct dl2c_judgement {
   uint8_t undefined[DL2C_BLOCK]; /* a reward term has no finite value */
 } dl2c_judgement;
 
+#ifndef DL2C_REWARDS_APART
+#define DL2C_REWARDS_APART 0
+#endif
+#if DL2C_REWARDS_APART
+/* model_judge and model_shapes, in a unit of their own: see rewards.h. */
+DL2C_HIDDEN void dl2c_judge(const real *restrict x, const real *restrict p, int64_t stride, int64_t count,
+                            const uint8_t *restrict facts, int64_t row, dl2c_judgement *restrict judged);
+DL2C_HIDDEN real dl2c_shapes(const real *x, const real *p);
+#endif
+
 /* Judged by no predicate yet. */
 DL2C_INLINE void dl2c_unjudged(int64_t count, dl2c_judgement *restrict judged)
 {

@@ -92,6 +92,13 @@ static inline void dl2c_leave_upper_halves(void)
 #define DL2C_INLINE static inline
 #endif
 
+/* For a function that several units of one model share. */
+#if defined(__GNUC__)
+#define DL2C_HIDDEN __attribute__((visibility("hidden")))
+#else
+#define DL2C_HIDDEN
+#endif
+
 /* For a function: inlines all that it calls. */
 #define DL2C_FLAT __attribute__((flatten))
 

@@ -6,7 +6,7 @@ name or a number gets no function.
 """
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from dl2c.emit import names
 from dl2c.emit.cexpr import Printed, print_tape
@@ -40,6 +40,10 @@ class Leaves:
     called: dict[str, str] = field(default_factory=dict[str, str])
     bodies: dict[tuple[str, ...], str] = field(default_factory=dict[tuple[str, ...], str])
     tapes: dict[Term, Tape] = field(default_factory=dict[Term, Tape])
+
+    def apart(self) -> "Leaves":
+        """No leaf functions yet, for another file about the same model."""
+        return replace(self, texts=[], made={}, called={}, bodies={})
 
     def tape(self, term: Term) -> Tape:
         """The tape of a term, which many functions may ask for."""

@@ -163,14 +163,13 @@ def test_the_cache_is_listed_pruned_and_cleared(capsys: Any, model: str, tmp_pat
     run(capsys, "build", model, "-o", str(tmp_path))
     run(capsys, "build", model, "-o", str(tmp_path), "--stall-limit", "3")
     listed = cache("list", "--json")
-    assert [(row["name"], row["bytes"] > 0, bool(row["used"])) for row in listed] == [
-        ("still water", True, True)
-    ] * 2
+    assert sorted(row["name"] for row in listed) == ["still water", "still water", "still_water.o"]
+    assert all(row["bytes"] > 0 and row["used"] for row in listed)
     assert [line.split()[0] for line in cache("list").splitlines()[:-1]] == [row["key"] for row in listed]
     assert cache("prune", "--json") == []
-    assert "removed: 2" in cache("prune", "--cap", "0")
+    assert "removed: 3" in cache("prune", "--cap", "0")
     run(capsys, "build", model, "-o", str(tmp_path))
-    assert [row["name"] for row in cache("clear", "--json")] == ["still water"]
+    assert sorted(row["name"] for row in cache("clear", "--json")) == ["still water", "still_water.o"]
     assert cache("list", "--json") == []
 
 

@@ -84,17 +84,21 @@ def example(name: str) -> str:
     return (ROOT / "examples" / f"{name}.kyx").read_text(encoding="utf-8")
 
 
-def check_kills(folder: Path, texts: list[str], kills: int, seed: int) -> None:
+def check_kills(
+    folder: Path, texts: list[str], kills: int, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Kill a build with all its compilers at some moment; the next one is right and tidy.
 
     It has the files and the trajectory of a build of the same text that nothing
-    disturbed, in a cache of its own.
+    disturbed, in a cache of its own. No build finds what another one compiled.
     """
+    flags = os.environ["CFLAGS"]
     rng = Random(seed)
     interrupted, fastest = 0, [60.0] * len(texts)
     for k in range(kills):
         which = k % len(texts)
-        path = written(folder, f"/* number {k} */\n{texts[which]}")
+        monkeypatch.setenv("CFLAGS", f"{flags} -DNUMBER={k}")
+        path = written(folder, texts[which])
         own = folder / "undisturbed" / str(k)
         start = time.monotonic()
         original, *expected = result(builder(path, cache=own))
@@ -111,7 +115,7 @@ def check_kills(folder: Path, texts: list[str], kills: int, seed: int) -> None:
         load_library(Path(str(directory)))
         assert not list(cache_dir().glob("*.tmp")), "what a killed build left is gone"
     assert interrupted > 0
-    assert len(cache_entries()) == kills
+    assert len(cache_entries()) == 2 * kills
 
 
 def texts_in(folder: Path) -> dict[str, str]:
@@ -121,14 +125,14 @@ def texts_in(folder: Path) -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_killed_builds_leave_nothing_broken(tmp_path: Path) -> None:
-    check_kills(tmp_path, [model()], 5, 1)
+def test_killed_builds_leave_nothing_broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check_kills(tmp_path, [model()], 5, 1, monkeypatch)
 
 
 @pytest.mark.slow
-def test_many_killed_builds_leave_nothing_broken(tmp_path: Path) -> None:
+def test_many_killed_builds_leave_nothing_broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("waypoint", "watertank", "passive_safety", "dubins", "pendulum")
-    check_kills(tmp_path, [model(), *map(example, names)], 60, 2)
+    check_kills(tmp_path, [model(), *map(example, names)], 60, 2, monkeypatch)
 
 
 def check_at_once(folder: Path, texts: list[str], processes: int) -> None:
@@ -141,7 +145,7 @@ def check_at_once(folder: Path, texts: list[str], processes: int) -> None:
     alone = [result(builder(path, cache=folder / "alone")) for path in paths]
     for k, (_, *found) in enumerate(results):
         assert found == alone[k % len(paths)][1:]
-    assert len(cache_entries()) == len(texts) and not list(cache_dir().glob("*.tmp"))
+    assert len(cache_entries()) == 2 * len(texts) and not list(cache_dir().glob("*.tmp"))
 
 
 def test_different_models_are_built_at_once(tmp_path: Path) -> None:

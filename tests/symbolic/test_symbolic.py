@@ -29,7 +29,7 @@ from selection import few_and_many
 from dl2c.code import cgen_dir
 from dl2c.emit.leaf import Leaves
 from dl2c.emit.plan import BuildPlan
-from dl2c.emit.simulator.model_c import model_c, model_sources
+from dl2c.emit.simulator.model_c import model_sources
 from dl2c.ir.evaluate import Undefined, evaluate, truth
 from dl2c.ir.logic import atoms
 from dl2c.ir.margins import margin_of
@@ -210,10 +210,13 @@ def test_generated_c_has_no_warnings(count: int, compiler: str, tmp_path: Path) 
         mode = output if k < 4 else ["-fsyntax-only"]
         idle = ["-Wno-unused-function"] if compiler == "clang" else []  # inline ones, of models without flows
         run([compiler, *flags, *EXACT_FLAGS, *STRICT_FLAGS, *idle, *INCLUDES, *mode, str(path)])
+    for name in ("model0.c", "Waypoint_rewards.h"):  # in two units
+        apart = ["-DDL2C_REWARDS_APART=1", "-fsyntax-only", "-x", "c", str(tmp_path / name)]
+        run([compiler, *CODE_FLAGS, *EXACT_FLAGS, *STRICT_FLAGS, *INCLUDES, *apart])
 
 
 def test_each_rate_and_margin_is_below_its_dl_text() -> None:
-    text = "\n".join(model_c(e) for e in ENVIRONMENTS)
+    text = "\n".join(text for e in ENVIRONMENTS for text in model_sources(e).values())
     for leaf, about in (("flow0_rate_y", "y' = "), ("flow0_margin0", " 0"), ("flow0_lie0", "d/dt")):
         comments = re.findall(rf"/\*((?:(?!\*/).)*)\*/\nstatic inline real {leaf}\(", text, re.S)
         assert comments and all(about in c for c in comments)

@@ -1,7 +1,8 @@
 """Rewards, the end of episodes and observations in C (semantics 6 and 7).
 
-Sections: leaf functions of predicates, rewards, precondition and postcondition, then
-`model_judge`, `model_precondition`, `model_derive`, `model_observe`.
+Leaf functions of predicates, precondition and postcondition, then `model_facts`, `model_revise`,
+`model_precondition`, `model_derive`, `model_observe`; `model_judge` and `model_shapes` with leaf
+functions of rewards, for a file of their own.
 """
 
 import math
@@ -32,12 +33,15 @@ def judge_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
         _facts(facts),
         _facts_and_guards(facts, guard_conditions(build, 0, leaves)),
         _revise(model),
-        _judge(model, leaves),
-        _shapes(model, leaves),
         _precondition(build, leaves),
         _derive(leaves),
         *_observe(build),
     ]
+
+
+def reward_functions(model: Model, leaves: Leaves) -> list[str]:
+    """What rewards, penalties and shapes decide, and with them the endings."""
+    return [_judge(model, leaves), _shapes(model, leaves)]
 
 
 def fact_names(model: Model) -> list[str]:

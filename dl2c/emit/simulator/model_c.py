@@ -1,8 +1,8 @@
-"""One environment as one C file, with a header and a file of its tables.
+"""One environment as one C file, with a header and files of its rewards and its tables.
 
 The file has these sections: what it is, with its header (model_h.py); leaf functions, each below the
-dL text it stands for; functions of the flows, of the paths, of rewards and observations,
-of initial states; tables, included; the runtime, compiled with the model as one unit.
+dL text it stands for; functions of the flows, of the paths, of predicates and observations,
+of initial states; rewards and tables, included; the runtime, compiled with the model as one unit.
 """
 
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ from dl2c.emit.names import file_stem
 from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.flow_c import flow_functions
 from dl2c.emit.simulator.inputs_c import input_functions
-from dl2c.emit.simulator.judge_c import judge_functions
+from dl2c.emit.simulator.judge_c import judge_functions, reward_functions
 from dl2c.emit.simulator.model_h import model_h, title_of
 from dl2c.emit.simulator.ode_c import jacobian_function, lie_function
 from dl2c.emit.simulator.paths_c import path_functions, path_tables
@@ -31,12 +31,17 @@ compiled in reasonable time."""
 
 
 def model_sources(build: BuildPlan) -> dict[str, str]:
-    """The generated files by name: `<model>.h`, `<model>.c` and `<model>_tables.h`, and those of a monitor
-    of every step.
+    """The generated files by name: `<model>.h`, `<model>.c`, `<model>_rewards.h` and `<model>_tables.h`, and
+    those of a monitor of every step.
     """
     stem = file_stem(build.model.name)
-    files = {f"{stem}.h": model_h(build), f"{stem}.c": model_c(build)}
-    files[f"{stem}_tables.h"] = tables_h(build)
+    leaves = leaves_of(build)
+    files = {
+        f"{stem}.h": model_h(build),
+        f"{stem}.c": model_c(build, leaves),
+        f"{stem}_rewards.h": rewards_h(build, leaves.apart()),
+        f"{stem}_tables.h": tables_h(build),
+    }
     if build.monitor is None:
         return files
     from dl2c.emit.monitor.files import monitor_sources
@@ -44,9 +49,8 @@ def model_sources(build: BuildPlan) -> dict[str, str]:
     return files | monitor_sources(build.monitor)
 
 
-def model_c(build: BuildPlan) -> str:
+def model_c(build: BuildPlan, leaves: Leaves) -> str:
     """The whole C file."""
-    leaves = leaves_of(build)
     functions = [
         *flow_functions(build, leaves),
         *watch_functions(build, leaves),
@@ -85,17 +89,23 @@ def leaves_of(build: BuildPlan) -> Leaves:
     )
 
 
+def rewards_h(build: BuildPlan, leaves: Leaves) -> str:
+    """Rewards and endings: a part of the C file, or a unit of its own."""
+    functions = reward_functions(build.model, leaves)
+    header = f'#include "{file_stem(build.model.name)}.h"\n'
+    return _included(build, "rewards", [header, *leaves.texts, *functions, '#include "rewards.h"\n'])
+
+
 def tables_h(build: BuildPlan) -> str:
     """The tables: of paths, of flows and watches, and last those that initial states are drawn from."""
-    guard = f"DL2C_GENERATED_{file_stem(build.model.name).upper()}_TABLES_H"
-    sections = [
-        f"{title_of(build)}\n#ifndef {guard}\n#define {guard}\n",
-        "".join(path_tables(build)),
-        "".join(watch_tables(build)),
-        "".join(sampler_tables(build)),
-        "#endif\n",
-    ]
-    return "\n".join(sections)
+    tables = path_tables(build), watch_tables(build), sampler_tables(build)
+    return _included(build, "tables", ["".join(part) for part in tables])
+
+
+def _included(build: BuildPlan, what: str, sections: list[str]) -> str:
+    """The file `<model>_<what>.h`."""
+    guard = f"DL2C_GENERATED_{file_stem(build.model.name).upper()}_{what.upper()}_H"
+    return "\n".join([f"{title_of(build)}\n#ifndef {guard}\n#define {guard}\n", *sections, "#endif\n"])
 
 
 def _track_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
@@ -129,6 +139,7 @@ def _symbols(build: BuildPlan) -> list[Symbol]:
 
 
 def _runtime(build: BuildPlan) -> str:
-    tables = f"{file_stem(build.model.name)}_tables.h"
+    stem = file_stem(build.model.name)
+    rewards = f'#if !DL2C_REWARDS_APART\n#include "{stem}_rewards.h"\n#endif'
     runtime = '#include "batch.h" /* the runtime, compiled with this model as one unit */'
-    return f'#include "{tables}"\n{runtime}\n'
+    return f'{rewards}\n#include "{stem}_tables.h"\n{runtime}\n'
