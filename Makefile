@@ -139,7 +139,7 @@ docs: $(READY)
 
 # AGAINST=REV compares every row of every example with another revision instead, and `bench-start` whole commands:
 # ratios with intervals, from turns. REQUIRE="batch1024=1.4 acc/gym=1" says what must be reached, EXAMPLES=waypoint,acc
-# of which examples.
+# of which examples. Of one revision tests/bench/limits.py says it.
 COMPARED = PYTHONPATH=tests $(BIN)/python tests/bench/against.py $(AGAINST) $(if $(EXAMPLES),--examples $(EXAMPLES)) \
   $(addprefix --require ,$(REQUIRE))
 
@@ -162,7 +162,7 @@ bench-start: $(READY)
 	@test -n "$(AGAINST)" || { echo "make bench-start: set AGAINST to a revision" >&2; exit 1; }
 	$(COMPARED) --start
 
-# Trainings instead: steps per second and returns of five seeds, an hour or so for all examples.
+# Trainings instead: steps per second and returns of five seeds, an hour or so for all examples. REQUIRE is one ratio.
 bench-train: $(READY)
 	@test -n "$(AGAINST)" || { echo "make bench-train: set AGAINST to a revision" >&2; exit 1; }
 	PYTHONPATH=tests $(BIN)/python tests/bench/trainings.py $(AGAINST) $(if $(EXAMPLES),--examples $(EXAMPLES)) \

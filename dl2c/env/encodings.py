@@ -25,9 +25,6 @@ Floats: TypeAlias = NDArray[np.floating[Any]]
 Write: TypeAlias = Callable[[Any], None]
 Read: TypeAlias = Callable[[], Any]
 
-_UNSIGNED = {size: np.dtype(f"u{size}") for size in (1, 2, 4, 8)}
-"""Types of integers by size."""
-
 
 class Encoding(ABC):
     """How actions are written. `kind` is what policies call such actions, None where none can act so."""
@@ -269,7 +266,7 @@ class Named(Encoding):
             wanted, given = ", ".join((*self.input_keys, *self.choice_keys)), ", ".join(map(str, actions))
             raise ValueError(f"expected an action with the keys {wanted}, not {given}")
         for i, key in enumerate(self.input_keys):
-            batch.inputs[:, i] = _numbers(actions[key], (n, 1))[:, 0]
+            _put_numbers(actions[key], batch.inputs[:, i : i + 1])
         for i, key in enumerate(self.choice_keys):
             batch.choices[:, i] = _indices(actions[key], (n,), int(self.counts[i]))
 
@@ -336,8 +333,10 @@ def _indices(actions: ArrayLike, shape: tuple[int, ...], counts: int | Ints) -> 
     given = np.asarray(actions)
     if given.shape != shape or given.dtype.kind not in "iub":
         raise ValueError(f"expected integers of shape {shape}, not {given.dtype} of shape {given.shape}")
-    most = np.maximum.reduce(given.view(_UNSIGNED[given.itemsize]))  # negative ones are large then
-    if most >= counts if isinstance(counts, int) else (most >= counts).any():
+    bits = np.bitwise_or.reduce(given)  # negative where an entry is, else no less than the largest one
+    if 0 <= bits < counts if isinstance(counts, int) else (bits >= 0).all() and (bits < counts).all():
+        return given
+    if ((given < 0) | (given >= counts)).any():
         raise ValueError(_outside(given.tolist(), np.asarray(counts).tolist()))
     return given
 
@@ -345,11 +344,27 @@ def _indices(actions: ArrayLike, shape: tuple[int, ...], counts: int | Ints) -> 
 def _numbers(actions: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     given = np.asarray(actions, np.float64)
     if given.shape != shape:
-        raise ValueError(f"expected numbers of shape {shape}, not of shape {given.shape}")
-    row = given.reshape(-1)
+        raise ValueError(_not_shaped(given, shape))
+    _check_numbers(given.reshape(-1))
+    return given
+
+
+def _put_numbers(actions: ArrayLike, column: NDArray[np.float64]) -> None:
+    """Writes numbers into a column (n, 1)."""
+    given = np.asarray(actions)
+    if given.shape != column.shape:
+        raise ValueError(_not_shaped(given, column.shape))
+    column[:] = given
+    _check_numbers(column[:, 0])
+
+
+def _check_numbers(row: NDArray[np.float64]) -> None:
     if isnan(row.dot(row)):  # quicker than isnan().any()
         raise ValueError(_with_nan(row))
-    return given
+
+
+def _not_shaped(given: NDArray[Any], shape: tuple[int, ...]) -> str:
+    return f"expected numbers of shape {shape}, not of shape {given.shape}"
 
 
 def _with_nan(row: NDArray[np.float64]) -> str:

@@ -6,7 +6,7 @@ Without --start, all rows of `dl2c bench` on every example; with it, whole comma
 counts, also those of all examples together. A ratio above 1 means that this tree is faster; its interval
 holds 95 % of Student's t. Exit 1 if the upper end of an interval is below what is required of its row, or the
 geometric mean of all other rows is less than `OVERALL`. A row is `batch1024`, or `waypoint/batch1024` of one
-example. Needs git.
+example. Where nothing is said, what limits.py has of the revision is required. Needs git.
 """
 
 import argparse
@@ -24,7 +24,9 @@ from pathlib import Path
 from statistics import fmean
 from tempfile import TemporaryDirectory
 
+from bench import limits
 from bench.intervals import ratio_interval
+from bench.limits import is_start
 from bench.processes import in_turn, kept, seconds_of_commands
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -201,6 +203,9 @@ def main() -> int:
     parser.add_argument("--require", type=requirement, action="append", default=[], metavar="ROW=RATIO")
     asked = parser.parse_args()
     examples: list[str] = asked.examples.split(",")
+    required = dict(asked.require)
+    if not required and is_start(asked.revision):
+        required = dict(limits.COMMANDS if asked.start else limits.ENVIRONMENTS)
     found: list[Ratio] = []
     with checked_out(asked.revision) as other:
         trees = [ROOT, other]
@@ -210,7 +215,7 @@ def main() -> int:
         else:
             measured = environments(trees, known)
         print(f"{'row':42}{'times':>8}  95 % interval")
-        for ratio in ratios(measured, dict(asked.require)):
+        for ratio in ratios(measured, required):
             found.append(ratio)
             print(told(ratio), flush=True)
     others = [math.log(r.mean) for r in found if r.required is None]

@@ -20,7 +20,8 @@ TRAINED = ("--steps", "2048", "--n-envs", "8", "--algo", "ppo")
 @dataclass(frozen=True, slots=True)
 class Command:
     """What is started; a `cold` one finds nothing that is kept, a `first` one what the training left, an
-    `edited` one a model with another reward. In a tree without the flag `--debug` it is left out.
+    `edited` one a model with another reward. `program` is what Python runs. In a tree without the flag
+    `--debug` it is left out.
     """
 
     row: str
@@ -28,11 +29,17 @@ class Command:
     cold: bool = False
     first: bool = False
     edited: bool = False
+    program: tuple[str, ...] = ("-m", "dl2c")
+
+
+OWN = (("build-edited", "build-cold"), ("version", "imports"))
+"""Rows that are compared in one tree too, as `build-edited/build-cold`: how much faster the first is."""
 
 
 def commands_of(model: str, run: str, edited: str) -> tuple[Command, ...]:
     """What people do with a model, with a copy that they edit, and with the folder of a training."""
     return (
+        Command("imports", ("-c", "import typer, rich.console"), program=()),
         Command("version", ("--version",)),
         Command("build-kept", ("build", model)),
         Command("check", ("check", model)),
@@ -56,12 +63,16 @@ def seconds_of_commands(
             rmtree(run, ignore_errors=True)
             rmtree(left, ignore_errors=True)
             given = {**environment(tree), "DL2C_CACHE_DIR": str(left)}
-            _seconds(tree, ("train", f"examples/{example}.kyx", "-o", str(run), *TRAINED), given)
+            train = ("-m", "dl2c", "train", f"examples/{example}.kyx", "-o", str(run), *TRAINED)
+            _seconds(tree, train, given)
             list(_round(tree, example, environment(tree)))  # so that all is kept
         for turn in range(rounds):
             for k in in_turn(len(trees), turn):
                 for row, rate in _round(trees[k], example, environment(trees[k])):
                     rates[k].setdefault(row, []).append(rate)
+        for first, second in OWN:
+            rates[0][f"{first}/{second}"] = rates[0][first]
+            rates[1][f"{first}/{second}"] = rates[0][second]
         yield example, rates[0], rates[1]
 
 
@@ -103,7 +114,7 @@ def _round(tree: Path, example: str, given: Mapping[str, str]) -> Iterator[tuple
         place = {"DL2C_CACHE_DIR": str(own)} if command.cold or command.first else {}
         known = _has_debug(tree)
         words = tuple(word for word in command.words if known or word != "--debug")
-        yield command.row, 1.0 / _seconds(tree, words, {**given, **place})
+        yield command.row, 1.0 / _seconds(tree, (*command.program, *words), {**given, **place})
 
 
 def _has_debug(tree: Path) -> bool:
@@ -114,7 +125,7 @@ def _has_debug(tree: Path) -> bool:
 def _seconds(tree: Path, words: Sequence[str], given: Mapping[str, str]) -> float:
     """Processor time of a command. Raises `CalledProcessError` for one that fails."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    command, null = [sys.executable, "-m", "dl2c", *words], subprocess.DEVNULL
+    command, null = [sys.executable, *words], subprocess.DEVNULL
     subprocess.run(command, cwd=tree, env=given, stdout=null, stderr=null, check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

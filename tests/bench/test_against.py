@@ -5,9 +5,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from bench import against
-from bench.against import ROUNDS, Rates, ratio_of, ratios, required_of, with_all
-from bench.processes import with_another_reward
+from bench import against, limits
+from bench.against import OVERHEADS, ROUNDS, Rates, ratio_of, ratios, required_of, with_all
+from bench.processes import OWN, commands_of, with_another_reward
+from bench.worker import DOPRI
 
 from dl2c.resolve.unreadable import read_file
 from dl2c.source import Source
@@ -58,6 +59,16 @@ def test_all_examples_together_take_the_sum_of_their_times() -> None:
     rows = list(with_all(measured()))
     assert [name for name, _, _ in rows] == ["acc", "etcs", "all"]
     assert rows[-1][1:] == ({"cold": [1 / 3, 1 / 3]}, {"cold": [1 / 6, 1 / 6]})
+
+
+def test_each_limit_is_that_of_a_row() -> None:
+    examples = {model.stem for model in against.ROOT.glob("examples/*.kyx")}
+    commands = {command.row for command in commands_of("", "", "")} | {"/".join(pair) for pair in OWN}
+    environments = {"batch1024", DOPRI, *OVERHEADS}
+    for required, rows in ((limits.COMMANDS, commands), (limits.ENVIRONMENTS, environments)):
+        for name in required:
+            example, _, row = name.partition("/")
+            assert name in rows or (example in examples | {"all"} and row in rows), name
 
 
 def test_every_example_has_a_reward_to_edit() -> None:

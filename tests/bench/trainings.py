@@ -20,6 +20,7 @@ from statistics import fmean
 
 from bench.against import ROOT, checked_out, environment
 from bench.intervals import Interval, interval, ratio_interval
+from bench.limits import TRAININGS, is_start
 from bench.processes import in_turn
 
 WORKER = Path(__file__).with_name("training_worker.py")
@@ -66,8 +67,11 @@ def main() -> int:
     parser.add_argument("--examples", default=",".join(sorted(p.stem for p in ROOT.glob("examples/*.kyx"))))
     parser.add_argument("--algo", default="ppo", choices=("ppo", "maskable-ppo"))
     parser.add_argument("--steps", type=int, default=400_000)
-    parser.add_argument("--require", type=float, default=0.0, metavar="RATIO")
+    parser.add_argument("--require", type=float, metavar="RATIO", help="Else limits.py says it, or 0.")
     asked = parser.parse_args()
+    required = asked.require
+    if required is None:
+        required = TRAININGS if is_start(asked.revision) else 0.0
     met = True
     with checked_out(asked.revision) as other:
         trees = [ROOT, other]
@@ -78,7 +82,7 @@ def main() -> int:
                 for k in in_turn(2, seed):
                     found[k].append(trained(trees[k], example, asked.algo, asked.steps, seed))
             speed, share = faster(*found), better(*found)
-            fits = speed.high >= asked.require and share.high >= -TOLERATED
+            fits = speed.high >= required and share.high >= -TOLERATED
             met = met and fits
             print(f"{example:20}{speed!s:36}{share}{'' if fits else '  FAIL'}", flush=True)
     return 0 if met else 1
