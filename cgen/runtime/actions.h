@@ -81,11 +81,15 @@ DL2C_INLINE void dl2c_enabled_by_inputs(int point, const real *x, const real *p,
 {
   if (NU == 0) return;
   const int first = POINT_START[point];
-  uint8_t sure[DL2C_BLOCK] = {0};
+  const bool in_lanes = DL2C_DECIDES_IN_LANES && DL2C_FEW_PATHS;
+  uint8_t sure[DL2C_FEW_PATHS ? NPATH : 1][DL2C_BLOCK];
+  if (!in_lanes) memset(sure[0], 0, sizeof sure[0]);
   DL2C_UNROLL_PATHS
   for (int k = first; k < POINT_START[point + 1]; k++) {
-    if (DL2C_DECIDES_IN_LANES && DL2C_FEW_PATHS) dl2c_sure_lanes(k, x, p, stride, count, sure);
-    dl2c_search_lanes(k, x, p, stride, count, sure, enabled + (k - first) * stride);
+    if (PATHS[k].ninput == 0) continue;
+    const int same = in_lanes ? SAME_TESTS[k] : 0;
+    if (in_lanes && same == k) dl2c_sure_lanes(k, x, p, stride, count, sure[k]);
+    dl2c_search_lanes(k, x, p, stride, count, sure[same], enabled + (k - first) * stride);
   }
 }
 

@@ -28,27 +28,34 @@ DL2C_INLINE void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stri
                                    const uint8_t *restrict waited, int64_t *restrict path,
                                    uint8_t *restrict requested)
 {
-  int16_t taken[DL2C_BLOCK];
-  const int16_t lowest = falls_back ? 0 : 2 * NCHOICE + 2;
+  enum { LARGEST = (1 << (8 * sizeof(dl2c_alternative) - 1)) - 1 };
+  dl2c_alternative wanted[NCHOICE + 1][DL2C_BLOCK];
+  dl2c_alternative taken[DL2C_BLOCK];
+  const dl2c_alternative lowest = falls_back ? 0 : 2 * NCHOICE + 2;
+  DL2C_UNROLL
+  for (int c = 0; c < NCHOICE; c++)
+    for (int64_t i = 0; i < count; i++) {
+      const int32_t choice = choices[i * NCHOICE + c];
+      wanted[c][i] = (dl2c_alternative)((choice & ~LARGEST) != 0 ? -1 : choice);
+    }
   for (int64_t i = 0; i < count; i++) {
-    int16_t best = -1;
-    int16_t best_rank = -1;
+    dl2c_alternative best = -1;
+    dl2c_alternative best_rank = -1;
     DL2C_UNROLL_PATHS
     for (int k = 0; k < NPATH; k++) {
-      int16_t agreed = 0;
-      int16_t rank = 0;
-      int16_t whole = 1;
+      dl2c_alternative agreed = 0;
+      dl2c_alternative rank = 0;
+      dl2c_alternative whole = 1;
       DL2C_UNROLL
       for (int j = 0; j < PATHS[k].nmet; j++) {
-        const int16_t same =
-            DECISIONS[k][PATHS[k].met[j]] == choices[i * NCHOICE + PATHS[k].met[j]];
-        rank = (whole & !same) ? (int16_t)(2 * agreed + PATHS[k].marked[j]) : rank;
+        const dl2c_alternative same = DECISIONS[k][PATHS[k].met[j]] == wanted[PATHS[k].met[j]][i];
+        rank = (whole & !same) ? (dl2c_alternative)(2 * agreed + PATHS[k].marked[j]) : rank;
         whole &= same;
-        agreed = (int16_t)(agreed + whole);
+        agreed = (dl2c_alternative)(agreed + whole);
       }
       rank = whole ? 2 * NCHOICE + 2 : rank;
       const bool better = (enabled[k * stride + i] != 0) & (rank > best_rank);
-      best = better ? (int16_t)k : best;
+      best = better ? (dl2c_alternative)k : best;
       best_rank = better ? rank : best_rank;
     }
     requested[i] = best_rank == 2 * NCHOICE + 2;
@@ -193,6 +200,7 @@ DL2C_INLINE void dl2c_move_lanes(real *x, const real *p, int64_t stride, int64_t
                                  const dl2c_clocks *clocks, uint8_t *moved)
 {
   int64_t flags[DL2C_BLOCK];
+  real times[DL2C_BLOCK];
   real starts[DL2C_FEW_PATHS ? 1 : NX][DL2C_BLOCK];
   if (!DL2C_FEW_PATHS) dl2c_decide_each(x, p, stride, count, path, inputs, starts, flags);
   DL2C_ALIAS_FREE
@@ -219,9 +227,11 @@ DL2C_INLINE void dl2c_move_lanes(real *x, const real *p, int64_t stride, int64_t
 #endif
     DL2C_UNROLL
     for (int k = 0; k < NX; k++) x[k * stride + i] = dl2c_select(well, end[k], own[k]);
-    dl2c_count(clocks, i, well, time);
+    times[i] = time;
     flags[i] = well;
   }
+  DL2C_ALIAS_FREE
+  for (int64_t i = 0; i < count; i++) dl2c_count(clocks, i, flags[i] != 0, times[i]);
   for (int64_t i = 0; i < count; i++) moved[i] = (uint8_t)flags[i];
 }
 

@@ -18,9 +18,11 @@
  *   #define DL2C_MONITORED 1                     steps are judged by the model's monitor
  *   #define DL2C_SCENE 5                         values of its scene, where it has one
  *   typedef float dl2c_obs;                      one observation entry, or double
+ *   typedef int8_t dl2c_alternative;             a number of a path, of an alternative or of an order of them
  *   static const dl2c_path PATHS[];              all paths, grouped by point
  *   static const int32_t POINT_START[];          (NPOINT + 1) first path of each point
  *   static const int16_t DECISIONS[][];          (NPATH, NDECISION) alternative taken, or -1
+ *   static const int16_t SAME_TESTS[];           (NPATH) the first path that asks the same of its inputs, where DL2C_FEW_PATHS
  *   static const int32_t MASK_START[];           (NCHOICE + 1) first mask entry of each decision
  *   static const int32_t CHOICE_DRAW[], INPUT_DRAW[], FLOW_DRAW[];   first number drawn for it, or -1
  *   static const double INPUT_LOW[], INPUT_HIGH[];

@@ -9,7 +9,13 @@ from dl2c.emit.names import file_stem, index
 from dl2c.emit.plan import BuildPlan
 from dl2c.emit.simulator.inputs_c import critical_count
 from dl2c.emit.simulator.judge_c import fact_names
-from dl2c.emit.simulator.paths_c import decides_in_lanes, few_paths, flows_in_lanes, steps_in_lanes
+from dl2c.emit.simulator.paths_c import (
+    alternative_type,
+    decides_in_lanes,
+    few_paths,
+    flows_in_lanes,
+    steps_in_lanes,
+)
 from dl2c.emit.simulator.rates_c import root_count
 from dl2c.emit.simulator.sampler_c import free_names
 from dl2c.emit.simulator.start_c import projection_count, start_symbols
@@ -107,7 +113,7 @@ def _sizes(build: BuildPlan) -> str:
         + _kernels(build)
         + ("" if build.monitor is None else "#define DL2C_MONITORED 1\n")
         + (f"#define DL2C_SCENE {shown}\n" if (shown := len(scene_terms(model.scene))) else "")
-        + f"typedef {kind} dl2c_obs;\n"
+        + f"typedef {kind} dl2c_obs;\ntypedef {alternative_type(paths)} dl2c_alternative;\n"
     )
 
 

@@ -1,8 +1,8 @@
 """The discrete part in C: guards, inputs and assignments of every path.
 
 Sections, in order: leaf functions (through `Leaves`), `model_guards`, `model_update`, `model_assign`,
-and the tables DECISIONS, MASK_START, PATHS, POINT_START, INPUT_LOW, INPUT_HIGH, CHOICE_DRAW,
-INPUT_DRAW, FLOW_DRAW.
+and the tables DECISIONS, MASK_START, PATHS, SAME_TESTS, POINT_START, INPUT_LOW, INPUT_HIGH,
+CHOICE_DRAW, INPUT_DRAW, FLOW_DRAW.
 """
 
 from dl2c.emit.cexpr import number
@@ -13,7 +13,8 @@ from dl2c.emit.plan import BuildPlan
 from dl2c.ir.doubles import rounded_down, rounded_up
 from dl2c.ir.model import Symbol
 from dl2c.ir.printer import print_formula, print_term
-from dl2c.paths.path import Path
+from dl2c.paths.admission import Admission
+from dl2c.paths.path import Path, Paths
 
 STATE = "const real *x, const real *p"
 
@@ -91,6 +92,13 @@ LANE_PATHS = 16
 def few_paths(build: BuildPlan) -> bool:
     """Whether lanes select among the assignments of all paths."""
     return len(build.paths.paths) <= LANE_PATHS
+
+
+def alternative_type(paths: Paths) -> str:
+    """The narrowest type of C for numbers of alternatives and their orders, in lanes and of few paths."""
+    largest = max((d for path in paths.paths for d in path.decisions), default=0)
+    agents = sum(decision.role == "agent" for decision in paths.decisions)
+    return "int8_t" if max(largest, 2 * agents + 2) <= 127 else "int16_t"
 
 
 def decides_in_lanes(build: BuildPlan) -> bool:
@@ -187,7 +195,16 @@ def path_tables(build: BuildPlan) -> list[str]:
             f"[{max(1, len(paths.paths))}]",
             [_path(k, p) for k, p in enumerate(paths.paths)] or ["{0}"],
         ),
+        _same_tests(build),
     ]
+
+
+def _same_tests(build: BuildPlan) -> str:
+    """By path the first one of its point that asks the same of the same inputs. Lanes use it."""
+    paths = build.paths.paths
+    first: dict[tuple[int, tuple[Admission, ...]], int] = {}
+    rows = [first.setdefault((p.point, p.admissions), k) for k, p in enumerate(paths) if few_paths(build)]
+    return table("int16_t", "SAME_TESTS", f"[{max(1, len(rows))}]", [str(k) for k in rows] or ["0"])
 
 
 def _draws(build: BuildPlan) -> list[str]:

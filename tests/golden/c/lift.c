@@ -29,6 +29,7 @@ enum { DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, DL2C_NUMERIC, DL2C_DOPRI }; /* ke
 #define DL2C_TRACKED_FLOWS 0
 #define DL2C_SEARCHED_FLOWS 1
 typedef float dl2c_obs;
+typedef int8_t dl2c_alternative;
 
 #endif
 
@@ -964,6 +965,7 @@ static const dl2c_path PATHS[11] = {
   {1, -1, 2, PATH9_MET, PATH9_MARKED, 0, PATH9_INPUTS, 0},
   {1, -1, 0, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
 };
+static const int16_t SAME_TESTS[11] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 10};
 
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};

@@ -29,6 +29,7 @@ enum { DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, DL2C_NUMERIC, DL2C_DOPRI }; /* ke
 #define DL2C_SEARCHED_FLOWS 1
 #define DL2C_SCENE 1
 typedef float dl2c_obs;
+typedef int8_t dl2c_alternative;
 
 #endif
 
@@ -628,6 +629,7 @@ static const int16_t PATH0_MET[] = {0};
 static const int16_t PATH0_MARKED[] = {0};
 static const dl2c_input PATH0_INPUTS[] = {{0, 1, -1, 1}};
 static const dl2c_path PATHS[1] = {{0, -1, 0, PATH0_MET, PATH0_MARKED, 1, PATH0_INPUTS, 0}};
+static const int16_t SAME_TESTS[1] = {0};
 
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};

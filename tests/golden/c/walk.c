@@ -27,6 +27,7 @@ enum { DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, DL2C_NUMERIC, DL2C_DOPRI }; /* ke
 #define DL2C_TRACKED_FLOWS 0
 #define DL2C_SEARCHED_FLOWS 1
 typedef float dl2c_obs;
+typedef int8_t dl2c_alternative;
 
 #endif
 
@@ -905,6 +906,7 @@ static const dl2c_path PATHS[12] = {
   {-1, -1, 1, PATH10_MET, PATH10_MARKED, 0, PATH10_INPUTS, 0},
   {1, -1, 0, PATH11_MET, PATH11_MARKED, 1, PATH11_INPUTS, 0},
 };
+static const int16_t SAME_TESTS[12] = {0, 1, 1, 1, 1, 1, 1, 1, 8, 9, 10, 11};
 
 static const uint8_t FLOW_KERNEL[2] = {DL2C_QUICK, DL2C_QUICK};
 static const int32_t FLOW_DURATION[2] = {-1, -1};

@@ -31,6 +31,7 @@ enum { DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, DL2C_NUMERIC, DL2C_DOPRI }; /* ke
 #define DL2C_SEARCHED_FLOWS 1
 #define DL2C_SCENE 6
 typedef float dl2c_obs;
+typedef int8_t dl2c_alternative;
 
 #endif
 
@@ -1026,6 +1027,7 @@ static const dl2c_path PATHS[4] = {
   {0, -1, 1, PATH2_MET, PATH2_MARKED, 0, PATH2_INPUTS, 0},
   {0, -1, 1, PATH3_MET, PATH3_MARKED, 0, PATH3_INPUTS, 0},
 };
+static const int16_t SAME_TESTS[4] = {0, 0, 0, 0};
 
 static const uint8_t FLOW_KERNEL[1] = {DL2C_QUICK};
 static const int32_t FLOW_DURATION[1] = {-1};
