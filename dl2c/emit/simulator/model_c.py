@@ -25,10 +25,6 @@ from dl2c.emit.simulator.watch_c import watch_functions, watch_tables
 from dl2c.ir.model import Symbol
 from dl2c.symbolic.terms import Builder
 
-CLONED = 64
-"""A model with more paths, variables or predicates is compiled for one kind of processor only, to be
-compiled in reasonable time."""
-
 
 def model_sources(build: BuildPlan) -> dict[str, str]:
     """The generated files by name: `<model>.h`, `<model>.c`, `<model>_rewards.h` and `<model>_tables.h`, and
@@ -118,13 +114,9 @@ def _track_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
 
 
 def _head(build: BuildPlan) -> str:
-    title = title_of(build)
-    model = build.model
-    few = max(len(build.paths.paths), len(model.variables), len(model.predicates)) <= CLONED
-    clones = "" if few else "#define DL2C_NO_TARGET_CLONES 1\n"
-    header = f"{file_stem(build.model.name)}.h"
-    monitor = f'#include "{file_stem(model.name)}_monitor.h"\n' if build.monitor is not None else ""
-    return f'{title}\n{clones}#include "{header}"\n{monitor}'
+    stem = file_stem(build.model.name)
+    monitor = f'#include "{stem}_monitor.h"\n' if build.monitor is not None else ""
+    return f'{title_of(build)}\n#include "{stem}.h"\n{monitor}'
 
 
 def _symbols(build: BuildPlan) -> list[Symbol]:

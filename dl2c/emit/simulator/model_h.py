@@ -27,12 +27,19 @@ from dl2c.ir.scene import scene_terms
 from dl2c.lower.observations import fixed_entries, observed
 from dl2c.paths.path import Decision, Input, Paths
 
+CLONED = 64
+"""A model with more paths, variables or predicates is compiled for one kind of processor only, to be
+compiled in reasonable time."""
+
 
 def model_h(build: BuildPlan) -> str:
     """The whole header."""
-    guard = f"DL2C_GENERATED_{file_stem(build.model.name).upper()}_H"
+    model = build.model
+    guard = f"DL2C_GENERATED_{file_stem(model.name).upper()}_H"
+    few = max(len(build.paths.paths), len(model.variables), len(model.predicates)) <= CLONED
+    clones = "" if few else "#define DL2C_NO_TARGET_CLONES 1\n"
     return (
-        f"{title_of(build)}\n#ifndef {guard}\n#define {guard}\n\n"
+        f"{title_of(build)}\n#ifndef {guard}\n#define {guard}\n\n{clones}"
         f'#include "model.h"\n\n{_indices(build)}{_sizes(build)}\n#endif\n'
     )
 
