@@ -109,8 +109,8 @@ def broken(monkeypatch: pytest.MonkeyPatch, old: str, new: str) -> None:
 
     original = model_c.model_c
 
-    def changed(environment: Any) -> str:
-        text = original(environment)
+    def changed(*given: Any) -> str:
+        text = original(*given)
         assert old in text
         return text.replace(old, new)
 
