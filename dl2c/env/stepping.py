@@ -106,14 +106,13 @@ def python_step(parts: Parts) -> Callable[[Any], Step]:
     """The step in Python."""
     batch, ended, reasons = parts.batch, parts.ended, reason_names(parts.manifest)
     write, executed = parts.encoding.writer(batch), parts.encoding.reader(batch)
-    native_step, check, observe = batch.native_step(), batch.check, batch.obs[0].copy
+    step_batch, observe = batch.step, batch.obs[0].copy
     outcome, read = batch.memory.data, OUTCOME.unpack_from
     extras = {k: o.copy if isinstance(o, np.ndarray) else o for k, o in parts.extras.items()}
 
     def step(action: Any) -> Step:
         write(action)
-        if failed := native_step():
-            check(failed)
+        step_batch()
         found = dict(zip(OUTCOME_NAMES, read(outcome), strict=True))
         status, end, cut = found["status"], found["terminated"], found["truncated"]
         found |= {"status": STATUS[status], "reason": reasons[found["reason"]], "executed_action": executed()}

@@ -202,22 +202,6 @@ class Batch(Results):
         finally:
             self._turns.end()
 
-    def native_step(self) -> Callable[[], int]:
-        """The C call behind `step` alone; what it returns, unless 0, is for `check`."""
-        return self._step
-
-    def _step(self) -> int:
-        """`called` for a step, which is quick: what `Turns` does is done here."""
-        turns = self._turns
-        try:
-            turns.token.pop(1)
-        except IndexError:
-            turns.refuse()
-        try:
-            return self._native_step(self._handle)
-        finally:
-            turns.end()
-
     def step_in_c(self, *parts: Any) -> Callable[[Any], Any] | None:
         """The step of a batch of one as a function of the action; None where that cannot be built.
 
@@ -234,7 +218,19 @@ class Batch(Results):
 
     def step(self) -> None:
         """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""
-        if status := self._step():
+        turns = self._turns  # what these do in `called` is done here, which is quicker
+        token = turns.token
+        try:
+            token.pop(1)
+        except IndexError:
+            turns.refuse()
+        try:
+            status = self._native_step(self._handle)
+        finally:
+            token.append(True)
+            if turns.closing:
+                turns.settle()
+        if status:
             self.check(status)
 
     def reset(self, mask: NDArray[np.bool_] | None = None, seeds: NDArray[np.uint64] | None = None) -> None:
