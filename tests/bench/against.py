@@ -184,6 +184,14 @@ def ratios(
             yield ratio_of(whole, here[row], there[row], required_of(whole, required))
 
 
+def missing(required: Mapping[str, float], found: Sequence[Ratio], examples: Sequence[str]) -> list[str]:
+    """What is required of these examples and was not measured, as where noise hides an overhead."""
+    rows = {ratio.row for ratio in found}
+    named = {name: name.partition("/") for name in required}
+    asked = [name for name, (example, _, row) in named.items() if example in examples and row]
+    return [name for name in asked if name not in rows]
+
+
 def told(ratio: Ratio) -> str:
     """One line of the table."""
     verdict = "" if ratio.required is None else f"  {'pass' if ratio.met else 'FAIL'}: {ratio.required:g}"
@@ -218,10 +226,13 @@ def main() -> int:
         for ratio in ratios(measured, required):
             found.append(ratio)
             print(told(ratio), flush=True)
+    absent = missing(required, found, known)
+    for name in absent:
+        print(f"{name:42}  FAIL: not measured")
     others = [math.log(r.mean) for r in found if r.required is None]
     overall = math.exp(fmean(others)) if others else 1.0
     print(f"geometric mean of the {len(others)} rows without a requirement: {overall:.3f}")
-    return 0 if all(r.met for r in found) and overall >= OVERALL else 1
+    return 0 if all(r.met for r in found) and not absent and overall >= OVERALL else 1
 
 
 if __name__ == "__main__":

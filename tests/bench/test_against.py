@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from bench import against, limits
-from bench.against import OVERHEADS, ROUNDS, Rates, ratio_of, ratios, required_of, with_all
+from bench.against import OVERHEADS, ROUNDS, Rates, missing, ratio_of, ratios, required_of, with_all
 from bench.processes import OWN, commands_of, with_another_reward
 from bench.worker import DOPRI
 
@@ -49,6 +49,12 @@ def test_only_rows_of_both_are_compared() -> None:
         yield "acc", {"gym": here, "new": here}, {"gym": there}
 
     assert [r.row for r in ratios(measured(), {})] == ["acc/gym"]
+
+
+def test_what_is_required_and_not_measured_is_named() -> None:
+    found = [ratio_of("acc/gym", *rounds(1.1), None)]
+    required = {"acc/gym": 1.0, "acc/vector1024-batch1024": 4.0, "dubins/gym": 1.0, "check": 2.0}
+    assert missing(required, found, ["acc"]) == ["acc/vector1024-batch1024"]
 
 
 def test_all_examples_together_take_the_sum_of_their_times() -> None:
