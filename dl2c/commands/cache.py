@@ -58,7 +58,7 @@ def remove_all(json: Json = False) -> None:
 
 
 def _names() -> Mapping[str, str]:
-    """Names by key: of models, and of the files with what was compiled of them; broken entries have none."""
+    """The names of models, and of what else is kept, by key; broken entries have none."""
     from dl2c.native.cache import cache_entries
 
     return {entry.key: _name(entry) for entry in cache_entries()}
@@ -67,8 +67,6 @@ def _names() -> Mapping[str, str]:
 def _name(entry: "CacheEntry") -> str:
     from dl2c.native.manifest import MAX_BYTES
 
-    for compiled in entry.directory.glob("*.o"):
-        return compiled.name
     try:
         return str(read_json(entry.directory / "manifest.json", MAX_BYTES)["name"])
     except (OSError, *MALFORMED):

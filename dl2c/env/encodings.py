@@ -334,9 +334,8 @@ def _indices(actions: ArrayLike, shape: tuple[int, ...], counts: int | Ints) -> 
     if given.shape != shape or given.dtype.kind not in "iub":
         raise ValueError(f"expected integers of shape {shape}, not {given.dtype} of shape {given.shape}")
     bits = np.bitwise_or.reduce(given)  # negative where an entry is, else no less than the largest one
-    if 0 <= bits < counts if isinstance(counts, int) else (bits >= 0).all() and (bits < counts).all():
-        return given
-    if ((given < 0) | (given >= counts)).any():
+    inside = 0 <= bits < counts if isinstance(counts, int) else ((bits >= 0) & (bits < counts)).all()
+    if not inside and ((given < 0) | (given >= counts)).any():
         raise ValueError(_outside(given.tolist(), np.asarray(counts).tolist()))
     return given
 

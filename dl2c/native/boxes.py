@@ -3,8 +3,6 @@
 Questions come as tables (`Tables`); what becomes of each box goes out. Built into the cache on first use.
 """
 
-import hashlib
-import json
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dl2c.code import cgen_dir
-from dl2c.native.cache import KEY_LENGTH, cached
+from dl2c.native.cache import cached, key_of, name_entry
 from dl2c.native.errors import NativeError
 from dl2c.native.toolchain import find_compiler, link_flags, run, warning_flags
 
@@ -212,13 +210,13 @@ def _key() -> str:
     compiler = find_compiler()
     texts = [path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.[ch]"))]
     facts = (texts, compiler.command, compiler.version, compiler.flags(native=False))
-    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:KEY_LENGTH]
+    return key_of(facts)
 
 
 def _build(directory: Path) -> None:
-    """One command; the manifest is there for its name, which `dl2c cache list` shows."""
+    """One command."""
     compiler = find_compiler()
     source = str(cgen_dir() / "verify" / "search.c")
     flags = (*compiler.flags(native=False), *warning_flags(), *link_flags())
     run((*compiler.command, source, *flags, "-o", LIBRARY), directory)
-    (directory / "manifest.json").write_text(json.dumps({"name": "boxes of states"}), encoding="utf-8")
+    name_entry(directory, "boxes of states")

@@ -76,6 +76,11 @@ def build_key(sources: Mapping[str, str], options: Mapping[str, str], known: str
         "sundials": find_sundials("system", compiler).version if options["sundials"] == "system" else "",
         "cpu": cpu_features() if any("native" in flag for flag in flags) else "",
     }
+    return key_of(facts)
+
+
+def key_of(facts: object) -> str:
+    """The key under which is kept what these facts decide; they are such as JSON has."""
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:KEY_LENGTH]
 
 
@@ -90,6 +95,11 @@ def cache_dir() -> Path:
         return private_folder("builds")
     except StorageError as problem:
         raise NativeError(str(problem)) from None
+
+
+def name_entry(directory: Path, name: str) -> None:
+    """Give a name, which `dl2c cache list` shows, to an entry that is no model."""
+    (directory / "manifest.json").write_text(json.dumps({"name": name}), encoding="utf-8")
 
 
 def cached(key: str, build: Callable[[Path], None], load: Callable[[Path], Loaded]) -> Loaded:

@@ -7,8 +7,6 @@ What goes into the cache is compiled in two units: rewards, and all else, whose 
 of which only rewards were changed is soon compiled.
 """
 
-import hashlib
-import json
 import os
 import re
 import shutil
@@ -19,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from dl2c.code import cgen_dir, code_digest
-from dl2c.native.cache import KEY_LENGTH, cached
+from dl2c.native.cache import cached, key_of, name_entry
 from dl2c.native.errors import CompilerFailed
 from dl2c.native.sundials import Sundials
 from dl2c.native.toolchain import (
@@ -137,6 +135,7 @@ def _take(job: _Job, units: Sequence[_Unit], sources: Mapping[str, str]) -> None
     def build(folder: Path) -> None:
         run_all([unit.command for unit in units], job.directory)
         os.replace(output, folder / output.name)
+        name_entry(folder, output.name)
 
     cached(_key(job, units[0], sources), build, lambda folder: shutil.copyfile(folder / output.name, output))
 
@@ -152,7 +151,7 @@ def _key(job: _Job, unit: _Unit, sources: Mapping[str, str]) -> str:
         "code": code_digest(),
         "cpu": cpu_features(),
     }
-    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:KEY_LENGTH]
+    return key_of(facts)
 
 
 def _code(text: str) -> str:

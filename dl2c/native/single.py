@@ -4,8 +4,6 @@ Built into the cache on first use, once for each Python and numpy. Nothing needs
 where headers are missing is done in Python by `dl2c.env.stepping`.
 """
 
-import hashlib
-import json
 import sysconfig
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dl2c.code import cgen_dir
-from dl2c.native.cache import KEY_LENGTH, cached
+from dl2c.native.cache import cached, key_of, name_entry
 from dl2c.native.errors import NativeError
 from dl2c.native.loading import load
 from dl2c.native.toolchain import find_compiler, link_flags, python_include, run, user_flags
@@ -44,7 +42,7 @@ def _key() -> str:
     """Not the compiler: there is no arithmetic in it that could depend on one."""
     texts = [path.read_text(encoding="utf-8") for path in (_source(), cgen_dir() / "include" / "dl2c.h")]
     facts = (texts, user_flags(), sysconfig.get_config_var("SOABI"), np.__version__)
-    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:KEY_LENGTH]
+    return key_of(facts)
 
 
 def _source() -> Path:
@@ -52,10 +50,8 @@ def _source() -> Path:
 
 
 def _build(directory: Path, include: tuple[str, ...]) -> None:
-    """One command; the manifest is there for its name, which `dl2c cache list` shows."""
+    """One command."""
     compiler = find_compiler()
     flags = (*compiler.flags(native=False), "-w", *include, *link_flags())
     run((*compiler.command, str(_source()), *flags, "-o", _file()), directory)
-    (directory / "manifest.json").write_text(
-        json.dumps({"name": "step of a single environment"}), encoding="utf-8"
-    )
+    name_entry(directory, "step of a single environment")

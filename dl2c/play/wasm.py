@@ -3,16 +3,14 @@
 Compiled by zig, which brings a C library along: it compiles that once for a folder of this user.
 """
 
-import hashlib
 import importlib.util
-import json
 import sys
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 
 from dl2c.code import cgen_dir, code_digest
-from dl2c.native.cache import KEY_LENGTH, ZIG, cached
+from dl2c.native.cache import ZIG, cached, key_of
 from dl2c.native.errors import CompilerMissing, NativeError
 from dl2c.native.toolchain import EXACT_FLAGS, run, warning_flags
 from dl2c.progress import Progress
@@ -61,7 +59,7 @@ def _key(sources: Mapping[str, str], main: str) -> str:
     """Names everything that the module depends on."""
     zig = version("ziglang")
     facts = {"sources": dict(sources), "main": main, "flags": FLAGS, "zig": zig, "code": code_digest()}
-    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:KEY_LENGTH]
+    return key_of(facts)
 
 
 def _zig_folders(progress: Progress) -> dict[str, str]:
