@@ -19,6 +19,19 @@ typedef struct dl2c_moves {
   uint8_t moved[DL2C_BLOCK];     /* the lane has moved */
 } dl2c_moves;
 
+/* The alternatives requested, by choice; -1 where none has that number.   choices: (count, NCHOICE) */
+DL2C_INLINE void dl2c_wanted(const int32_t *restrict choices, int64_t count,
+                             dl2c_alternative wanted[][DL2C_BLOCK])
+{
+  enum { LARGEST = (1 << (8 * sizeof(dl2c_alternative) - 1)) - 1 };
+  DL2C_UNROLL
+  for (int c = 0; c < NCHOICE; c++)
+    for (int64_t i = 0; i < count; i++) {
+      const int32_t choice = choices[i * NCHOICE + c];
+      wanted[c][i] = (dl2c_alternative)((choice & ~LARGEST) != 0 ? -1 : choice);
+    }
+}
+
 /*
  * The path that each lane prefers (see dl2c_preferred), where it may take it: another than the one
  * requested only if `falls_back`.   enabled: (paths, stride)   choices: (count, NCHOICE)
@@ -28,16 +41,10 @@ DL2C_INLINE void dl2c_choose_lanes(const uint8_t *restrict enabled, int64_t stri
                                    const uint8_t *restrict waited, int64_t *restrict path,
                                    uint8_t *restrict requested)
 {
-  enum { LARGEST = (1 << (8 * sizeof(dl2c_alternative) - 1)) - 1 };
   dl2c_alternative wanted[NCHOICE + 1][DL2C_BLOCK];
   dl2c_alternative taken[DL2C_BLOCK];
   const dl2c_alternative lowest = falls_back ? 0 : 2 * NCHOICE + 2;
-  DL2C_UNROLL
-  for (int c = 0; c < NCHOICE; c++)
-    for (int64_t i = 0; i < count; i++) {
-      const int32_t choice = choices[i * NCHOICE + c];
-      wanted[c][i] = (dl2c_alternative)((choice & ~LARGEST) != 0 ? -1 : choice);
-    }
+  dl2c_wanted(choices, count, wanted);
   for (int64_t i = 0; i < count; i++) {
     dl2c_alternative best = -1;
     dl2c_alternative best_rank = -1;
@@ -70,37 +77,36 @@ DL2C_INLINE void dl2c_choose_among_many(const uint8_t *restrict enabled, int64_t
                                         const uint8_t *restrict waited, int64_t *restrict path,
                                         uint8_t *restrict requested)
 {
-  int16_t wanted[NCHOICE + 1][DL2C_BLOCK];
-  int16_t best[DL2C_BLOCK];
-  int16_t best_rank[DL2C_BLOCK];
-  int16_t rank[DL2C_BLOCK];
-  int16_t agreed[DL2C_BLOCK];
-  const int16_t whole = 2 * NCHOICE + 2;
-  for (int c = 0; c < NCHOICE; c++)
-    for (int64_t i = 0; i < count; i++) wanted[c][i] = (int16_t)choices[i * NCHOICE + c];
+  dl2c_alternative wanted[NCHOICE + 1][DL2C_BLOCK];
+  dl2c_alternative best[DL2C_BLOCK];
+  dl2c_alternative best_rank[DL2C_BLOCK];
+  dl2c_alternative rank[DL2C_BLOCK];
+  dl2c_alternative agreed[DL2C_BLOCK];
+  const dl2c_alternative whole = 2 * NCHOICE + 2;
+  dl2c_wanted(choices, count, wanted);
   for (int64_t i = 0; i < count; i++) best[i] = best_rank[i] = -1;
   for (int k = 0; k < NPATH; k++) {
     for (int64_t i = 0; i < count; i++) rank[i] = whole;
     for (int64_t i = 0; i < count; i++) agreed[i] = 0;
     for (int j = 0; j < PATHS[k].nmet; j++) {
-      const int16_t *own = wanted[PATHS[k].met[j]];
+      const dl2c_alternative *own = wanted[PATHS[k].met[j]];
       const int16_t alternative = DECISIONS[k][PATHS[k].met[j]];
       const int16_t marked = PATHS[k].marked[j];
       for (int64_t i = 0; i < count; i++) {
-        const int16_t so_far = rank[i] == whole;
-        const int16_t same = so_far & (own[i] == alternative);
-        rank[i] = same == so_far ? rank[i] : (int16_t)(2 * agreed[i] + marked);
-        agreed[i] = (int16_t)(agreed[i] + same);
+        const dl2c_alternative so_far = rank[i] == whole;
+        const dl2c_alternative same = so_far & (own[i] == alternative);
+        rank[i] = same == so_far ? rank[i] : (dl2c_alternative)(2 * agreed[i] + marked);
+        agreed[i] = (dl2c_alternative)(agreed[i] + same);
       }
     }
     const uint8_t *restrict open = enabled + k * stride;
     for (int64_t i = 0; i < count; i++) {
-      const int16_t better = (int16_t)((open[i] != 0) & (rank[i] > best_rank[i]));
-      best[i] = better ? (int16_t)k : best[i];
+      const dl2c_alternative better = (dl2c_alternative)((open[i] != 0) & (rank[i] > best_rank[i]));
+      best[i] = better ? (dl2c_alternative)k : best[i];
       best_rank[i] = better ? rank[i] : best_rank[i];
     }
   }
-  const int16_t lowest = falls_back ? 0 : whole;
+  const dl2c_alternative lowest = falls_back ? 0 : whole;
   for (int64_t i = 0; i < count; i++) requested[i] = best_rank[i] == whole;
   for (int64_t i = 0; i < count; i++)
     path[i] = ((best_rank[i] >= lowest) & !waited[i]) ? best[i] : -1;

@@ -1,5 +1,6 @@
 """What is requested of many environments means what it means one by one, also where no alternative has it."""
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -32,9 +33,9 @@ ODD = (
 """Numbers that another type would take for one of an alternative."""
 
 
-def of_many_alternatives(possible: tuple[int, ...]) -> Source:
-    """A choice between 131, of which the other ones are never open."""
-    tests = ("true" if k in possible else "1 = 0" for k in range(131))
+def of_many_alternatives(count: int, possible: Collection[int]) -> Source:
+    """A choice between `count`, of which the other ones are never open."""
+    tests = ("true" if k in possible else "1 = 0" for k in range(count))
     choices = " ++ ".join(f"{{ ?{test}; x := {k}; }}" for k, test in enumerate(tests))
     names = "ProgramVariables\n  /* @var: bound=[0:200] */ Real x;\nEnd.\n"
     return Source("many.kyx", f"{names}Problem\n  x = 0 -> [{{ {choices} }}*]true\nEnd.\n")
@@ -43,7 +44,9 @@ def of_many_alternatives(possible: tuple[int, ...]) -> Source:
 MODELS = {
     "waypoint": source_of("example:waypoint"),
     "acc": source_of("example:acc"),
-    "many": of_many_alternatives((0, 1, 127, 128, 129)),
+    "many": of_many_alternatives(131, (0, 1, 127, 128, 129)),
+    "many_paths": of_many_alternatives(131, range(131)),
+    "many_short_paths": of_many_alternatives(40, range(40)),
 }
 
 

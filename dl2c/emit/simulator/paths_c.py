@@ -95,10 +95,10 @@ def few_paths(build: BuildPlan) -> bool:
 
 
 def alternative_type(paths: Paths) -> str:
-    """The narrowest type of C for numbers of alternatives and their orders, in lanes and of few paths."""
+    """The narrowest type of C for numbers of paths, alternatives and their orders, in lanes."""
     largest = max((d for path in paths.paths for d in path.decisions), default=0)
     agents = sum(decision.role == "agent" for decision in paths.decisions)
-    return "int8_t" if max(largest, 2 * agents + 2) <= 127 else "int16_t"
+    return "int8_t" if max(len(paths.paths) - 1, largest, 2 * agents + 2) <= 127 else "int16_t"
 
 
 def decides_in_lanes(build: BuildPlan) -> bool:
