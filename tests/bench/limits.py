@@ -8,6 +8,8 @@ START = "eab7dad02074c768933ec131fa63f3727f3035ae"
 """The revision that these ratios are of."""
 
 ENVIRONMENTS: Mapping[str, float] = {
+    "batch1": 0.97,
+    "batch1024": 0.97,
     "waypoint/batch1024": 1.4,
     "bouncing_ball/batch1024": 2.5,
     "passive_safety/batch1024": 2.5,
@@ -16,7 +18,7 @@ ENVIRONMENTS: Mapping[str, float] = {
     "waypoint/vector1024-batch1024": 4.0,
     "waypoint/shared1024-batch1024": 1 / 0.12,
 }
-"""Of `against.py`. What a vector environment adds is asked where a batch is fast enough to show it."""
+"""Of `against.py`, of every example or of one. What a vector environment adds is asked where a batch is fast enough to show it."""
 
 COMMANDS: Mapping[str, float] = {
     "waypoint/build-cold": 1 / 0.45,
