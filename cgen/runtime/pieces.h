@@ -87,8 +87,7 @@ static inline void dl2c_track_hull(const dl2c_track *track, dl2c_hull *x)
 }
 
 /* Models of all variables on a part of a track.   x: (NX) */
-static inline void dl2c_track_models(const dl2c_track *track, real middle, real half,
-                                     dl2c_taylor *x)
+DL2C_TAYLOR void dl2c_track_models(const dl2c_track *track, real middle, real half, dl2c_taylor *x)
 {
   for (int k = 0; k < NX; k++) {
     real b[DL2C_TRACK_DEGREE + 1];

@@ -19,6 +19,16 @@
 
 #include "hull.h"
 
+/*
+ * For what most of the time of a search along motion goes into. Where few steps search, the rest is compiled to
+ * be small (see DL2C_COLD), and these are compiled for speed, once each.
+ */
+#if DL2C_TRACKED_FLOWS
+#define DL2C_TAYLOR static inline
+#else
+#define DL2C_TAYLOR __attribute__((hot, noinline, unused)) static
+#endif
+
 enum { DL2C_ORDER = 4 };
 
 /* Why nothing is known of a quantity: flags. */
@@ -70,7 +80,7 @@ static inline real dl2c_taylor_at(const dl2c_taylor *a, real u)
  * Along the stretch [middle - half, middle + half] of the polynomial b[0] + b[1]*s + ..., s in
  * [0,1], whose last value is `end`. Changes b.   b: (degree + 1)
  */
-static inline dl2c_taylor dl2c_taylor_of(real *b, int degree, real end, real middle, real half)
+DL2C_TAYLOR dl2c_taylor dl2c_taylor_of(real *b, int degree, real end, real middle, real half)
 {
   bool still = true;
   for (int i = 1; i <= degree; i++) still &= b[i] == 0.0;
@@ -114,7 +124,7 @@ static inline void dl2c_taylor_summed(const dl2c_taylor *a, const dl2c_taylor *b
   t->lacks = a->lacks | b->lacks;
 }
 
-static inline dl2c_taylor dl2c_taylor_add(const dl2c_taylor *a, const dl2c_taylor *b)
+DL2C_TAYLOR dl2c_taylor dl2c_taylor_add(const dl2c_taylor *a, const dl2c_taylor *b)
 {
   dl2c_taylor t;
   for (int i = 0; i <= DL2C_ORDER; i++) t.c[i] = a->c[i] + b->c[i];
@@ -123,7 +133,7 @@ static inline dl2c_taylor dl2c_taylor_add(const dl2c_taylor *a, const dl2c_taylo
   return t;
 }
 
-static inline dl2c_taylor dl2c_taylor_sub(const dl2c_taylor *a, const dl2c_taylor *b)
+DL2C_TAYLOR dl2c_taylor dl2c_taylor_sub(const dl2c_taylor *a, const dl2c_taylor *b)
 {
   dl2c_taylor t;
   for (int i = 0; i <= DL2C_ORDER; i++) t.c[i] = a->c[i] - b->c[i];
@@ -133,7 +143,7 @@ static inline dl2c_taylor dl2c_taylor_sub(const dl2c_taylor *a, const dl2c_taylo
 }
 
 /* Sums and products with a number: the bits of the same with dl2c_taylor_number. */
-static inline dl2c_taylor dl2c_taylor_plus(const dl2c_taylor *a, real b)
+DL2C_TAYLOR dl2c_taylor dl2c_taylor_plus(const dl2c_taylor *a, real b)
 {
   dl2c_taylor t = *a;
   t.c[0] += b;
@@ -144,12 +154,12 @@ static inline dl2c_taylor dl2c_taylor_plus(const dl2c_taylor *a, real b)
   t.hull = dl2c_hull_out(dl2c_hull_add(a->hull, dl2c_hull_at(b)));
   return t;
 }
-static inline dl2c_taylor dl2c_taylor_from(real a, const dl2c_taylor *b)
+DL2C_TAYLOR dl2c_taylor dl2c_taylor_from(real a, const dl2c_taylor *b)
 {
   const dl2c_taylor minus = dl2c_taylor_neg(b);
   return dl2c_taylor_plus(&minus, a);
 }
-static inline dl2c_taylor dl2c_taylor_times(const dl2c_taylor *a, real b)
+DL2C_TAYLOR dl2c_taylor dl2c_taylor_times(const dl2c_taylor *a, real b)
 {
   dl2c_taylor t = {.lacks = a->lacks | (isfinite(b) ? 0 : DL2C_LACKS_VALUE)};
   for (int i = 0; i <= DL2C_ORDER; i++) t.c[i] = a->c[i] * b;
@@ -179,14 +189,14 @@ static inline dl2c_taylor dl2c_taylor_product(const dl2c_taylor *a, const dl2c_t
   return t;
 }
 
-static inline dl2c_taylor dl2c_taylor_mul(const dl2c_taylor *a, const dl2c_taylor *b)
+DL2C_TAYLOR dl2c_taylor dl2c_taylor_mul(const dl2c_taylor *a, const dl2c_taylor *b)
 {
   dl2c_taylor t = dl2c_taylor_product(a, b);
   t.hull = dl2c_hull_out(dl2c_hull_mul(a->hull, b->hull));
   return t;
 }
 
-static inline dl2c_taylor dl2c_taylor_square(const dl2c_taylor *a)
+DL2C_TAYLOR dl2c_taylor dl2c_taylor_square(const dl2c_taylor *a)
 {
   dl2c_taylor t = dl2c_taylor_product(a, a);
   t.hull = dl2c_hull_out(dl2c_hull_square(a->hull));

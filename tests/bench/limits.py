@@ -18,7 +18,9 @@ ENVIRONMENTS: Mapping[str, float] = {
     "waypoint/vector1024-batch1024": 4.0,
     "waypoint/shared1024-batch1024": 1 / 0.12,
 }
-"""Of `against.py`, of every example or of one. What a vector environment adds is asked where a batch is fast enough to show it."""
+"""Of `against.py`, in every example or in one. What a vector environment adds is asked where a batch is fast
+enough to show it.
+"""
 
 COMMANDS: Mapping[str, float] = {
     "waypoint/build-cold": 1 / 0.45,

@@ -82,6 +82,23 @@ def test_the_version_takes_little_more_than_its_libraries() -> None:
     assert sorted(ratios)[RUNS // 2] <= 3, ratios
 
 
+@pytest.mark.parametrize("chosen", [None, "20"])
+def test_threads_of_openblas_soon_sleep(place: Mapping[str, str], chosen: str | None) -> None:
+    """Unless the environment says otherwise."""
+    lines = (
+        "import os, sys",
+        "from dl2c.__main__ import SOON, main",
+        "sys.argv = ['dl2c', '--version']",
+        "try: main()",
+        "except SystemExit: pass",
+        f"assert os.environ['OPENBLAS_THREAD_TIMEOUT'] == ({chosen!r} or SOON)",
+    )
+    environment = {name: value for name, value in place.items() if name != "OPENBLAS_THREAD_TIMEOUT"}
+    if chosen is not None:
+        environment["OPENBLAS_THREAD_TIMEOUT"] = chosen
+    subprocess.run([sys.executable, "-c", "\n".join(lines)], env=environment, cwd=REPOSITORY, check=True)
+
+
 def test_the_version_needs_no_numbers(place: Mapping[str, str]) -> None:
     assert not imported(place, "--version") & {"numpy", "gymnasium", "lark", "rich.progress"}
 

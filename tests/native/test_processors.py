@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from dl2c import build
 from dl2c.cli import app
 from dl2c.native.loading import find
-from dl2c.native.toolchain import find_compiler
+from dl2c.native.toolchain import Compiler, find_compiler
 
 CLONES = (sys.platform, platform.machine()) == ("linux", "x86_64")
 
@@ -49,6 +49,17 @@ def test_debug_is_the_last_word_on_optimisation() -> None:
         flags = find_compiler().flags(native, size=10**6, debug=True)
         assert [f for f in flags if f.startswith("-O")][-1] == "-O0"
         assert "-march=native" not in flags and "-ffp-contract=off" in flags
+
+
+@pytest.mark.skipif(not CLONES, reason="vectors of 512 bits are those of x86-64")
+@pytest.mark.parametrize(
+    ("version", "wide"), [("gcc 12, Free Software Foundation", True), ("clang 16", False)]
+)
+def test_vectors_are_as_wide_as_the_processor_has_them(version: str, wide: bool) -> None:
+    compiler = Compiler(("cc",), version)
+    flag = "-mprefer-vector-width=512"
+    assert (flag in compiler.flags(native=True)) == (flag in compiler.flags(native=None)) == wide
+    assert flag not in (*compiler.flags(native=False), *compiler.flags(native=True, debug=True))
 
 
 def test_what_a_folder_asks_for_runs_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
