@@ -71,6 +71,14 @@ static inline void dl2c_leave_upper_halves(void)
 #endif
 }
 
+/*
+ * The widest vectors, which GCC avoids on some CPUs, where all motion is exact. Solvers, whose loops over
+ * variables are short, are slower with them.
+ */
+#if defined(__AVX512F__) && defined(__GNUC__) && !defined(__clang__) && !DL2C_TRACKED_FLOWS
+#pragma GCC target("prefer-vector-width=512")
+#endif
+
 /* DL2C_INSPECT=1 notes the flows of each step and adds the calls of dl2c_inspect.h. */
 #ifndef DL2C_INSPECT
 #define DL2C_INSPECT 0

@@ -60,11 +60,6 @@ ZIG_LACKS = ("-DDL2C_NO_TARGET_CLONES",)
 NATIVE = ("-march=native", "-DDL2C_NO_TARGET_CLONES")
 """For this CPU alone. What is compiled for it cannot be inlined into code for another one, as clones are."""
 
-WIDEST = ("-mprefer-vector-width=512",)
-"""The widest vectors that the CPU has. For some with AVX-512 GCC itself would take vectors half as wide, with
-which steps of many environments take up to half as long again.
-"""
-
 DEBUG = ("-O0", "-g", "-DDL2C_NO_TARGET_CLONES")
 """For a debugger, in a quarter of the time: no optimisation, one clone. Results are the same."""
 
@@ -124,11 +119,9 @@ class Compiler:
 
         Raises `CompilerFailed` if CFLAGS asks for arithmetic that is not exact.
         """
-        x86 = platform.machine() == "x86_64"
         if native is None:
-            native = not self.zig and sys.platform == "linux" and x86
+            native = not self.zig and (sys.platform, platform.machine()) == ("linux", "x86_64")
         tuning = NATIVE if native and not debug else ("-mcpu=baseline",) if self.zig else ()
-        tuning += WIDEST if tuning == NATIVE and self.gcc and x86 else ()
         lacking = ZIG_LACKS if self.zig else ()
         own = GCC_FLAGS if self.gcc else ()
         less = DEBUG if debug else LONG_FLAGS if size > LONG_CODE else ()

@@ -39,7 +39,7 @@ def model_h(build: BuildPlan) -> str:
     few = max(len(build.paths.paths), len(model.variables), len(model.predicates)) <= CLONED
     clones = "" if few else "#define DL2C_NO_TARGET_CLONES 1\n"
     return (
-        f"{title_of(build)}\n#ifndef {guard}\n#define {guard}\n\n{clones}"
+        f"{title_of(build)}\n#ifndef {guard}\n#define {guard}\n\n{clones}{_kernels(build)}\n"
         f'#include "model.h"\n\n{_indices(build)}{_sizes(build)}\n#endif\n'
     )
 
@@ -117,7 +117,6 @@ def _sizes(build: BuildPlan) -> str:
         + f"#define DL2C_LANE_FLOW ({next((p.flow for p in paths.paths if p.flow is not None), -1)})\n"
         + f"#define DL2C_FEW_PATHS {int(few_paths(build))}\n"
         + f"#define DL2C_FLOWS_IN_LANES {int(flows_in_lanes(build))}\n"
-        + _kernels(build)
         + ("" if build.monitor is None else "#define DL2C_MONITORED 1\n")
         + (f"#define DL2C_SCENE {shown}\n" if (shown := len(scene_terms(model.scene))) else "")
         + f"typedef {kind} dl2c_obs;\ntypedef {alternative_type(paths)} dl2c_alternative;\n"

@@ -4,6 +4,13 @@
 #ifndef DL2C_GENERATED_WALK_H
 #define DL2C_GENERATED_WALK_H
 
+enum { DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, DL2C_NUMERIC, DL2C_DOPRI }; /* kernels: how flows are followed */
+#define DL2C_LINEAR_FLOWS 0
+#define DL2C_SOLVED_FLOWS 0
+#define DL2C_DOPRI_FLOWS 0
+#define DL2C_TRACKED_FLOWS 0
+#define DL2C_SEARCHED_FLOWS 1
+
 #include "model.h"
 
 enum { X_x, X_wind, X_rest, X_gust, X_t, X_v, NX }; /* state */
@@ -20,12 +27,6 @@ DL2C_JOINT_INPUTS = 0, DL2C_MAX_LOOP = 50, DL2C_POINT_LEAD = 3, DL2C_POINT_PREFI
 #define DL2C_LANE_FLOW (0)
 #define DL2C_FEW_PATHS 1
 #define DL2C_FLOWS_IN_LANES 0
-enum { DL2C_QUICK, DL2C_SOLUTION, DL2C_LINEAR, DL2C_NUMERIC, DL2C_DOPRI }; /* kernels: how flows are followed */
-#define DL2C_LINEAR_FLOWS 0
-#define DL2C_SOLVED_FLOWS 0
-#define DL2C_DOPRI_FLOWS 0
-#define DL2C_TRACKED_FLOWS 0
-#define DL2C_SEARCHED_FLOWS 1
 typedef float dl2c_obs;
 typedef int8_t dl2c_alternative;
 
