@@ -70,7 +70,7 @@ def test_all_examples_together_take_the_sum_of_their_times() -> None:
 def test_each_limit_is_that_of_a_row() -> None:
     examples = {model.stem for model in against.ROOT.glob("examples/*.kyx")}
     commands = {command.row for command in commands_of("", "", "")} | {"/".join(pair) for pair in OWN}
-    environments = {"batch1024", DOPRI, *OVERHEADS}
+    environments = {"batch1", "batch1024", DOPRI, *OVERHEADS}
     for required, rows in ((limits.COMMANDS, commands), (limits.ENVIRONMENTS, environments)):
         for name in required:
             example, _, row = name.partition("/")
