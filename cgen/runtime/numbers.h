@@ -73,7 +73,8 @@ static inline void dl2c_leave_upper_halves(void)
 
 /*
  * The widest vectors, which GCC avoids on some CPUs, where all motion is exact. Solvers, whose loops over
- * variables are short, are slower with them.
+ * variables are short, are slower with them. A model's header says which flows it has before it includes
+ * this.
  */
 #if defined(__AVX512F__) && defined(__GNUC__) && !defined(__clang__) && !DL2C_TRACKED_FLOWS
 #pragma GCC target("prefer-vector-width=512")
