@@ -155,18 +155,24 @@ class Piece:
         return {**self.still, **moved}
 
     def signs(self, atom: Compare, places: list[mpf]) -> list[int | None]:
-        """The signs of an atom at these places: by doubles where these are sure of it."""
+        """The signs of an atom at these places: by doubles where these are sure of it.
+
+        For contacts beside the ends of a piece, one place more is looked at beyond each end, but
+        none before the start of the flow.
+        """
         steps = np.array([float(tau - self.start) for tau in places])
+        first = 1 if self.start > 0 else 0
+        row = np.concatenate(([2 * steps[0] - steps[1]] * first, steps, [2 * steps[-1] - steps[-2]]))
         rows: dict[Symbol, Any] = {s: float(v) for s, v in self.still.items()}
         for symbol, series in self.series.items():
-            rows[symbol] = np.polyval([float(c) for c in reversed(series)], steps)
+            rows[symbol] = np.polyval([float(c) for c in reversed(series)], row)
         with np.errstate(all="ignore"):
             left, right = value(atom.left, rows, QUICK), value(atom.right, rows, QUICK)
-            sure = np.abs(left - right) > 1e-9 * (1 + np.abs(left) + np.abs(right))
-            quick = np.broadcast_to(np.sign(left - right), steps.shape)
-            if grazes(np.broadcast_to(left - right, steps.shape)):
+            difference = np.broadcast_to(left - right, row.shape)
+            size = np.broadcast_to(1 + np.abs(left) + np.abs(right), row.shape)
+            if grazes(difference):
                 self.grazed.append(atom)
-        sure = np.broadcast_to(sure, steps.shape)
+            sure, quick = (np.abs(difference) > 1e-9 * size)[first:-1], np.sign(difference)[first:-1]
         return [int(q) if s else sign(atom, self.at(t)) for q, s, t in zip(quick, sure, places, strict=True)]
 
 
@@ -271,7 +277,7 @@ def _first_event(
     atoms = list(known)
     for index, atom in enumerate(atoms):
         before = known[atom]
-        for low, high, after in zip(places[:-1], places[1:], piece.signs(atom, places[1:]), strict=True):
+        for low, high, after in zip(places[:-1], places[1:], piece.signs(atom, places)[1:], strict=True):
             if after != before:
                 changes.append((_bisected(atom, piece, low, high, before), index, after))
             before = after
@@ -317,6 +323,8 @@ def moved(flow: Flow, start: Mapping[Symbol, float], told: Verdict, by: float = 
     rng = Random(1)
     for _ in range(8):
         near = {s: v if s.name == "t" else v + by * rng.choice((-1, 1)) for s, v in start.items()}
+        if not inside(flow.domain, near):
+            return math.inf
         try:
             other = judge(flow, near)
         except Singular:
