@@ -40,7 +40,7 @@ ENTRIES = {
 }
 
 NUMBERS = tuple(name for name, entry in ENTRIES.items() if entry.dtype is not None)
-"""In the order in which cgen/python/single.c numbers them."""
+"""In the order in which cgen/python/stepping.c numbers them."""
 
 IS_SUCCESS = "is_success"
 """Only where an episode ends."""

@@ -1,18 +1,19 @@
-"""A step of a single environment: from an action to what Gymnasium returns.
+"""A step of a single environment, from an action to what Gymnasium returns, and a step of many.
 
-In goes a batch of one; out comes a function of the action, in C where that can be built and else in
-Python. Both return the same objects, fresh at every step; both look up once what they need of the model.
+In goes a batch; out comes a function of the action, in C where that can be built and else in Python. Both
+return the same objects, fresh at every step; both look up once what they need of the model.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dl2c.env.encodings import Encoding, Flat, Named, OneChoice
+from dl2c.env.encodings import Choices, Encoding, Flat, Named, OneChoice
 from dl2c.env.infos import ENTRIES, IS_SUCCESS, NUMBERS, STATUS, SUCCESS, reason_names
 from dl2c.native.results import OUTCOME, OUTCOME_NAMES
 
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 
 Step: TypeAlias = tuple[NDArray[Any], float, bool, bool, dict[str, Any]]
 """Observation, reward, terminated, truncated, info."""
+
+Steps: TypeAlias = tuple[NDArray[np.bool_], NDArray[np.uint8]]
+"""Copies of a batch's `ends` and `memory`."""
 
 Origin: TypeAlias = NDArray[Any] | Callable[[], Any]
 """Where an entry of `info` comes from: an array that is copied, or a function that makes it."""
@@ -54,12 +58,15 @@ def compiled_step(parts: Parts) -> Callable[[Any], Step] | None:
     plain = _plain(encoding, batch)
     origins = {"executed_action": plain.executed, **parts.extras}
     return batch.step_in_c(
+        "one",
+        encoding.writer(batch),
+        any(flow.kernel != "exact" for flow in parts.manifest.flows),
+        batch.memory,
+        batch.choices,
+        batch.inputs,
         plain.count,
         plain.width,
         plain.named,
-        encoding.writer(batch),
-        any(flow.kernel != "exact" for flow in parts.manifest.flows),
-        batch.check,
         parts.ended,
         batch.obs[0],
         (*NUMBERS, IS_SUCCESS),
@@ -72,7 +79,7 @@ def compiled_step(parts: Parts) -> Callable[[Any], Step] | None:
 
 @dataclass(frozen=True, slots=True)
 class _Plain:
-    """What cgen/python/single.c needs to request and report actions of a plain form itself."""
+    """What cgen/python/stepping.c needs to request and report actions of a plain form itself."""
 
     executed: Any
     count: int = 0
@@ -123,5 +130,43 @@ def python_step(parts: Parts) -> Callable[[Any], Step]:
             ended()
             info[IS_SUCCESS] = status == SUCCESS
         return observe(), found["rewards"], end, cut, info
+
+    return step
+
+
+def steps_function(encoding: Encoding, batch: "Batch") -> Callable[[Any], Steps]:
+    """One step of many environments, in the fastest form there is. Raises `ValueError` for actions outside
+    the action space.
+    """
+    return compiled_steps(encoding, batch) or python_steps(encoding, batch)
+
+
+def compiled_steps(encoding: Encoding, batch: "Batch") -> Callable[[Any], Steps] | None:
+    """The step in C; None where it cannot be built."""
+    requests, counts = _requests(encoding, batch)
+    write, copied = partial(encoding.write, batch), (batch.ends, batch.memory)
+    return batch.step_in_c("many", write, True, requests, counts, copied)
+
+
+def _requests(encoding: Encoding, batch: "Batch") -> tuple[NDArray[Any] | None, NDArray[np.int64]]:
+    """Where actions of a plain form go as they are, and how many alternatives each choice has."""
+    match encoding:
+        case OneChoice(count):
+            return batch.choices.reshape(-1), np.array([count], INDEX)
+        case Choices(counts):
+            return batch.choices, counts.astype(INDEX)
+        case Flat(_, _, counts) if not len(counts):
+            return batch.inputs, np.empty(0, INDEX)
+        case _:
+            return None, np.empty(0, INDEX)
+
+
+def python_steps(encoding: Encoding, batch: "Batch") -> Callable[[Any], Steps]:
+    """The step in Python."""
+
+    def step(actions: Any) -> Steps:
+        encoding.write(batch, actions)
+        batch.step()
+        return batch.ends.copy(), batch.memory.copy()
 
     return step

@@ -22,6 +22,7 @@ from dl2c.env.seeding import begin, spread
 from dl2c.env.snapshot import Snapshot, put, take
 from dl2c.env.spaces import observation_space
 from dl2c.env.state import check_reset_options, read_drawn, read_state, state_line
+from dl2c.env.stepping import steps_function
 from dl2c.env.targeted import check_uniform
 from dl2c.native.results import Results
 
@@ -77,6 +78,7 @@ class Dl2cVectorEnv(WithSpec, VectorEnv[NDArray[Any], Any, NDArray[Any]]):  # py
             **batch_options(self.manifest),
         )
         self._encoding = encoding(self.manifest)
+        self._transition = steps_function(self._encoding, self.batch)
         self.single_observation_space = observation_space(self.manifest)
         self.single_action_space: Space[Any] = self._encoding.space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -108,9 +110,7 @@ class Dl2cVectorEnv(WithSpec, VectorEnv[NDArray[Any], Any, NDArray[Any]]):  # py
                 f"call reset() for the environments {np.flatnonzero(~self._ready).tolist()}"
             )
         batch = self.batch
-        self._encoding.write(batch, actions)
-        batch.step()
-        ends = batch.ends.copy()
+        ends, memory = self._transition(actions)
         terminated, truncated = ends[0], ends[1]  # quicker than to unpack
         last = None
         if self.autoreset_mode != AutoresetMode.NEXT_STEP and np.count_nonzero(ends):
@@ -118,7 +118,7 @@ class Dl2cVectorEnv(WithSpec, VectorEnv[NDArray[Any], Any, NDArray[Any]]):  # py
                 last = batch.final_obs[terminated | truncated]
             else:
                 self._set_ready(~(terminated | truncated))
-        infos = LazyInfos(self._infos, batch.memory.copy(), last)
+        infos = LazyInfos(self._infos, memory, last)
         return self._out(batch.obs), self._out(batch.rewards), terminated, truncated, infos
 
     def _infos(self, memory: NDArray[np.uint8], last: NDArray[Any] | None) -> Infos:

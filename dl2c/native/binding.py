@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, NoReturn, final
+from typing import Any, Literal, NoReturn, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from dl2c.native.errors import MonitorViolated, NativeError, ResetFailed
 from dl2c.native.loading import find, load
 from dl2c.native.manifest import Manifest
 from dl2c.native.results import Results, Widths, zeros
-from dl2c.native.single import single_step
+from dl2c.native.stepping import stepping
 from dl2c.native.sundials import load_solver
 from dl2c.native.turns import Turns
 
@@ -202,19 +202,18 @@ class Batch(Results):
         finally:
             self._turns.end()
 
-    def step_in_c(self, *parts: Any) -> Callable[[Any], Any] | None:
-        """The step of a batch of one as a function of the action; None where that cannot be built.
+    def step_in_c(self, form: Literal["one", "many"], *parts: Any) -> Callable[[Any], Any] | None:
+        """The step as a function of the action; None where that cannot be built.
 
-        The arguments are those parts of cgen/python/single.c that are not addresses.
+        The arguments are those parts of cgen/python/stepping.c, in their order, that are not known here.
         """
-        if (made := single_step()) is None:
+        if (extension := stepping()) is None:
             return None
-        ffi = self.library.ffi
+        ffi, turns = self.library.ffi, self._turns
         pointers = (ffi.addressof(self._lib, "dl2c_batch_step"), self._handle)
-        memory = (ffi.from_buffer(array) for array in (self.memory, self.choices, self.inputs))
-        addresses = (int(ffi.cast("uintptr_t", p)) for p in (*pointers, *memory))
-        turns = self._turns
-        return made((*addresses, turns.token, turns.closing, turns.refuse, turns.settle, *parts))
+        addresses = (int(ffi.cast("uintptr_t", p)) for p in pointers)
+        known = (*addresses, turns.token, turns.closing, turns.refuse, turns.settle, self.check)
+        return getattr(extension, form)((*known, *parts))
 
     def step(self) -> None:
         """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""

@@ -8,7 +8,7 @@ from dl2c.native.errors import BatchBusy, BatchClosed
 
 
 class Turns:
-    """Turns to work on what `free` frees. `token` and `closing` are what cgen/python/single.c uses itself."""
+    """Turns to work on what `free` frees. `token` and `closing` are what cgen/python/stepping.c uses."""
 
     __slots__ = ("_free", "closing", "token")
 

@@ -7,7 +7,7 @@ import weakref
 from collections import OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,13 +17,13 @@ from selection import few_and_many
 
 import dl2c
 import dl2c.env.single
-import dl2c.native.single
+import dl2c.native.stepping
 from dl2c.code import cgen_dir
 from dl2c.env.single import Dl2cEnv
 from dl2c.env.stepping import python_step
 from dl2c.native.cache import cache_entries
 from dl2c.native.errors import NativeError
-from dl2c.native.single import single_step
+from dl2c.native.stepping import stepping
 from dl2c.native.toolchain import STRICT_FLAGS, find_compiler, python_include, run
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -66,12 +66,12 @@ ODD_ACTIONS += [{}, {"choice_0": 1}, OrderedDict(choice_0=1, assign_a=np.array([
 ODD_ACTIONS += [{"choice_0": 1, "assign_a": np.array([0.5]), "more": 1}, {"choice_0": 1, "more": 1}]
 
 PARTS = {"BATCH": 1, "ENDED": 15, "OBSERVE": 16, "INFO": 18, "STATUSES": 19, "REASONS": 20, "SOURCES": 21}
-"""Places of cgen/python/single.c."""
+"""Places of cgen/python/stepping.c."""
 
 
 @pytest.fixture(scope="module", autouse=True)
 def headers() -> None:
-    if single_step() is None:
+    if stepping() is None:
         pytest.skip("there are no headers to build it with")
 
 
@@ -88,6 +88,10 @@ def details(value: Any) -> Any:
             return dict, [(key, details(v)) for key, v in value.items()]
         case tuple():
             return tuple, [details(v) for v in value]
+        case list():
+            return [details(v) for v in cast("list[Any]", value)]
+        case np.ndarray() if value.dtype == object:
+            return details(value.tolist())
         case np.ndarray():
             return (
                 value.dtype,
@@ -220,11 +224,11 @@ def waypoint() -> Dl2cEnv:
 @pytest.mark.parametrize("part", BROKEN)
 def test_an_error_in_any_part_passes_through(part: str, waypoint: Dl2cEnv) -> None:
     env = waypoint
-    make = single_step()
-    assert make is not None
+    extension = stepping()
+    assert extension is not None
     parts = list(env._transition.__self__)  # pyright: ignore[reportFunctionMemberAccess]
     parts[PARTS[part]] = BROKEN[part]
-    step, shared = make(tuple(parts)), shared_objects(env._transition)
+    step, shared = extension.one(tuple(parts)), shared_objects(env._transition)
     before, raised = counted(shared), 0
     for _ in range(20):
         env.reset(seed=1)
@@ -238,11 +242,13 @@ def test_an_error_in_any_part_passes_through(part: str, waypoint: Dl2cEnv) -> No
 
 
 def test_a_step_is_made_of_all_its_parts() -> None:
-    make = single_step()
-    assert make is not None
-    for parts in ((), [], None, ((),) * 22, ([],) * 22):
-        with pytest.raises(TypeError, match="parts"):
-            make(parts)  # type: ignore[arg-type]
+    extension = stepping()
+    assert extension is not None
+    unfit: list[Any] = [(), [], None, *((part,) * size for part in ((), []) for size in (12, 22))]
+    for parts in unfit:
+        for make in (extension.one, extension.many):
+            with pytest.raises(TypeError, match="parts"):
+                make(parts)
 
 
 def test_an_environment_that_nobody_has_goes() -> None:
@@ -256,11 +262,12 @@ def test_an_environment_that_nobody_has_goes() -> None:
 
 
 def test_without_headers_steps_are_python(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dl2c.native.single, "python_include", lambda: ())
+    monkeypatch.setattr(dl2c.native.stepping, "python_include", lambda: ())
     env = dl2c.make("example:waypoint")
     assert env._transition.__module__ == "dl2c.env.stepping"
     env.reset(seed=1)
     assert env.step(0)[4]["executed_action"] in range(4)
+    assert dl2c.make_vec("example:waypoint", 2)._transition.__module__ == "dl2c.env.stepping"
 
 
 def test_what_no_compiler_takes_is_done_in_python(
@@ -269,15 +276,15 @@ def test_what_no_compiler_takes_is_done_in_python(
     monkeypatch.setenv("DL2C_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("CFLAGS", "-fno-such-thing")
     with caplog.at_level("INFO", "dl2c"):
-        assert single_step() is None
+        assert stepping() is None
     assert "stepped in Python" in caplog.text and cache_entries() == ()
 
 
 def test_it_is_built_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("DL2C_CACHE_DIR", str(tmp_path))
-    first = single_step()
-    monkeypatch.setattr(dl2c.native.single, "run", refuse)
-    assert single_step() is first is not None
+    first = stepping()
+    monkeypatch.setattr(dl2c.native.stepping, "run", refuse)
+    assert stepping() is first is not None
     assert len(cache_entries()) == 1
 
 
@@ -286,4 +293,4 @@ def test_it_compiles_without_warnings(tmp_path: Path) -> None:
     flags = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
     include = (*python_include(), f"-I{np.get_include()}", f"-I{cgen_dir() / 'include'}")
     command = (*find_compiler().command, "-std=c11", "-fsyntax-only", *flags, *include)
-    run((*command, str(cgen_dir() / "python" / "single.c")), tmp_path)
+    run((*command, str(cgen_dir() / "python" / "stepping.c")), tmp_path)

@@ -43,7 +43,7 @@ from dl2c.experiments.bench.rows import (
 from dl2c.experiments.bench.sizes import vehicles
 from dl2c.ir.evaluate import Undefined, evaluate, truth
 from dl2c.ir.model import Add, And, Call, Compare, Div, Formula, Mul, Neg, Number, Or, Sub, Symbol, Term
-from dl2c.native.single import single_step
+from dl2c.native.stepping import stepping
 from dl2c.source import Source
 
 pytest.importorskip("scipy")
@@ -213,7 +213,7 @@ def test_the_empty_environment_returns_what_the_model_does(waypoint: Subject) ->
         assert not np.shares_memory(once[-1]["action_mask"], again[-1]["action_mask"])
 
 
-@pytest.mark.skipif(single_step() is None, reason="without Python's headers steps are made in Python")
+@pytest.mark.skipif(stepping() is None, reason="without Python's headers steps are made in Python")
 def test_a_single_step_costs_little_more_than_its_objects(waypoint: Subject) -> None:
     """In the quietest of some rounds."""
     rows = [empty_row(waypoint), gym_row(waypoint), cartpole_row()]

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * The step of a single environment as a Python function of its action. It does what `python_step`
- * of dl2c/env/stepping.py does and returns the same objects; it knows no model. Part of no build of
- * one: an extension module of its own, which dl2c/native/single.py builds where Python's headers
- * are.
+ * Steps of a single environment and of many as Python functions of the action. They do what `python_step`
+ * and `python_steps` of dl2c/env/stepping.py do and return the same objects; they know no model. Part of
+ * no build of one: an extension module of its own, which dl2c/native/stepping.py builds where Python's
+ * headers are.
  */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
@@ -26,33 +26,48 @@ typedef dl2c_status (*dl2c_stepping)(dl2c_batch *batch);
 
 /*
  * The parts of a step, a tuple. Addresses are integers; what they point to lives as long as the
- * batch, which `check` keeps. A source is a contiguous array, to be copied, or a pair of one and the
+ * batch, which `check` keeps. All arrays are contiguous.
+ */
+enum {
+  STEP,    /* address of dl2c_batch_step, */
+  BATCH,   /* of a batch */
+  TURN,    /* list: whoever works on the batch takes its second entry meanwhile */
+  CLOSING, /* list: not empty where the batch is to be freed then, */
+  REFUSE,  /* f(): raises why there is no turn */
+  SETTLE,  /* f(): frees the batch unless somebody has the turn */
+  CHECK,   /* f(status): raises what a status that is not DL2C_OK stands for */
+  WRITE,   /* f(action): requests any action, or raises what is wrong with it */
+  RELEASE, /* whether others may run meanwhile: to take the lock again costs half a quick step */
+  COMMON
+};
+
+/*
+ * The other parts for a single environment. A source is an array, to be copied, or a pair of one and the
  * dtype of the copy, or a dict of sources, or a function that makes something.
  */
 enum {
-  STEP,     /* address of dl2c_batch_step, */
-  BATCH,    /* of a batch of one, */
-  RESULTS,  /* of its results, */
-  CHOICE,   /* and of its first requested choice */
-  INPUT,    /* and input */
-  TURN,     /* list: whoever works on the batch takes its second entry meanwhile */
-  CLOSING,  /* list: not empty where the batch is to be freed then, */
-  REFUSE,   /* f(): raises why there is no turn */
-  SETTLE,   /* f(): frees the batch unless somebody has the turn */
-  COUNT,    /* where actions are the alternatives 0, ..., COUNT - 1 of that choice; or else 0 */
-  WIDTH,    /* where actions are values of all so many inputs; or else 0 */
-  NAMED,    /* where actions are a dict: its keys, what they are of and, but for inputs, its alternatives */
-  WRITE,    /* f(action): requests any action, or raises what is wrong with it */
-  RELEASE,  /* whether others may run meanwhile: to take the lock again costs half a quick step */
-  CHECK,    /* f(status): raises what a status that is not DL2C_OK stands for */
-  ENDED,    /* f(): told that the episode is over */
-  OBSERVE,  /* source of the observation */
-  KEYS,     /* those of `info` that are named below */
-  INFO,     /* `info` of a step that nothing is to be said of, with all keys but the last */
-  STATUSES, /* names of statuses and of reasons by number */
+  RESULTS = COMMON, /* array of the results, */
+  CHOICE,           /* of the requested choices */
+  INPUT,            /* and inputs */
+  COUNT,            /* where actions are the alternatives 0, ..., COUNT - 1 of that choice; or else 0 */
+  WIDTH,            /* where actions are values of all so many inputs; or else 0 */
+  NAMED,            /* where actions are a dict: its keys, what they are of and, but for inputs, how many */
+  ENDED,            /* f(): told that the episode is over */
+  OBSERVE,          /* source of the observation */
+  KEYS,             /* those of `info` that are named below */
+  INFO,             /* `info` of a step that nothing is to be said of, with all keys but the last */
+  STATUSES,         /* names of statuses and of reasons by number */
   REASONS,
   SOURCES, /* keys of `info` and their sources in turn: what is made anew in every step */
-  PARTS
+  PARTS_OF_ONE
+};
+
+/* The other parts for many environments. */
+enum {
+  REQUESTS = COMMON, /* where actions are an array: that of the requested choices or inputs; or else None */
+  COUNTS,            /* array of how many alternatives each of those choices has */
+  COPIED,            /* tuple of arrays whose copies a step returns */
+  PARTS_OF_MANY
 };
 
 enum { STATUS, REASON, COST, BLOCKED, DURATION, TIME, POSTCONDITION, SATURATED, IS_SUCCESS, NKEYS };
@@ -62,6 +77,11 @@ static PyObject *dl2c_part(PyObject *parts, int part) { return PyTuple_GET_ITEM(
 static void *dl2c_address(PyObject *parts, int part)
 {
   return PyLong_AsVoidPtr(dl2c_part(parts, part));
+}
+
+static void *dl2c_data(PyObject *parts, int part)
+{
+  return PyArray_DATA((PyArrayObject *)dl2c_part(parts, part));
 }
 
 /* Requests an alternative by its number, in any form. 0: it is none of `count`; -1: an error was raised. */
@@ -103,8 +123,8 @@ static int dl2c_request_named(PyObject *parts, PyObject *action)
   PyObject *named = dl2c_part(parts, NAMED);
   const Py_ssize_t size = PyTuple_GET_SIZE(named);
   if (size == 0 || !PyDict_CheckExact(action) || 3 * PyDict_GET_SIZE(action) != size) return 0;
-  int32_t *choices = dl2c_address(parts, CHOICE);
-  double *inputs = dl2c_address(parts, INPUT);
+  int32_t *choices = dl2c_data(parts, CHOICE);
+  double *inputs = dl2c_data(parts, INPUT);
   for (Py_ssize_t i = 0; i < size; i += 3) {
     PyObject *value = PyDict_GetItem(action, PyTuple_GET_ITEM(named, i));
     const Py_ssize_t place = PyLong_AsSsize_t(PyTuple_GET_ITEM(named, i + 1));
@@ -117,14 +137,59 @@ static int dl2c_request_named(PyObject *parts, PyObject *action)
   return 1;
 }
 
-/* Requests an action: at once if it is of the plainest form, or else by WRITE. */
-static int dl2c_request(PyObject *parts, PyObject *action)
+/* Requests an action of the plainest form. 0: it is of another one; -1: an error was raised. */
+static int dl2c_request_one(PyObject *parts, PyObject *action)
 {
   const Py_ssize_t count = PyLong_AsSsize_t(dl2c_part(parts, COUNT));
   const Py_ssize_t width = PyLong_AsSsize_t(dl2c_part(parts, WIDTH));
-  int requested = dl2c_request_choice(dl2c_address(parts, CHOICE), count, action);
-  if (requested == 0) requested = dl2c_request_inputs(dl2c_address(parts, INPUT), width, action);
+  int requested = dl2c_request_choice(dl2c_data(parts, CHOICE), count, action);
+  if (requested == 0) requested = dl2c_request_inputs(dl2c_data(parts, INPUT), width, action);
   if (requested == 0) requested = dl2c_request_named(parts, action);
+  return requested;
+}
+
+/* Requests n alternatives of each choice. 0: some are not among its `counts`.   given, choices: (n, width) */
+static int dl2c_request_alternatives(int32_t *choices, const int64_t *given, npy_intp n, npy_intp width,
+                                     const int64_t *counts)
+{
+  uint64_t outside = 0; /* the highest bit says it, which is quicker than to compare */
+  for (npy_intp k = 0; k < width; k++) {
+    const uint64_t last = (uint64_t)counts[k] - 1;
+    for (npy_intp i = k; i < n * width; i += width) {
+      outside |= (uint64_t)given[i] | (last - (uint64_t)given[i]);
+      choices[i] = (int32_t)given[i];
+    }
+  }
+  return !(outside >> 63);
+}
+
+/* Requests values of all inputs. 0: they are of another type, or one is a NaN; -1: an error was raised. */
+static int dl2c_request_values(PyArrayObject *inputs, PyArrayObject *given)
+{
+  if (PyArray_TYPE(given) != NPY_FLOAT && PyArray_TYPE(given) != NPY_DOUBLE) return 0;
+  if (PyArray_CopyInto(inputs, given) != 0) return -1;
+  const double *input = PyArray_DATA(inputs);
+  int nan = 0;
+  for (npy_intp i = 0; i < PyArray_SIZE(inputs); i++) nan |= isnan(input[i]);
+  return !nan;
+}
+
+/* Requests actions of all environments. 0: they are of another form, or not all valid; -1: an error. */
+static int dl2c_request_many(PyObject *parts, PyObject *action)
+{
+  if (!PyArray_CheckExact(dl2c_part(parts, REQUESTS)) || !PyArray_CheckExact(action)) return 0;
+  PyArrayObject *to = (PyArrayObject *)dl2c_part(parts, REQUESTS), *from = (PyArrayObject *)action;
+  if (!PyArray_SAMESHAPE(to, from) || !PyArray_ISCARRAY_RO(from)) return 0;
+  if (PyArray_TYPE(to) != NPY_INT32) return dl2c_request_values(to, from);
+  if (PyArray_TYPE(from) != NPY_INT64) return 0;
+  const npy_intp width = PyArray_SIZE((PyArrayObject *)dl2c_part(parts, COUNTS));
+  return dl2c_request_alternatives(PyArray_DATA(to), PyArray_DATA(from), PyArray_SIZE(to) / width, width,
+                                   dl2c_data(parts, COUNTS));
+}
+
+/* Requests an action by WRITE, unless it is `requested`. */
+static int dl2c_request(PyObject *parts, PyObject *action, int requested)
+{
   if (requested != 0) return requested < 0 ? -1 : 0;
   PyObject *none = PyObject_CallOneArg(dl2c_part(parts, WRITE), action);
   Py_XDECREF(none);
@@ -240,7 +305,7 @@ static int dl2c_end_turn(PyObject *parts)
 
 static PyObject *dl2c_result(PyObject *parts)
 {
-  const dl2c_results *r = dl2c_address(parts, RESULTS);
+  const dl2c_results *r = dl2c_data(parts, RESULTS);
   PyObject *info = PyDict_Copy(dl2c_part(parts, INFO));
   if (info == NULL || dl2c_tell(parts, info, r) != 0 || dl2c_fill(parts, info, r) != 0) {
     Py_XDECREF(info);
@@ -255,32 +320,80 @@ static PyObject *dl2c_step_one(PyObject *parts, PyObject *action)
 {
   if (dl2c_take_turn(parts) != 0) return NULL;
   PyObject *result = NULL;
-  if (dl2c_request(parts, action) == 0 && dl2c_advance(parts) == 0) result = dl2c_result(parts);
+  if (dl2c_request(parts, action, dl2c_request_one(parts, action)) == 0 && dl2c_advance(parts) == 0)
+    result = dl2c_result(parts);
   if (dl2c_end_turn(parts) != 0) Py_CLEAR(result);
   return result;
 }
 
-static PyMethodDef dl2c_step_method = {"step", dl2c_step_one, METH_O, NULL};
-
-static PyObject *dl2c_stepper(PyObject *module, PyObject *parts)
+/* Fresh copies of some arrays. */
+static PyObject *dl2c_copies(PyObject *arrays)
 {
-  (void)module;
-  if (!PyTuple_CheckExact(parts) || PyTuple_GET_SIZE(parts) != PARTS ||
-      !PyList_CheckExact(dl2c_part(parts, TURN)) || !PyList_CheckExact(dl2c_part(parts, CLOSING)) ||
-      PyObject_Size(dl2c_part(parts, KEYS)) != NKEYS) {
-    PyErr_SetString(PyExc_TypeError, "a step is made of other parts");
-    return NULL;
+  PyObject *copies = PyTuple_New(PyTuple_GET_SIZE(arrays));
+  for (Py_ssize_t i = 0; copies != NULL && i < PyTuple_GET_SIZE(arrays); i++) {
+    PyObject *copy = dl2c_fresh(PyTuple_GET_ITEM(arrays, i));
+    if (copy == NULL)
+      Py_CLEAR(copies);
+    else
+      PyTuple_SET_ITEM(copies, i, copy);
   }
-  return PyCFunction_New(&dl2c_step_method, parts);
+  return copies;
 }
 
-static PyMethodDef dl2c_methods[] = {{"stepper", dl2c_stepper, METH_O, NULL},
-                                     {NULL, NULL, 0, NULL}};
+static PyObject *dl2c_step_many(PyObject *parts, PyObject *action)
+{
+  if (dl2c_take_turn(parts) != 0) return NULL;
+  PyObject *result = NULL;
+  if (dl2c_request(parts, action, dl2c_request_many(parts, action)) == 0 && dl2c_advance(parts) == 0)
+    result = dl2c_copies(dl2c_part(parts, COPIED));
+  if (dl2c_end_turn(parts) != 0) Py_CLEAR(result);
+  return result;
+}
+
+/* Whether parts of a step are so many, and those that all steps have are what they should be. */
+static int dl2c_are_parts(PyObject *parts, int size)
+{
+  return PyTuple_CheckExact(parts) && PyTuple_GET_SIZE(parts) == size &&
+         PyList_CheckExact(dl2c_part(parts, TURN)) && PyList_CheckExact(dl2c_part(parts, CLOSING));
+}
+
+static int dl2c_is_array(PyObject *parts, int part) { return PyArray_CheckExact(dl2c_part(parts, part)); }
+
+/* A step of its parts, if they fit. */
+static PyObject *dl2c_made(PyMethodDef *step, PyObject *parts, int fit)
+{
+  if (fit) return PyCFunction_New(step, parts);
+  PyErr_SetString(PyExc_TypeError, "a step is made of other parts");
+  return NULL;
+}
+
+static PyMethodDef dl2c_method_of_one = {"step", dl2c_step_one, METH_O, NULL};
+static PyMethodDef dl2c_method_of_many = {"step", dl2c_step_many, METH_O, NULL};
+
+static PyObject *dl2c_one(PyObject *module, PyObject *parts)
+{
+  (void)module;
+  const int fit = dl2c_are_parts(parts, PARTS_OF_ONE) && dl2c_is_array(parts, RESULTS) &&
+                  dl2c_is_array(parts, CHOICE) && dl2c_is_array(parts, INPUT) &&
+                  PyObject_Size(dl2c_part(parts, KEYS)) == NKEYS;
+  return dl2c_made(&dl2c_method_of_one, parts, fit);
+}
+
+static PyObject *dl2c_many(PyObject *module, PyObject *parts)
+{
+  (void)module;
+  const int fit = dl2c_are_parts(parts, PARTS_OF_MANY) && dl2c_is_array(parts, COUNTS) &&
+                  PyTuple_CheckExact(dl2c_part(parts, COPIED));
+  return dl2c_made(&dl2c_method_of_many, parts, fit);
+}
+
+static PyMethodDef dl2c_methods[] = {
+    {"one", dl2c_one, METH_O, NULL}, {"many", dl2c_many, METH_O, NULL}, {NULL, NULL, 0, NULL}};
 
 static struct PyModuleDef dl2c_module = {
-    .m_base = PyModuleDef_HEAD_INIT, .m_name = "single", .m_methods = dl2c_methods};
+    .m_base = PyModuleDef_HEAD_INIT, .m_name = "stepping", .m_methods = dl2c_methods};
 
-PyMODINIT_FUNC PyInit_single(void)
+PyMODINIT_FUNC PyInit_stepping(void)
 {
   import_array();
   return PyModule_Create(&dl2c_module);

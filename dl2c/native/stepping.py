@@ -1,4 +1,4 @@
-"""The step of a single environment as one function: cgen/python/single.c, an extension that knows no model.
+"""Steps as one function of the action each: cgen/python/stepping.c, an extension that knows no model.
 
 Built into the cache on first use, once for each Python and numpy. Nothing needs it: what is not there
 where headers are missing is done in Python by `dl2c.env.stepping`.
@@ -7,7 +7,7 @@ where headers are missing is done in Python by `dl2c.env.stepping`.
 import sysconfig
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -18,9 +18,19 @@ from dl2c.native.loading import load
 from dl2c.native.toolchain import find_compiler, link_flags, python_include, run, user_flags
 from dl2c.progress import LOG
 
+MakeStep: TypeAlias = Callable[[tuple[Any, ...]], Callable[[Any], Any]]
+"""Makes a step of its parts, which are told there."""
 
-def single_step() -> Callable[[tuple[Any, ...]], Callable[[Any], Any]] | None:
-    """What makes a step of its parts (see there); None where it cannot be built, which is logged."""
+
+class Stepping(Protocol):
+    """The extension: steps of a single environment, and of many."""
+
+    one: MakeStep
+    many: MakeStep
+
+
+def stepping() -> Stepping | None:
+    """The extension; None where it cannot be built, which is logged."""
     headers = Path(np.get_include())
     if not (python := python_include()) or not (headers / "numpy" / "arrayobject.h").is_file():
         return None
@@ -28,14 +38,14 @@ def single_step() -> Callable[[tuple[Any, ...]], Callable[[Any], Any]] | None:
     try:
         return cached(
             _key(), lambda directory: _build(directory, include), lambda directory: load(directory / _file())
-        ).stepper
+        )
     except NativeError as problem:
-        LOG.info("single environments are stepped in Python: %s", problem)
+        LOG.info("environments are stepped in Python: %s", problem)
         return None
 
 
 def _file() -> str:
-    return f"single{sysconfig.get_config_var('EXT_SUFFIX')}"
+    return f"stepping{sysconfig.get_config_var('EXT_SUFFIX')}"
 
 
 def _key() -> str:
@@ -46,7 +56,7 @@ def _key() -> str:
 
 
 def _source() -> Path:
-    return cgen_dir() / "python" / "single.c"
+    return cgen_dir() / "python" / "stepping.c"
 
 
 def _build(directory: Path, include: tuple[str, ...]) -> None:
@@ -54,4 +64,4 @@ def _build(directory: Path, include: tuple[str, ...]) -> None:
     compiler = find_compiler()
     flags = (*compiler.flags(native=False), "-w", *include, *link_flags())
     run((*compiler.command, str(_source()), *flags, "-o", _file()), directory)
-    name_entry(directory, "step of a single environment")
+    name_entry(directory, "steps of environments")
