@@ -314,9 +314,11 @@ def moved(flow: Flow, start: Mapping[Symbol, float], told: Verdict, by: float = 
     """How much more than start and constants the end and the duration move, where these move a little.
 
     Infinite where a neighbour is outside the domain, ends for another reason or elsewhere, or has no
-    solution: then the answer from this start is ill-conditioned, as at a grazing contact.
+    solution, and where a condition has no value at the start, such as a quotient there by 0: then the answer
+    from this start is ill-conditioned, as at a grazing contact.
     """
-    if told.grazed:
+    at = {s: context.mpf(v) for s, v in start.items()}
+    if told.grazed or any(sign(atom, at) is None for atom in atoms_of(flow.watched)):
         return math.inf
     largest = 1.0
     names = [Symbol(x, "variable") for x, _ in flow.equations]
