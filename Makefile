@@ -150,7 +150,7 @@ else
 bench: $(READY)
 	$(BIN)/dl2c bench examples/waypoint.kyx --require gym=100 --require batch1024=5000 --require gym/empty=0.67 \
 	  --require gym/cartpole=4 --require batch1024/scalar1024=3 --require batch1024/loop=1 \
-	  --require sb3_4096/infos4096=0.66
+	  --require sb3_4096/infos4096=0.833
 	$(BIN)/dl2c bench examples/bouncing_ball.kyx --require batch1024/scalar1024=4
 	$(BIN)/dl2c bench examples/watertank.kyx --verify --require bounds=3
 	$(BIN)/dl2c bench examples/dubins.kyx --integrator cvodes --rtol 1e-6 --atol 1e-6 --require batch1024=30

@@ -1,88 +1,15 @@
 /* SPDX-License-Identifier: MIT-0 */
 /*
- * Steps of a single environment and of many as Python functions of the action. They do what `python_step`
- * and `python_steps` of dl2c/env/stepping.py do and return the same objects; they know no model. Part of
+ * Steps of a single environment and of many as Python functions of the action, and infos of many. They do
+ * what `python_step`, `python_steps` and `python_infos` of dl2c/env/stepping.py do and return the same
+ * objects; they know no model. Part of
  * no build of one: an extension module of its own, which dl2c/native/stepping.py builds where Python's
  * headers are.
  */
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
+#include "parts.h"
 
-#define NPY_NO_DEPRECATED_API NPY_1_7_API_VERSION
-#include <numpy/arrayobject.h>
 #include <math.h>
 #include <string.h>
-
-#include "dl2c.h"
-
-/* The results that are numbers, as dl2c/native/results.py lays them out. */
-typedef struct dl2c_results {
-  double reward, duration, time;
-  int32_t status, reason, cost;
-  uint8_t terminated, truncated, blocked, postcondition, saturated, began;
-} dl2c_results;
-
-typedef dl2c_status (*dl2c_stepping)(dl2c_batch *batch);
-
-/*
- * The parts of a step, a tuple. Addresses are integers; what they point to lives as long as the
- * batch, which `check` keeps. All arrays are contiguous.
- */
-enum {
-  STEP,    /* address of dl2c_batch_step, */
-  BATCH,   /* of a batch */
-  TURN,    /* list: whoever works on the batch takes its second entry meanwhile */
-  CLOSING, /* list: not empty where the batch is to be freed then, */
-  REFUSE,  /* f(): raises why there is no turn */
-  SETTLE,  /* f(): frees the batch unless somebody has the turn */
-  CHECK,   /* f(status): raises what a status that is not DL2C_OK stands for */
-  WRITE,   /* f(action): requests any action, or raises what is wrong with it */
-  RELEASE, /* whether others may run meanwhile: to take the lock again costs half a quick step */
-  COMMON
-};
-
-/*
- * The other parts for a single environment. A source is an array, to be copied, or a pair of one and the
- * dtype of the copy, or a dict of sources, or a function that makes something.
- */
-enum {
-  RESULTS = COMMON, /* array of the results, */
-  CHOICE,           /* of the requested choices */
-  INPUT,            /* and inputs */
-  COUNT,            /* where actions are the alternatives 0, ..., COUNT - 1 of that choice; or else 0 */
-  WIDTH,            /* where actions are values of all so many inputs; or else 0 */
-  NAMED,            /* where actions are a dict: its keys, what they are of and, but for inputs, how many */
-  ENDED,            /* f(): told that the episode is over */
-  OBSERVE,          /* source of the observation */
-  KEYS,             /* those of `info` that are named below */
-  INFO,             /* `info` of a step that nothing is to be said of, with all keys but the last */
-  STATUSES,         /* names of statuses and of reasons by number */
-  REASONS,
-  SOURCES, /* keys of `info` and their sources in turn: what is made anew in every step */
-  PARTS_OF_ONE
-};
-
-/* The other parts for many environments. */
-enum {
-  REQUESTS = COMMON, /* where actions are an array: that of the requested choices or inputs; or else None */
-  COUNTS,            /* array of how many alternatives each of those choices has */
-  COPIED,            /* tuple of arrays whose copies a step returns */
-  PARTS_OF_MANY
-};
-
-enum { STATUS, REASON, COST, BLOCKED, DURATION, TIME, POSTCONDITION, SATURATED, IS_SUCCESS, NKEYS };
-
-static PyObject *dl2c_part(PyObject *parts, int part) { return PyTuple_GET_ITEM(parts, part); }
-
-static void *dl2c_address(PyObject *parts, int part)
-{
-  return PyLong_AsVoidPtr(dl2c_part(parts, part));
-}
-
-static void *dl2c_data(PyObject *parts, int part)
-{
-  return PyArray_DATA((PyArrayObject *)dl2c_part(parts, part));
-}
 
 /* Requests an alternative by its number, in any form. 0: it is none of `count`; -1: an error was raised. */
 static int dl2c_request_choice(int32_t *choice, Py_ssize_t count, PyObject *action)
@@ -326,12 +253,12 @@ static PyObject *dl2c_step_one(PyObject *parts, PyObject *action)
   return result;
 }
 
-/* Fresh copies of some arrays. */
-static PyObject *dl2c_copies(PyObject *arrays)
+/* What some sources hold or make. */
+static PyObject *dl2c_copies(PyObject *sources)
 {
-  PyObject *copies = PyTuple_New(PyTuple_GET_SIZE(arrays));
-  for (Py_ssize_t i = 0; copies != NULL && i < PyTuple_GET_SIZE(arrays); i++) {
-    PyObject *copy = dl2c_fresh(PyTuple_GET_ITEM(arrays, i));
+  PyObject *copies = PyTuple_New(PyTuple_GET_SIZE(sources));
+  for (Py_ssize_t i = 0; copies != NULL && i < PyTuple_GET_SIZE(sources); i++) {
+    PyObject *copy = dl2c_fresh(PyTuple_GET_ITEM(sources, i));
     if (copy == NULL)
       Py_CLEAR(copies);
     else
@@ -345,7 +272,7 @@ static PyObject *dl2c_step_many(PyObject *parts, PyObject *action)
   if (dl2c_take_turn(parts) != 0) return NULL;
   PyObject *result = NULL;
   if (dl2c_request(parts, action, dl2c_request_many(parts, action)) == 0 && dl2c_advance(parts) == 0)
-    result = dl2c_copies(dl2c_part(parts, COPIED));
+    result = dl2c_copies(dl2c_part(parts, RETURNED));
   if (dl2c_end_turn(parts) != 0) Py_CLEAR(result);
   return result;
 }
@@ -383,12 +310,58 @@ static PyObject *dl2c_many(PyObject *module, PyObject *parts)
 {
   (void)module;
   const int fit = dl2c_are_parts(parts, PARTS_OF_MANY) && dl2c_is_array(parts, COUNTS) &&
-                  PyTuple_CheckExact(dl2c_part(parts, COPIED));
+                  PyTuple_CheckExact(dl2c_part(parts, RETURNED));
   return dl2c_made(&dl2c_method_of_many, parts, fit);
 }
 
-static PyMethodDef dl2c_methods[] = {
-    {"one", dl2c_one, METH_O, NULL}, {"many", dl2c_many, METH_O, NULL}, {NULL, NULL, 0, NULL}};
+/* Makes n empty dicts. Garbage is not collected meanwhile: none of it is, and it would take as long again. */
+static PyObject *dl2c_dicts(Py_ssize_t n)
+{
+  const int collecting = PyGC_Disable();
+  PyObject *dicts = PyList_New(n);
+  for (Py_ssize_t i = 0; dicts != NULL && i < n; i++) {
+    PyObject *dict = PyDict_New();
+    if (dict == NULL)
+      Py_CLEAR(dicts);
+    else
+      PyList_SET_ITEM(dicts, i, dict);
+  }
+  if (collecting) PyGC_Enable();
+  return dicts;
+}
+
+/* A dict of the k-th entries of columns, a dict of lists; the keys are theirs. */
+static PyObject *dl2c_row(PyObject *columns, Py_ssize_t k)
+{
+  PyObject *row = PyDict_Copy(columns), *key, *column;
+  Py_ssize_t at = 0;
+  while (row != NULL && PyDict_Next(columns, &at, &key, &column)) {
+    PyObject *entry = PyList_GetItem(column, k);
+    if (entry == NULL || PyDict_SetItem(row, key, entry) != 0) Py_CLEAR(row);
+  }
+  return row;
+}
+
+/* What `python_infos` of dl2c/env/stepping.py makes of the same arguments. */
+static PyObject *dl2c_infos(PyObject *module, PyObject *arguments)
+{
+  (void)module;
+  Py_ssize_t n;
+  PyObject *indices, *columns;
+  if (!PyArg_ParseTuple(arguments, "nO!O!", &n, &PyList_Type, &indices, &PyDict_Type, &columns)) return NULL;
+  PyObject *infos = dl2c_dicts(n);
+  for (Py_ssize_t k = 0; infos != NULL && k < PyList_GET_SIZE(indices); k++) {
+    const Py_ssize_t i = PyLong_AsSsize_t(PyList_GET_ITEM(indices, k));
+    PyObject *row = i == -1 && PyErr_Occurred() ? NULL : dl2c_row(columns, k);
+    if (row == NULL || PyList_SetItem(infos, i, row) != 0) Py_CLEAR(infos);
+  }
+  return infos;
+}
+
+static PyMethodDef dl2c_methods[] = {{"one", dl2c_one, METH_O, NULL},
+                                     {"many", dl2c_many, METH_O, NULL},
+                                     {"infos", dl2c_infos, METH_VARARGS, NULL},
+                                     {NULL, NULL, 0, NULL}};
 
 static struct PyModuleDef dl2c_module = {
     .m_base = PyModuleDef_HEAD_INIT, .m_name = "stepping", .m_methods = dl2c_methods};

@@ -4,9 +4,8 @@ Imports stable_baselines3, so it is itself imported on first use only (`dl2c.mak
 """
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import repeat
 from typing import Any
 
 import gymnasium as gym
@@ -21,6 +20,7 @@ from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin
 from dl2c.env.spaces import observation_space
 from dl2c.env.state import state_line
+from dl2c.env.stepping import infos_function, steps_function
 from dl2c.env.targeted import check_uniform
 from dl2c.native.manifest import Manifest
 
@@ -61,6 +61,9 @@ class Dl2cVecEnv(VecEnv):
             num_envs, autoreset="same_step", threads=threads, **batch_options(self.manifest)
         )
         self.encoding = encoding(self.manifest, flat_format(self.manifest))
+        single = (self.batch.rewards, np.dtype(np.float32))
+        self._transition = steps_function(self.encoding, self.batch, self.batch.obs, single, self.batch.ends)
+        self._infos = infos_function()
         self._reasons = reason_names(self.manifest)
         self._rng = np.random.default_rng()
         self._seeded = np.zeros(num_envs, np.bool_)
@@ -83,33 +86,25 @@ class Dl2cVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Observations, rewards, dones and infos; an environment that is done has begun its next episode."""
-        self.encoding.write(self.batch, self._actions)
-        self.batch.step()
-        dones = self.batch.terminated | self.batch.truncated
-        infos: list[dict[str, Any]] = [{} for _ in repeat(None, self.num_envs)]  # `range` would make integers
+        obs, rewards, ends = self._transition(self._actions)
+        dones = ends[0] | ends[1]
         ended = np.flatnonzero(dones)
-        for i, info in zip(ended.tolist(), self._last_infos(ended), strict=True):
-            infos[i] = info
-        return self.batch.obs.copy(), self.batch.rewards.astype(np.float32), dones, infos
+        return obs, rewards, dones, self._infos(self.num_envs, ended.tolist(), self._last_infos(ended))
 
-    def _last_infos(self, ended: NDArray[np.intp]) -> Iterator[dict[str, Any]]:
+    def _last_infos(self, ended: NDArray[np.intp]) -> dict[str, list[Any]]:
         """What is told of episodes that have ended, column by column: entries one by one take longer."""
         b = self.batch
-        columns = (b.terminated, b.truncated, b.status, b.reason, b.cost, b.blocked, b.time)
-        cells = (column[ended].tolist() for column in columns)
-        for obs, terminated, truncated, status, reason, cost, blocked, time in zip(
-            b.final_obs[ended], *cells, strict=True
-        ):
-            yield {
-                "terminal_observation": obs,
-                "TimeLimit.truncated": truncated and not terminated,
-                "is_success": status == SUCCESS,
-                "status": STATUS[status],
-                "reason": self._reasons[reason],
-                "cost": cost,
-                "blocked": blocked,
-                "time": time,
-            }
+        status, reason = b.status[ended], b.reason[ended].tolist()
+        return {
+            "terminal_observation": list(b.final_obs[ended]),
+            "TimeLimit.truncated": (b.truncated[ended] & ~b.terminated[ended]).tolist(),
+            "is_success": (status == SUCCESS).tolist(),
+            "status": [STATUS[code] for code in status.tolist()],
+            "reason": [self._reasons[code] for code in reason],
+            "cost": b.cost[ended].tolist(),
+            "blocked": b.blocked[ended].tolist(),
+            "time": b.time[ended].tolist(),
+        }
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Which alternatives have a run: one row per environment."""

@@ -7,7 +7,7 @@ return the same objects, fresh at every step; both look up once what they need o
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
+from itertools import chain, repeat
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dl2c.env.encodings import Choices, Encoding, Flat, Named, OneChoice
 from dl2c.env.infos import ENTRIES, IS_SUCCESS, NUMBERS, STATUS, SUCCESS, reason_names
 from dl2c.native.results import OUTCOME, OUTCOME_NAMES
+from dl2c.native.stepping import stepping
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Batch
@@ -24,8 +25,10 @@ if TYPE_CHECKING:
 Step: TypeAlias = tuple[NDArray[Any], float, bool, bool, dict[str, Any]]
 """Observation, reward, terminated, truncated, info."""
 
-Steps: TypeAlias = tuple[NDArray[np.bool_], NDArray[np.uint8]]
-"""Copies of a batch's `ends` and `memory`."""
+Returned: TypeAlias = NDArray[Any] | tuple[NDArray[Any], np.dtype[Any]]
+"""An array that is copied, or one with the type of its copy."""
+
+Infos: TypeAlias = list[dict[str, Any]]
 
 Origin: TypeAlias = NDArray[Any] | Callable[[], Any]
 """Where an entry of `info` comes from: an array that is copied, or a function that makes it."""
@@ -134,18 +137,21 @@ def python_step(parts: Parts) -> Callable[[Any], Step]:
     return step
 
 
-def steps_function(encoding: Encoding, batch: "Batch") -> Callable[[Any], Steps]:
-    """One step of many environments, in the fastest form there is. Raises `ValueError` for actions outside
-    the action space.
+def steps_function(
+    encoding: Encoding, batch: "Batch", *returned: Returned
+) -> Callable[[Any], tuple[NDArray[Any], ...]]:
+    """One step of many environments, in the fastest form there is, which returns copies of arrays of the
+    batch. Raises `ValueError` for actions outside the action space.
     """
-    return compiled_steps(encoding, batch) or python_steps(encoding, batch)
+    return compiled_steps(encoding, batch, *returned) or python_steps(encoding, batch, *returned)
 
 
-def compiled_steps(encoding: Encoding, batch: "Batch") -> Callable[[Any], Steps] | None:
+def compiled_steps(
+    encoding: Encoding, batch: "Batch", *returned: Returned
+) -> Callable[[Any], tuple[NDArray[Any], ...]] | None:
     """The step in C; None where it cannot be built."""
     requests, counts = _requests(encoding, batch)
-    write, copied = partial(encoding.write, batch), (batch.ends, batch.memory)
-    return batch.step_in_c("many", write, True, requests, counts, copied)
+    return batch.step_in_c("many", partial(encoding.write, batch), True, requests, counts, returned)
 
 
 def _requests(encoding: Encoding, batch: "Batch") -> tuple[NDArray[Any] | None, NDArray[np.int64]]:
@@ -161,12 +167,27 @@ def _requests(encoding: Encoding, batch: "Batch") -> tuple[NDArray[Any] | None, 
             return None, np.empty(0, INDEX)
 
 
-def python_steps(encoding: Encoding, batch: "Batch") -> Callable[[Any], Steps]:
+def python_steps(
+    encoding: Encoding, batch: "Batch", *returned: Returned
+) -> Callable[[Any], tuple[NDArray[Any], ...]]:
     """The step in Python."""
 
-    def step(actions: Any) -> Steps:
+    def step(actions: Any) -> tuple[NDArray[Any], ...]:
         encoding.write(batch, actions)
         batch.step()
-        return batch.ends.copy(), batch.memory.copy()
+        return tuple(s[0].astype(s[1]) if isinstance(s, tuple) else s.copy() for s in returned)
 
     return step
+
+
+def infos_function() -> Callable[[int, list[int], dict[str, list[Any]]], Infos]:
+    """`python_infos`, in the fastest form there is."""
+    return python_infos if (extension := stepping()) is None else extension.infos
+
+
+def python_infos(n: int, indices: list[int], columns: dict[str, list[Any]]) -> Infos:
+    """An info for each of n environments: empty but at the indices, which take the rows of the columns."""
+    infos: Infos = [{} for _ in repeat(None, n)]  # `range` would make integers
+    for i, *row in zip(indices, *columns.values(), strict=True):
+        infos[i] = dict(zip(columns, row, strict=True))
+    return infos

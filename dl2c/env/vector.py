@@ -78,7 +78,7 @@ class Dl2cVectorEnv(WithSpec, VectorEnv[NDArray[Any], Any, NDArray[Any]]):  # py
             **batch_options(self.manifest),
         )
         self._encoding = encoding(self.manifest)
-        self._transition = steps_function(self._encoding, self.batch)
+        self._transition = steps_function(self._encoding, self.batch, self.batch.ends, self.batch.memory)
         self.single_observation_space = observation_space(self.manifest)
         self.single_action_space: Space[Any] = self._encoding.space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)

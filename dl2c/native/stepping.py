@@ -23,10 +23,11 @@ MakeStep: TypeAlias = Callable[[tuple[Any, ...]], Callable[[Any], Any]]
 
 
 class Stepping(Protocol):
-    """The extension: steps of a single environment, and of many."""
+    """The extension: steps of a single environment and of many, and infos of many (`python_infos`)."""
 
     one: MakeStep
     many: MakeStep
+    infos: Callable[[int, list[int], dict[str, list[Any]]], list[dict[str, Any]]]
 
 
 def stepping() -> Stepping | None:
@@ -50,7 +51,8 @@ def _file() -> str:
 
 def _key() -> str:
     """Not the compiler: there is no arithmetic in it that could depend on one."""
-    texts = [path.read_text(encoding="utf-8") for path in (_source(), cgen_dir() / "include" / "dl2c.h")]
+    files = (_source(), _source().with_name("parts.h"), cgen_dir() / "include" / "dl2c.h")
+    texts = [path.read_text(encoding="utf-8") for path in files]
     facts = (texts, user_flags(), sysconfig.get_config_var("SOABI"), np.__version__)
     return key_of(facts)
 

@@ -12,7 +12,7 @@ from env.test_stepping import MODELS, counted, details, refuse, shared_objects, 
 
 import dl2c
 import dl2c.env.vector
-from dl2c.env.stepping import python_steps
+from dl2c.env.stepping import python_infos, python_steps
 from dl2c.env.vector import Dl2cVectorEnv
 from dl2c.native.errors import BatchClosed, NativeError
 from dl2c.native.stepping import Stepping, stepping
@@ -50,7 +50,7 @@ ODD_MANY: list[Any] = [
 ]
 
 
-BATCH, WRITE, COPIED = 1, 7, 11
+BATCH, WRITE, RETURNED = 1, 7, 11
 """Places of cgen/python/stepping.c."""
 
 
@@ -155,7 +155,7 @@ def test_plain_actions_are_read_in_c(name: str, extension: Stepping) -> None:
         step(env.action_space.sample().tolist())
 
 
-@pytest.mark.parametrize("part", [BATCH, COPIED])
+@pytest.mark.parametrize("part", [BATCH, RETURNED])
 def test_an_error_in_any_part_passes_through(part: int, extension: Stepping) -> None:
     """No batch; something to be copied that cannot be."""
     env = many("one choice", 3)
@@ -177,3 +177,64 @@ def test_closed_environments_are_not_stepped() -> None:
     env.close()
     with pytest.raises(BatchClosed):
         env.step(np.array([0, 0, 0]))
+
+
+# Infos of many ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("indices", [[], [0], [4, 1], [0, 1, 2, 3, 4]])
+def test_both_forms_make_the_same_infos(indices: list[int], extension: Stepping) -> None:
+    rows = len(indices)
+    columns = {
+        "obs": list(np.eye(5)[:rows]),
+        "time": [0.5 * k for k in range(rows)],
+        "reason": ["far"] * rows,
+    }
+    compiled, plain = (make(5, indices, columns) for make in (extension.infos, python_infos))
+    assert details(compiled) == details(plain)
+    assert len({id(info) for info in compiled}) == 5
+    assert gc.isenabled()
+
+
+def test_infos_without_collection_of_garbage(extension: Stepping) -> None:
+    gc.disable()
+    try:
+        assert extension.infos(3, [], {}) == [{}, {}, {}] and not gc.isenabled()
+    finally:
+        gc.enable()
+
+
+def test_infos_keep_nothing_and_refuse_what_is_none(extension: Stepping) -> None:
+    column, columns = [1.5, 2.5], {"time": [1.5, 2.5]}
+    columns["time"] = column
+    before = counted([column, columns, column[0]])
+    unfit: list[tuple[Any, ...]] = [
+        (2, [0, 5], columns), (2, [0, 1, 1], columns), (2, ["0"], columns), (2, [0], {"time": 1.5}),
+        (2, (0,), columns), (2, [0], []), (-1, [], {}), ("2", [], {}), (2, []),
+    ]  # fmt: skip
+    for _ in range(50):
+        extension.infos(2, [1, 0], columns)
+        for given in unfit:
+            with pytest.raises((IndexError, TypeError, SystemError)):
+                extension.infos(*given)
+    assert gc.isenabled() and unchanged(before, counted([column, columns, column[0]]))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_both_forms_of_vec_env_return_the_same(name: str) -> None:
+    compiled = dl2c.make_sb3(MODELS[name][0], 5, **MODELS[name][1])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dl2c.env.sb3, "steps_function", python_steps)
+        patch.setattr(dl2c.env.sb3, "infos_function", lambda: python_infos)
+        plain = dl2c.make_sb3(MODELS[name][0], 5, **MODELS[name][1])
+    endings = 0
+    for env in (compiled, plain):
+        env.seed(3)
+    assert details(compiled.reset()) == details(plain.reset())
+    compiled.action_space.seed(5)
+    for _ in range(60):
+        actions = np.stack([compiled.action_space.sample() for _ in range(5)])
+        left, right = compiled.step(actions), plain.step(actions)
+        assert details(left) == details(right)
+        endings += int(left[2].sum())
+    assert endings > 5
