@@ -2,9 +2,8 @@
 /*
  * Steps of a single environment and of many as Python functions of the action, and infos of many. They do
  * what `python_step`, `python_steps` and `python_infos` of dl2c/env/stepping.py do and return the same
- * objects; they know no model. Part of
- * no build of one: an extension module of its own, which dl2c/native/stepping.py builds where Python's
- * headers are.
+ * objects; they know no model. Part of no build of one: an extension module of its own, which
+ * dl2c/native/stepping.py builds where Python's headers are.
  */
 #include "parts.h"
 
@@ -243,19 +242,10 @@ static PyObject *dl2c_result(PyObject *parts)
   return Py_BuildValue("(NdNNN)", observation, r->reward, terminated, truncated, info);
 }
 
-static PyObject *dl2c_step_one(PyObject *parts, PyObject *action)
+/* What a step of many returns. */
+static PyObject *dl2c_copies(PyObject *parts)
 {
-  if (dl2c_take_turn(parts) != 0) return NULL;
-  PyObject *result = NULL;
-  if (dl2c_request(parts, action, dl2c_request_one(parts, action)) == 0 && dl2c_advance(parts) == 0)
-    result = dl2c_result(parts);
-  if (dl2c_end_turn(parts) != 0) Py_CLEAR(result);
-  return result;
-}
-
-/* What some sources hold or make. */
-static PyObject *dl2c_copies(PyObject *sources)
-{
+  PyObject *sources = dl2c_part(parts, RETURNED);
   PyObject *copies = PyTuple_New(PyTuple_GET_SIZE(sources));
   for (Py_ssize_t i = 0; copies != NULL && i < PyTuple_GET_SIZE(sources); i++) {
     PyObject *copy = dl2c_fresh(PyTuple_GET_ITEM(sources, i));
@@ -267,14 +257,26 @@ static PyObject *dl2c_copies(PyObject *sources)
   return copies;
 }
 
-static PyObject *dl2c_step_many(PyObject *parts, PyObject *action)
+/* A step: `request` an action as far as it is of the plainest form, advance, and return a result. */
+static PyObject *dl2c_step(PyObject *parts, PyObject *action, int (*request)(PyObject *, PyObject *),
+                           PyObject *(*returned)(PyObject *))
 {
   if (dl2c_take_turn(parts) != 0) return NULL;
   PyObject *result = NULL;
-  if (dl2c_request(parts, action, dl2c_request_many(parts, action)) == 0 && dl2c_advance(parts) == 0)
-    result = dl2c_copies(dl2c_part(parts, RETURNED));
+  if (dl2c_request(parts, action, request(parts, action)) == 0 && dl2c_advance(parts) == 0)
+    result = returned(parts);
   if (dl2c_end_turn(parts) != 0) Py_CLEAR(result);
   return result;
+}
+
+static PyObject *dl2c_step_one(PyObject *parts, PyObject *action)
+{
+  return dl2c_step(parts, action, dl2c_request_one, dl2c_result);
+}
+
+static PyObject *dl2c_step_many(PyObject *parts, PyObject *action)
+{
+  return dl2c_step(parts, action, dl2c_request_many, dl2c_copies);
 }
 
 /* Whether parts of a step are so many, and those that all steps have are what they should be. */

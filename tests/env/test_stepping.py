@@ -5,7 +5,7 @@ import sys
 import tracemalloc
 import weakref
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -174,18 +174,8 @@ def unchanged(before: list[int], after: list[int]) -> bool:
     return all(abs(a - b) < 10 for a, b in zip(after, before, strict=True))
 
 
-@pytest.mark.parametrize("count", few_and_many(10_000, 100_000))
-def test_steps_keep_nothing(count: int) -> None:
-    """Neither those that succeed nor those that are refused."""
-    env = dl2c.make("example:waypoint")
-    shared = shared_objects(env._transition)
-
-    def go_on(steps: int) -> None:
-        for k, _ in enumerate(episodes(env, steps)):
-            if k % 50 == 49:
-                with pytest.raises((ValueError, ResetNeeded)):
-                    env.step(7)
-
+def check_that_nothing_is_kept(go_on: Callable[[int], None], count: int, shared: list[Any]) -> None:
+    """Neither memory nor references to shared objects, by so many steps."""
     go_on(1000)
     before = counted(shared)
     tracemalloc.start()
@@ -199,6 +189,21 @@ def test_steps_keep_nothing(count: int) -> None:
     finally:
         tracemalloc.stop()
     assert unchanged(before, counted(shared))
+
+
+@pytest.mark.parametrize("count", few_and_many(10_000, 100_000))
+def test_steps_keep_nothing(count: int) -> None:
+    """Neither those that succeed nor those that are refused."""
+    env = dl2c.make("example:waypoint")
+    shared = shared_objects(env._transition)
+
+    def go_on(steps: int) -> None:
+        for k, _ in enumerate(episodes(env, steps)):
+            if k % 50 == 49:
+                with pytest.raises((ValueError, ResetNeeded)):
+                    env.step(7)
+
+    check_that_nothing_is_kept(go_on, count, shared)
 
 
 def refuse(*_: Any) -> Any:
