@@ -80,4 +80,12 @@ static void *dl2c_data(PyObject *parts, int part)
   return PyArray_DATA((PyArrayObject *)dl2c_part(parts, part));
 }
 
+/* Sets an entry and lets go of its value; a value of NULL stands for an error that was raised. */
+static int dl2c_set(PyObject *info, PyObject *key, PyObject *value)
+{
+  const int failed = value == NULL ? -1 : PyDict_SetItem(info, key, value);
+  Py_XDECREF(value);
+  return failed;
+}
+
 #endif

@@ -5,6 +5,7 @@
  * objects; they know no model. Part of no build of one: an extension module of its own, which
  * dl2c/native/stepping.py builds where Python's headers are.
  */
+#include "infos.h"
 #include "parts.h"
 
 #include <math.h>
@@ -132,14 +133,6 @@ static int dl2c_advance(PyObject *parts)
   if (failed == DL2C_OK) return 0;
   Py_XDECREF(PyObject_CallFunction(dl2c_part(parts, CHECK), "i", (int)failed));
   return -1;
-}
-
-/* Sets an entry and lets go of its value; a value of NULL stands for an error that was raised. */
-static int dl2c_set(PyObject *info, PyObject *key, PyObject *value)
-{
-  const int failed = value == NULL ? -1 : PyDict_SetItem(info, key, value);
-  Py_XDECREF(value);
-  return failed;
 }
 
 /* What a source holds or makes. */
@@ -314,50 +307,6 @@ static PyObject *dl2c_many(PyObject *module, PyObject *parts)
   const int fit = dl2c_are_parts(parts, PARTS_OF_MANY) && dl2c_is_array(parts, COUNTS) &&
                   PyTuple_CheckExact(dl2c_part(parts, RETURNED));
   return dl2c_made(&dl2c_method_of_many, parts, fit);
-}
-
-/* Makes n empty dicts. Garbage is not collected meanwhile: none of it is, and it would take as long again. */
-static PyObject *dl2c_dicts(Py_ssize_t n)
-{
-  const int collecting = PyGC_Disable();
-  PyObject *dicts = PyList_New(n);
-  for (Py_ssize_t i = 0; dicts != NULL && i < n; i++) {
-    PyObject *dict = PyDict_New();
-    if (dict == NULL)
-      Py_CLEAR(dicts);
-    else
-      PyList_SET_ITEM(dicts, i, dict);
-  }
-  if (collecting) PyGC_Enable();
-  return dicts;
-}
-
-/* A dict of the k-th entries of columns, a dict of lists; the keys are theirs. */
-static PyObject *dl2c_row(PyObject *columns, Py_ssize_t k)
-{
-  PyObject *row = PyDict_Copy(columns), *key, *column;
-  Py_ssize_t at = 0;
-  while (row != NULL && PyDict_Next(columns, &at, &key, &column)) {
-    PyObject *entry = PyList_GetItem(column, k);
-    if (entry == NULL || PyDict_SetItem(row, key, entry) != 0) Py_CLEAR(row);
-  }
-  return row;
-}
-
-/* What `python_infos` of dl2c/env/stepping.py makes of the same arguments. */
-static PyObject *dl2c_infos(PyObject *module, PyObject *arguments)
-{
-  (void)module;
-  Py_ssize_t n;
-  PyObject *indices, *columns;
-  if (!PyArg_ParseTuple(arguments, "nO!O!", &n, &PyList_Type, &indices, &PyDict_Type, &columns)) return NULL;
-  PyObject *infos = dl2c_dicts(n);
-  for (Py_ssize_t k = 0; infos != NULL && k < PyList_GET_SIZE(indices); k++) {
-    const Py_ssize_t i = PyLong_AsSsize_t(PyList_GET_ITEM(indices, k));
-    PyObject *row = i == -1 && PyErr_Occurred() ? NULL : dl2c_row(columns, k);
-    if (row == NULL || PyList_SetItem(infos, i, row) != 0) Py_CLEAR(infos);
-  }
-  return infos;
 }
 
 static PyMethodDef dl2c_methods[] = {{"one", dl2c_one, METH_O, NULL},

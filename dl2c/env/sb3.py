@@ -20,7 +20,7 @@ from dl2c.env.opening import Model, batch_options, open_library, source_of
 from dl2c.env.seeding import begin
 from dl2c.env.spaces import observation_space
 from dl2c.env.state import state_line
-from dl2c.env.stepping import infos_function, steps_function
+from dl2c.env.stepping import Column, infos_function, steps_function
 from dl2c.env.targeted import check_uniform
 from dl2c.native.manifest import Manifest
 
@@ -88,22 +88,20 @@ class Dl2cVecEnv(VecEnv):
         """Observations, rewards, dones and infos; an environment that is done has begun its next episode."""
         obs, rewards, ends = self._transition(self._actions)
         dones = ends[0] | ends[1]
-        ended = np.flatnonzero(dones)
-        return obs, rewards, dones, self._infos(self.num_envs, ended.tolist(), self._last_infos(ended))
+        return obs, rewards, dones, self._infos(dones, self._columns(ends[1] & ~ends[0]))
 
-    def _last_infos(self, ended: NDArray[np.intp]) -> dict[str, list[Any]]:
-        """What is told of episodes that have ended, column by column: entries one by one take longer."""
+    def _columns(self, truncated: NDArray[np.bool_]) -> dict[str, Column]:
+        """What is told of episodes that end."""
         b = self.batch
-        status, reason = b.status[ended], b.reason[ended].tolist()
         return {
-            "terminal_observation": list(b.final_obs[ended]),
-            "TimeLimit.truncated": (b.truncated[ended] & ~b.terminated[ended]).tolist(),
-            "is_success": (status == SUCCESS).tolist(),
-            "status": [STATUS[code] for code in status.tolist()],
-            "reason": [self._reasons[code] for code in reason],
-            "cost": b.cost[ended].tolist(),
-            "blocked": b.blocked[ended].tolist(),
-            "time": b.time[ended].tolist(),
+            "terminal_observation": b.final_obs,
+            "TimeLimit.truncated": truncated,
+            "is_success": b.status == SUCCESS,
+            "status": (b.status, STATUS),
+            "reason": (b.reason, self._reasons),
+            "cost": b.cost,
+            "blocked": b.blocked,
+            "time": b.time,
         }
 
     def action_masks(self) -> NDArray[np.bool_]:

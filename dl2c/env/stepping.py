@@ -4,10 +4,10 @@ In goes a batch; out comes a function of the action, in C where that can be buil
 return the same objects, fresh at every step; both look up once what they need of the model.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, repeat
+from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -29,6 +29,9 @@ Returned: TypeAlias = NDArray[Any] | tuple[NDArray[Any], np.dtype[Any]]
 """An array that is copied, or one with the type of its copy."""
 
 Infos: TypeAlias = list[dict[str, Any]]
+
+Column: TypeAlias = NDArray[Any] | tuple[NDArray[Any], Sequence[Any] | Mapping[int, Any]]
+"""An entry of the infos of n environments: numbers (n), rows (n, k), or numbers (n) and their names."""
 
 Origin: TypeAlias = NDArray[Any] | Callable[[], Any]
 """Where an entry of `info` comes from: an array that is copied, or a function that makes it."""
@@ -180,14 +183,21 @@ def python_steps(
     return step
 
 
-def infos_function() -> Callable[[int, list[int], dict[str, list[Any]]], Infos]:
+def infos_function() -> Callable[[NDArray[np.bool_], Mapping[str, Column]], Infos]:
     """`python_infos`, in the fastest form there is."""
     return python_infos if (extension := stepping()) is None else extension.infos
 
 
-def python_infos(n: int, indices: list[int], columns: dict[str, list[Any]]) -> Infos:
-    """An info for each of n environments: empty but at the indices, which take the rows of the columns."""
-    infos: Infos = [{} for _ in repeat(None, n)]  # `range` would make integers
-    for i, *row in zip(indices, *columns.values(), strict=True):
-        infos[i] = dict(zip(columns, row, strict=True))
+def python_infos(told: NDArray[np.bool_], columns: Mapping[str, Column]) -> Infos:
+    """An info for each environment: empty but where it is told, which takes its entries of the columns."""
+    infos: Infos = [{} for _ in told]
+    for i in np.flatnonzero(told).tolist():
+        infos[i] = {key: _entry(column, i) for key, column in columns.items()}
     return infos
+
+
+def _entry(column: Column, i: int) -> Any:
+    if isinstance(column, tuple):
+        array, names = column
+        return names[array[i].item()]
+    return column[i].item() if column.ndim == 1 else column[i].copy()

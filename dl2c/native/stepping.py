@@ -5,11 +5,12 @@ where headers are missing is done in Python by `dl2c.env.stepping`.
 """
 
 import sysconfig
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dl2c.code import cgen_dir
 from dl2c.native.cache import cached, key_of, name_entry
@@ -27,7 +28,7 @@ class Stepping(Protocol):
 
     one: MakeStep
     many: MakeStep
-    infos: Callable[[int, list[int], dict[str, list[Any]]], list[dict[str, Any]]]
+    infos: Callable[[NDArray[np.bool_], Mapping[str, Any]], list[dict[str, Any]]]
 
 
 def stepping() -> Stepping | None:
@@ -51,7 +52,7 @@ def _file() -> str:
 
 def _key() -> str:
     """Not the compiler: there is no arithmetic in it that could depend on one."""
-    files = (_source(), _source().with_name("parts.h"), cgen_dir() / "include" / "dl2c.h")
+    files = (*sorted(_source().parent.glob("*.[ch]")), cgen_dir() / "include" / "dl2c.h")
     texts = [path.read_text(encoding="utf-8") for path in files]
     facts = (texts, user_flags(), sysconfig.get_config_var("SOABI"), np.__version__)
     return key_of(facts)

@@ -176,42 +176,81 @@ def test_closed_environments_are_not_stepped() -> None:
 # Infos of many ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("indices", [[], [0], [4, 1], [0, 1, 2, 3, 4]])
-def test_both_forms_make_the_same_infos(indices: list[int], extension: Stepping) -> None:
-    rows = len(indices)
-    columns = {
-        "obs": list(np.eye(5)[:rows]),
-        "time": [0.5 * k for k in range(rows)],
-        "reason": ["far"] * rows,
+def columns_of(n: int) -> dict[str, Any]:
+    """Rows, numbers of all types that results have, and names."""
+    codes = np.arange(n, dtype=np.int32) % 3
+    return {
+        "rows": np.arange(4.0 * n).reshape(n, 2, 2).astype(np.float32),
+        "time": 0.5 * np.arange(n),
+        "code": codes - 1,
+        "flag": codes == 1,
+        "status": (codes, ("none", "success", "failure")),
+        "reason": (codes, {0: "", 1: "far", 2: "late"}),
     }
-    compiled, plain = (make(5, indices, columns) for make in (extension.infos, python_infos))
+
+
+@pytest.mark.parametrize("n", [0, 1, 5, 700])
+@pytest.mark.parametrize("every", [1, 2, 1000])
+def test_both_forms_make_the_same_infos(n: int, every: int, extension: Stepping) -> None:
+    told, columns = np.arange(n) % every == every - 1, columns_of(n)
+    compiled, plain = (make(told, columns) for make in (extension.infos, python_infos))
     assert details(compiled) == details(plain)
-    assert len({id(info) for info in compiled}) == 5
+    assert len({id(info) for info in compiled}) == n
     assert gc.isenabled()
+
+
+def test_infos_are_of_their_own_step(extension: Stepping) -> None:
+    columns = columns_of(3)
+    for make in (extension.infos, python_infos):
+        infos = make(np.array([True, False, True]), columns)
+        before = details(infos)
+        columns["rows"][:] += 1
+        assert details(infos) == before and infos[0]["rows"].flags.writeable
 
 
 def test_infos_without_collection_of_garbage(extension: Stepping) -> None:
     gc.disable()
     try:
-        assert extension.infos(3, [], {}) == [{}, {}, {}] and not gc.isenabled()
+        assert extension.infos(np.zeros(3, np.bool_), {}) == [{}, {}, {}] and not gc.isenabled()
     finally:
         gc.enable()
 
 
 def test_infos_keep_nothing_and_refuse_what_is_none(extension: Stepping) -> None:
-    column = [1.5, 2.5]
-    columns = {"time": column}
-    before = counted([column, columns, column[0]])
+    told, columns = np.array([True, True]), columns_of(2)
+    shared = [told, columns, *columns.values(), columns["reason"][1]]
+    odd = [
+        *(
+            np.zeros(3),
+            np.zeros(()),
+            np.zeros((2, 2)).T,
+            np.zeros(4)[::2],
+            np.array([None, None]),
+            [1.5, 2.5],
+        ),
+        *(
+            (columns["code"],),
+            (columns["time"], {}, {}),
+            ([0, 1], {}),
+            (columns["code"], {}),
+            (columns["code"], 1),
+        ),
+    ]
     unfit: list[tuple[Any, ...]] = [
-        (2, [0, 5], columns), (2, [0, 1, 1], columns), (2, ["0"], columns), (2, [0], {"time": 1.5}),
-        (2, (0,), columns), (2, [0], []), (-1, [], {}), ("2", [], {}), (2, []),
-    ]  # fmt: skip
+        *((told, {"time": column}) for column in odd),
+        *(
+            (t, columns)
+            for t in ([True, True], told.astype(np.int8), np.array([True]), np.array([True] * 4)[::2])
+        ),
+        *((told, []), (told,), (None, columns)),
+    ]
+    before = counted(shared)
     for _ in range(50):
-        extension.infos(2, [1, 0], columns)
+        extension.infos(told, columns)
         for given in unfit:
-            with pytest.raises((IndexError, TypeError, SystemError)):
+            with pytest.raises((LookupError, TypeError)):
                 extension.infos(*given)
-    assert gc.isenabled() and unchanged(before, counted([column, columns, column[0]]))
+    assert gc.isenabled() and unchanged(before, counted(shared))
 
 
 @pytest.mark.parametrize("name", MODELS)
