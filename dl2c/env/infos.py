@@ -13,10 +13,11 @@ from dl2c.native.manifest import Manifest
 STATUS = ("none", "success", "failure")
 """`info["status"]` by code."""
 
-SUCCESS = 1
+SUCCESS, FAILURE = 1, 2
 
 _REASONS = ("", "blocked", "deadlock", "numerical", "solver", "stalled", "diverged", "time_limit", "end")
-_FIRST_PREDICATE = 16
+FIRST_PREDICATE = 16
+"""The code of the first predicate of a model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,4 +50,4 @@ IS_SUCCESS = "is_success"
 def reason_names(manifest: Manifest) -> dict[int, str]:
     """`info["reason"]` by code; an episode that a predicate ended names the predicate."""
     names = dict(enumerate(_REASONS))
-    return names | {_FIRST_PREDICATE + i: p.name for i, p in enumerate(manifest.predicates)}
+    return names | {FIRST_PREDICATE + i: p.name for i, p in enumerate(manifest.predicates)}

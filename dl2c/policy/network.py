@@ -70,7 +70,7 @@ class Scaling:
 
     def of(self, x: NDArray[Any]) -> Floats:
         """What becomes of observations (n, nobs)."""
-        return np.clip((x - self.center) / self.scale, -self.clip, self.clip)
+        return ((x - self.center) / self.scale).clip(-self.clip, self.clip)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +138,7 @@ class NetworkPolicy:
             case "box":
                 low, high = np.array(io.low), np.array(io.high)
                 stretched = low + (values + 1) / 2 * (high - low) if self.network.bounded else values
-                return np.clip(stretched, low, high).astype(io.dtype)
+                return stretched.clip(low, high).astype(io.dtype)
 
 
 def checked(policy: NetworkPolicy) -> NetworkPolicy:

@@ -14,7 +14,7 @@ from dl2c.report.blame import model_of
 from dl2c.report.episode import Episode
 from dl2c.report.recording import Recorder
 from dl2c.training.policies import Policy
-from dl2c.training.rollout import rollout
+from dl2c.training.rollout import played
 
 
 def draw_episode(episode: Episode, path: Path) -> None:
@@ -39,10 +39,10 @@ def episodes_of(
 ) -> list[Episode]:
     """Episodes of a policy. Arguments are those of `rollout`."""
     found: list[Episode] = []
-    rows = rollout(
+    places = played(
         policy, model, episodes, seed, masked, around=lambda env: Recorder(env, found.append), **options
     )
-    for _ in rows:
+    for _ in places:
         pass
     return found
 

@@ -3,18 +3,22 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from dl2c.env.actions import encoding, flat_format
+from dl2c.env.infos import FAILURE, FIRST_PREDICATE, SUCCESS
 from dl2c.env.opening import Model, open_library, source_of
 from dl2c.env.vector import Dl2cVectorEnv
 from dl2c.native.manifest import Manifest
 from dl2c.training.policies import Policy, policy_of
 from dl2c.training.run import Estimate, Evaluation
+
+if TYPE_CHECKING:
+    from dl2c.native.binding import Batch
 
 NORMAL = 1.959963984540054
 """Half the width of a two-sided 95 % interval of the standard normal distribution."""
@@ -70,11 +74,11 @@ def outcomes(
     found = _nothing_yet(episodes)
     observations, _ = env.reset(seed=seed)
     while running.any():
-        observations, rewards, terminated, truncated, infos = env.step(act(observations, env.action_masks()))
+        observations, rewards, terminated, truncated, _ = env.step(act(observations, env.action_masks()))
         found.total[running] += rewards[running]
-        _note_step(found, infos, running)
+        _note_step(found, env.batch, running)
         if (ended := running & (terminated | truncated)).any():
-            _note_ends(found, infos["final_info"], ended, env.manifest)
+            _note_ends(found, env.batch, ended, env.manifest)
             running &= ~ended
     env.close()
     return found
@@ -93,19 +97,18 @@ def _nothing_yet(n: int) -> Outcomes:
     return Outcomes(none, none.copy(), none.copy(), np.zeros(n), np.zeros(n))
 
 
-def _note_step(found: Outcomes, infos: dict[str, Any], running: NDArray[np.bool_]) -> None:
-    if "cost" in infos:
-        found.violated[running & (infos["cost"] > 0)] = True
-        found.blocked[running & infos["blocked"]] = True
+def _note_step(found: Outcomes, batch: "Batch", running: NDArray[np.bool_]) -> None:
+    """What the batch's arrays tell of a step; infos would take longer to make than to read."""
+    found.violated[running & (batch.cost > 0)] = True
+    found.blocked[running & batch.blocked] = True
 
 
-def _note_ends(found: Outcomes, final: dict[str, Any], ended: NDArray[np.bool_], manifest: Manifest) -> None:
-    safety = [16 + i for i, p in enumerate(manifest.predicates) if p.category == "safety"]
-    unsafe = (final["status"] == 2) & np.isin(final["reason"], safety)
-    found.violated[ended & ((final["cost"] > 0) | unsafe)] = True
-    found.success[ended] = final["is_success"][ended]
-    found.blocked[ended & final["blocked"]] = True
-    found.time[ended] = final["time"][ended]
+def _note_ends(found: Outcomes, batch: "Batch", ended: NDArray[np.bool_], manifest: Manifest) -> None:
+    safety = [FIRST_PREDICATE + i for i, p in enumerate(manifest.predicates) if p.category == "safety"]
+    unsafe = (batch.status == FAILURE) & np.isin(batch.reason, safety)
+    found.violated[ended & unsafe] = True
+    found.success[ended] = batch.status[ended] == SUCCESS
+    found.time[ended] = batch.time[ended]
 
 
 def rate(hits: NDArray[np.bool_]) -> Estimate:
