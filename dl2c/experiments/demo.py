@@ -16,7 +16,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from dl2c.experiments.parallel import in_parallel
-from dl2c.report.episode import Episode
 from dl2c.training.evaluation import evaluate
 from dl2c.training.plots import plot_curves, plot_trajectory
 from dl2c.training.rollout import rollout
@@ -181,16 +180,13 @@ def _pictures(trained: Iterable[Trained]) -> list[Path]:
 def _films(policy: Path) -> list[Path]:
     """Some episodes of `LEARNED` before and after learning; none where what films need is missing."""
     from dl2c.report.film import write_film
-    from dl2c.report.recording import Recorder
+    from dl2c.report.pictures import episodes_of
 
     if not (find_spec("imageio_ffmpeg") and find_spec("pygame")):
         return []
     films = {FOLDER / "before.gif": "random", FOLDER / "after.gif": policy}
     for path, acting in films.items():
-        seen: list[Episode] = []
-        for _ in rollout(acting, LEARNED, FILMED, masked=False, around=partial(Recorder, ended=seen.append)):
-            pass
-        write_film(seen, path)
+        write_film(episodes_of(acting, LEARNED, FILMED, masked=False), path)
     return list(films)
 
 

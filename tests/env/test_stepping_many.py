@@ -219,31 +219,13 @@ def test_infos_without_collection_of_garbage(extension: Stepping) -> None:
 def test_infos_keep_nothing_and_refuse_what_is_none(extension: Stepping) -> None:
     told, columns = np.array([True, True]), columns_of(2)
     shared = [told, columns, *columns.values(), columns["reason"][1]]
-    odd = [
-        *(
-            np.zeros(3),
-            np.zeros(()),
-            np.zeros((2, 2)).T,
-            np.zeros(4)[::2],
-            np.array([None, None]),
-            [1.5, 2.5],
-        ),
-        *(
-            (columns["code"],),
-            (columns["time"], {}, {}),
-            ([0, 1], {}),
-            (columns["code"], {}),
-            (columns["code"], 1),
-        ),
-    ]
-    unfit: list[tuple[Any, ...]] = [
-        *((told, {"time": column}) for column in odd),
-        *(
-            (t, columns)
-            for t in ([True, True], told.astype(np.int8), np.array([True]), np.array([True] * 4)[::2])
-        ),
-        *((told, []), (told,), (None, columns)),
-    ]
+    codes = columns["code"]
+    arrays = [np.zeros(3), np.zeros(()), np.zeros((2, 2)).T, np.zeros(4)[::2], np.array([None, None])]
+    named = [(codes,), (columns["time"], {}, {}), ([0, 1], {}), (codes, {}), (codes, 1)]
+    flags = [[True, True], told.astype(np.int8), np.array([True]), np.array([True] * 4)[::2]]
+    unfit: list[tuple[Any, ...]] = [(told, {"time": column}) for column in (*arrays, *named, [1.5, 2.5])]
+    unfit += [(t, columns) for t in flags]
+    unfit += [(told, []), (told,), (None, columns)]
     before = counted(shared)
     for _ in range(50):
         extension.infos(told, columns)
