@@ -200,9 +200,27 @@ class Pair:
         return choices, {i.key: rng.uniform(float(i.low) - 1, float(i.high) + 1) for i in own}
 
     def _step(self, choices: dict[str, int], inputs: dict[str, float]) -> None:
-        self.batch.choices[0, :] = list(choices.values())
-        self.batch.inputs[0, :] = list(inputs.values())
+        """One step of the compiled code. Where the agent decides nothing, another request does the same."""
+        other: list[bytes] = []
+        if not self.batch.decides()[0]:
+            kept = self.batch.save(0)
+            self._request([0 for _ in choices], [0.0 for _ in inputs])
+            other = self._results()
+            self.batch.restore(0, kept)
+            self.seen["undecided"] += bool(choices or inputs)
+        self._request(list(choices.values()), list(inputs.values()))
+        assert not other or other == self._results(), f"{self.model.name}: the request made a difference"
+
+    def _request(self, choices: list[int], inputs: list[float]) -> None:
+        self.batch.choices[0, :] = choices
+        self.batch.inputs[0, :] = inputs
         self.batch.step()
+
+    def _results(self) -> list[bytes]:
+        """All that a step wrote but what repeats the request."""
+        b = self.batch
+        requested = [b.choices, b.inputs, b.executed_choices, b.executed_inputs]
+        return [a.tobytes() for a in b.arrays() if not any(a is r for r in requested)]
 
     def _check(self, step: Step, interpreter: Interpreter, context: object) -> None:
         b, model = self.batch, self.model

@@ -170,6 +170,13 @@ DL2C_API dl2c_status dl2c_batch_reset_to(dl2c_batch *batch, int64_t i, const uin
  */
 DL2C_API dl2c_status dl2c_batch_step(dl2c_batch *batch);
 
+/*
+ * In which environments the agent has a decision to take in the next step: some run that is open may meet
+ * a choice, an input or a duration of its own. Elsewhere it makes no difference what it asks for.
+ *   decides: (n)
+ */
+DL2C_API dl2c_status dl2c_batch_decides(const dl2c_batch *batch, uint8_t *decides);
+
 /* Copies state and constants of environment i.   x: (nx)   p: (np) */
 DL2C_API dl2c_status dl2c_batch_get_state(const dl2c_batch *batch, int64_t i, double *x, double *p);
 

@@ -217,6 +217,31 @@ dl2c_status dl2c_batch_step(dl2c_batch *b)
   return dl2c_together(b, dl2c_advance_blocks, NULL);
 }
 
+/* Whether a path meets a decision of the agent, or leads to a point that does.   points: (NPOINT) */
+static bool dl2c_path_decides(const dl2c_path *path, const bool *points)
+{
+  const int duration = path->flow == DL2C_NO_FLOW ? -1 : FLOW_DURATION[path->flow];
+  bool decides = duration >= 0 && duration < NINPUT;
+  for (int k = 0; k < path->nmet; k++) decides |= path->met[k] < NCHOICE;
+  for (int k = 0; k < path->ninput; k++) decides |= path->inputs[k].input < NINPUT;
+  return decides || (path->next != DL2C_END && points[path->next]);
+}
+
+dl2c_status dl2c_batch_decides(const dl2c_batch *b, uint8_t *decides)
+{
+  if (b == NULL || decides == NULL) return DL2C_ERR_ARG;
+  bool points[NPOINT] = {false}; /* where a decision may be met from there on, however many points later */
+  for (int later = 1; later < NPOINT; later++)
+    for (int m = 0; m < NPOINT; m++)
+      for (int k = POINT_START[m]; k < POINT_START[m + 1]; k++) points[m] |= dl2c_path_decides(&PATHS[k], points);
+  memset(decides, 0, (size_t)b->n);
+  for (int k = 0; k < DL2C_NSTART; k++) {
+    if (!dl2c_path_decides(&PATHS[k], points)) continue;
+    for (int64_t i = 0; i < b->n; i++) decides[i] |= b->enabled[k * b->stride + i] & !b->ended[i];
+  }
+  return DL2C_OK;
+}
+
 dl2c_status dl2c_batch_get_state(const dl2c_batch *b, int64_t i, double *x, double *p)
 {
   if (b == NULL || i < 0 || i >= b->n || x == NULL || p == NULL) return DL2C_ERR_ARG;

@@ -109,6 +109,10 @@ class Dl2cVecEnv(VecEnv):
         self.batch.check_open()
         return self.encoding.masks(self.batch.mask).astype(np.bool_)
 
+    def decides(self) -> NDArray[np.bool_]:
+        """In which environments the policy decides something in the next step; training learns from those."""
+        return self.batch.decides()
+
     def close(self) -> None:
         """Free the native environments. Closing twice is fine."""
         self.batch.close()

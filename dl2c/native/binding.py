@@ -255,6 +255,14 @@ class Batch(Results):
         stream = library.ffi.NULL if seed is None else library.row([seed], np.uint64, 1, "uint64_t[]")
         self.check(self.called(self._lib.dl2c_batch_reset_to, i, stream, *library.state(x, p)))
 
+    def decides(self) -> NDArray[np.bool_]:
+        """In which environments (n) the agent has a decision to take in the next step; elsewhere it makes no
+        difference what it asks for."""
+        found = np.empty(self.n, np.bool_)
+        memory = self.library.row(found, np.bool_, self.n, "uint8_t[]")
+        self.check(self.called(self._lib.dl2c_batch_decides, memory))
+        return found
+
     def get_state(self, i: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """State (nx) and constants (np) of environment i, in fresh memory."""
         x, p = np.empty(self.library.sizes.nx), np.empty(self.library.sizes.np)

@@ -122,6 +122,7 @@ def _assert_coverage(pairs: list[Pair], seen: Counter[str]) -> None:
     assert seen["blocked"] >= 0.1 * seen["steps"]
     assert seen["deadlock"] >= 0.05 * seen["steps"]
     assert seen["numerical"] > 0
+    assert 0 < seen["undecided"] < seen["steps"]
     assert any(pair.environment.paths.points > 1 for pair in pairs)
     assert any(pair.environment.paths.inputs for pair in pairs)
 
