@@ -1,5 +1,6 @@
 """PPO in closed form against automatic differentiation in Stable-Baselines3."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from dl2c.training.activations import Tanh
 from dl2c.training.ppo.update import closed_form, known
@@ -56,6 +58,33 @@ class Noise(gym.Env[Any, Any]):
     def _some(self, count: int) -> NDArray[np.bool_]:
         """At least one of so many."""
         return (self._rng.random(count) < 0.5) | (np.arange(count) == self._rng.integers(count))
+
+
+class Told(DummyVecEnv):
+    """Noise that says where there is a decision: where the first entry of the observation is positive."""
+
+    def decides(self) -> NDArray[np.bool_]:
+        return self.buf_obs[None][:, 0] > 0
+
+
+class OnlyDecisions(BaseCallback):
+    """Leaves Stable-Baselines3 to learn, in one minibatch a round, from decisions alone."""
+
+    def __init__(self, normal: bool) -> None:
+        super().__init__()
+        self._normal = normal
+
+    def _on_rollout_end(self) -> None:
+        buffer: Any = self.model.rollout_buffer  # pyright: ignore # an algorithm has one here
+        decided = buffer.observations[:, :, 0] > 0
+        made = buffer.advantages[decided]
+        if self._normal and len(made) > 1:
+            made = (made - made.mean()) / made.std(ddof=1)
+        buffer.advantages[:] = 0.0
+        buffer.advantages[decided] = made
+
+    def _on_step(self) -> bool:
+        return True
 
 
 def learned(kind: Any, env: Noise, **hyper: Any) -> tuple[Any, dict[str, torch.Tensor], dict[str, float]]:
@@ -111,6 +140,29 @@ def test_as_much_is_learned(
 @given(seed=st.integers(0, 2**32 - 1), space=st.sampled_from(SPACES[1:3]))
 def test_as_much_is_learned_under_masks(seed: int, space: Any) -> None:
     compare(contrib.MaskablePPO, space, seed, n_steps=64, batch_size=24, n_epochs=2, ent_coef=0.1)
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    space=st.sampled_from(SPACES[1:]),
+    steps=st.sampled_from((2, 3, 32)),
+    normal=st.booleans(),
+)
+def test_only_decisions_teach_the_policy(seed: int, space: Any, steps: int, normal: bool) -> None:
+    """Rounds with no, one or many decisions; the values are learned from all steps."""
+    hyper = {"n_steps": steps, "batch_size": steps, "n_epochs": 2, "ent_coef": 0.1, "seed": 3}
+    found: list[dict[str, torch.Tensor]] = []
+    for kind, ready, callback in (
+        (PPO, False, OnlyDecisions(normal)),
+        (closed_form(PPO), normal, None),
+    ):
+        env = Told([partial(Noise, space, seed)])
+        learner = kind("MlpPolicy", env, normalize_advantage=ready, device="cpu", **hyper)
+        learner.learn(2 * steps, callback=callback)
+        found.append(learner.policy.state_dict())
+    for name in found[0]:
+        assert torch.allclose(found[1][name], found[0][name], rtol=0.0, atol=ROUNDING), name
 
 
 @pytest.mark.parametrize("special", [{"target_kl": 1e-3}, {"clip_range_vf": 0.1}, {"use_sde": True}])

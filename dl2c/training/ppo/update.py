@@ -1,6 +1,6 @@
 """How a policy learns from a round of experience. Imports torch: import it only where training happens."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from stable_baselines3.common.distributions import (
     CategoricalDistribution,
     DiagGaussianDistribution,
@@ -57,6 +58,8 @@ class Batch:
     log_prob: Tensor
     advantages: Tensor
     returns: Tensor
+    decided: Tensor | None
+    """Where the policy had a decision to take; None where it always had."""
 
     def parts(self, size: int) -> Iterator["Batch"]:
         """So many steps each; the last one may have fewer."""
@@ -69,6 +72,7 @@ class Batch:
                 self.log_prob[part],
                 self.advantages[part],
                 self.returns[part],
+                None if self.decided is None else self.decided[part],
             )
 
 
@@ -81,14 +85,18 @@ class ClosedForm:
     """Whether the number of epochs falls in proportion to what is left of the training, down to 1."""
 
     def collect_rollouts(self, *args: Any, **kwargs: Any) -> bool:
-        """Fill the buffer with a round of experience."""
+        """Fill the buffer with a round of experience. Advantages of steps without a decision are NaN."""
         learner: Any = self
-        if (policy := known(learner.policy)) is not None:
-            learner.policy.forward = partial(_act, policy, learner.policy)
+        policy, decided = known(learner.policy), _Decided(learner)
+        if policy is not None:
+            learner.policy.forward = partial(_act, policy, learner.policy, decided)
         try:
-            return super().collect_rollouts(*args, **kwargs)  # pyright: ignore # of the class beside this one
+            whole = bool(super().collect_rollouts(*args, **kwargs))  # pyright: ignore # of the class beside this one
         finally:
             learner.policy.__dict__.pop("forward", None)
+        if whole and not _is_special(learner):
+            decided.mark(learner.rollout_buffer.advantages)
+        return whole
 
     def _update_info_buffer(self, infos: Any, dones: Any) -> None:
         """Only where an episode has ended there is something to note."""
@@ -108,8 +116,7 @@ class ClosedForm:
 
     def _train(self, learner: Any) -> None:
         """Learn as many epochs as the learner says now."""
-        special = learner.clip_range_vf is not None or learner.target_kl is not None
-        policy = None if special else known(learner.policy)
+        policy = None if _is_special(learner) else known(learner.policy)
         if policy is None:
             super().train()  # pyright: ignore # of the class beside this one
             return
@@ -124,6 +131,30 @@ class ClosedForm:
                 seen.append([_learn(policy, batch, weights, learner, beside) for batch in batches])
         learner._n_updates += learner.n_epochs
         _record(learner, seen, clip)
+
+
+class _Decided:
+    """Notes in which steps of a round the policy had a decision to take, where the environments tell."""
+
+    def __init__(self, learner: Any) -> None:
+        self._decides: Callable[[], NDArray[np.bool_]] | None
+        self._decides = getattr(learner.env.unwrapped, "decides", None)
+        self._rows: list[NDArray[np.bool_]] = []
+
+    def note(self) -> None:
+        """A step is about to be made."""
+        if self._decides is not None:
+            self._rows.append(self._decides())
+
+    def mark(self, advantages: NDArray[np.float32]) -> None:
+        """Of the round, (steps, n): NaN where there was no decision."""
+        if self._rows:
+            advantages[~np.stack(self._rows)] = np.nan
+
+
+def _is_special(learner: Any) -> bool:
+    """Whether it learns by rules that are left to Stable-Baselines3."""
+    return learner.clip_range_vf is not None or learner.target_kl is not None
 
 
 @cache
@@ -166,10 +197,16 @@ def _head(policy: Any) -> Head | None:
 
 
 def _act(
-    policy: Policy, owner: Any, observations: Tensor, deterministic: bool = False, action_masks: Any = None
+    policy: Policy,
+    owner: Any,
+    decided: _Decided,
+    observations: Tensor,
+    deterministic: bool = False,
+    action_masks: Any = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """What `forward` of a policy gives: actions at random, values (n, 1), logarithms of probabilities (n)."""
     assert not deterministic
+    decided.note()
     masks = None if action_masks is None else torch.as_tensor(action_masks).view(len(observations), -1)
     features = owner.extract_features(observations)
     outputs, values = policy.actor.forward(features)[1], policy.critic.forward(features)[1]
@@ -181,15 +218,32 @@ def _act(
 def shuffled(learner: Any) -> Batch:
     """All steps of the buffer in a random order, observations as the networks take them."""
     found = next(learner.rollout_buffer.get(None))
-    policy = learner.policy
+    decided = ~found.advantages.isnan()
     return Batch(
-        policy.extract_features(found.observations),
+        learner.policy.extract_features(found.observations),
         found.actions,
         getattr(found, "action_masks", None),
         found.old_log_prob,
         found.advantages,
         found.returns,
+        None if decided.all() else decided,
     )
+
+
+def _advantages(batch: Batch, normalize: bool) -> Tensor:
+    """As the policy learns from them: those of its decisions are normalised among themselves, and 0 in steps
+    without a decision, of which noise is all there is to learn.
+    """
+    if batch.decided is None:
+        return _normalised(batch.advantages) if normalize else batch.advantages
+    made, whole = batch.advantages[batch.decided], torch.zeros_like(batch.advantages)
+    whole[batch.decided] = _normalised(made) if normalize else made
+    return whole
+
+
+def _normalised(values: Tensor) -> Tensor:
+    """With mean 0 and deviation 1; a single one is left as it is."""
+    return values if len(values) < 2 else (values - values.mean()) / (values.std() + 1e-8)
 
 
 def _learn(policy: Policy, batch: Batch, weights: Weights, learner: Any, beside: Executor) -> Tensor:
@@ -198,9 +252,7 @@ def _learn(policy: Policy, batch: Batch, weights: Weights, learner: Any, beside:
     """
     n = len(batch.returns)
     value_loss = beside.submit(_differentiate_values, policy.critic, batch, 2 * weights.value / n)
-    advantages = batch.advantages
-    if learner.normalize_advantage and n > 1:
-        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+    advantages = _advantages(batch, learner.normalize_advantage)
     acted, outputs = policy.actor.forward(batch.observations)
     judged = policy.head.judged(outputs, batch.actions, batch.masks)
     log_ratio = judged.log_prob - batch.log_prob
