@@ -40,6 +40,10 @@ enum { CV_ONE_STEP = 2, CV_SUCCESS = 0, CV_TSTOP_RETURN = 1 };
   F(void, N_VLinearSum_Serial, (double a, N_Vector x, double b, N_Vector y, N_Vector z))     \
   F(void, N_VScale_Serial, (double c, N_Vector x, N_Vector z))                               \
   F(double, N_VWrmsNorm_Serial, (N_Vector x, N_Vector w))                                    \
+  F(void, N_VAbs_Serial, (N_Vector x, N_Vector z))                                           \
+  F(void, N_VInv_Serial, (N_Vector x, N_Vector z))                                           \
+  F(void, N_VAddConst_Serial, (N_Vector x, double b, N_Vector z))                            \
+  F(double, N_VMin_Serial, (N_Vector x))                                                     \
   F(void *, CVodeCreate, (int method, int iteration))                                        \
   F(void, CVodeFree, (void **memory))                                                        \
   F(int, CVodeInit, (void *memory, dl2c_rates_fn rates, double t, N_Vector y))               \
@@ -220,29 +224,65 @@ static double dl2c_vector_norm(N_Vector x, N_Vector w)
   return sqrt(sum / NX);
 }
 
-static const dl2c_sundials dl2c_vector_operations = {.N_VLinearSum_Serial = dl2c_vector_sum,
-                                                     .N_VScale_Serial = dl2c_vector_scale,
-                                                     .N_VWrmsNorm_Serial = dl2c_vector_norm};
-
-/* Puts a function into the table of a vector in place of another. Both are addresses of pointers to them. */
-static void dl2c_wheel_replace(N_Vector y, const void *theirs, const void *ours)
+/* z = |x| */
+static void dl2c_vector_abs(N_Vector x, N_Vector z)
 {
-  enum { SLOTS = 24 }; /* the table has more */
-  char *slot = y->operations;
-  for (int k = 0; k < SLOTS; k++, slot += sizeof(void *))
-    if (memcmp(slot, theirs, sizeof(void *)) == 0) memcpy(slot, ours, sizeof(void *));
+  const double *u = dl2c_values(x);
+  double sizes[NX];
+  for (int k = 0; k < NX; k++) sizes[k] = fabs(u[k]);
+  memcpy(dl2c_values(z), sizes, sizeof sizes);
 }
 
+/* z = 1 / x */
+static void dl2c_vector_inverse(N_Vector x, N_Vector z)
+{
+  const double *u = dl2c_values(x);
+  double inverse[NX];
+  for (int k = 0; k < NX; k++) inverse[k] = 1.0 / u[k];
+  memcpy(dl2c_values(z), inverse, sizeof inverse);
+}
+
+/* z = x + b */
+static void dl2c_vector_add(N_Vector x, double b, N_Vector z)
+{
+  const double *u = dl2c_values(x);
+  double sum[NX];
+  for (int k = 0; k < NX; k++) sum[k] = u[k] + b;
+  memcpy(dl2c_values(z), sum, sizeof sum);
+}
+
+static double dl2c_vector_min(N_Vector x)
+{
+  const double *u = dl2c_values(x);
+  double least = u[0];
+  for (int k = 1; k < NX; k++) least = u[k] < least ? u[k] : least;
+  return least;
+}
+
+static const dl2c_sundials dl2c_vector_operations = {.N_VLinearSum_Serial = dl2c_vector_sum,
+                                                     .N_VScale_Serial = dl2c_vector_scale,
+                                                     .N_VWrmsNorm_Serial = dl2c_vector_norm,
+                                                     .N_VAbs_Serial = dl2c_vector_abs,
+                                                     .N_VInv_Serial = dl2c_vector_inverse,
+                                                     .N_VAddConst_Serial = dl2c_vector_add,
+                                                     .N_VMin_Serial = dl2c_vector_min};
+
 /*
- * Lets a vector, and all that CVODES makes like it, use the operations above, which are compiled for its
- * length: with those of the wheel a small system spends a third of the time in them.
+ * Lets a vector, and all that CVODES makes like it, use the operations above in place of those of the wheel. They
+ * are compiled for its length, and read it in the pieces in which they wrote it: others would have to wait until
+ * those are in memory. Without them a small system spends two fifths of the time in operations.
  */
 static void dl2c_wheel_operations(N_Vector y)
 {
-  const dl2c_sundials *ours = &dl2c_vector_operations;
-  dl2c_wheel_replace(y, &dl2c_wheel.N_VLinearSum_Serial, &ours->N_VLinearSum_Serial);
-  dl2c_wheel_replace(y, &dl2c_wheel.N_VScale_Serial, &ours->N_VScale_Serial);
-  dl2c_wheel_replace(y, &dl2c_wheel.N_VWrmsNorm_Serial, &ours->N_VWrmsNorm_Serial);
+  enum { SLOTS = 24 }; /* the table has more */
+  const void *theirs[DL2C_SUNDIALS_COUNT], *ours[DL2C_SUNDIALS_COUNT];
+  memcpy(theirs, &dl2c_wheel, sizeof theirs);
+  memcpy(ours, &dl2c_vector_operations, sizeof ours);
+  for (int k = 0; k < DL2C_SUNDIALS_COUNT; k++) {
+    char *slot = y->operations;
+    for (int j = 0; j < SLOTS && ours[k] != NULL; j++, slot += sizeof(void *))
+      if (memcmp(slot, &theirs[k], sizeof(void *)) == 0) memcpy(slot, &ours[k], sizeof(void *));
+  }
 }
 
 /* A vector over an array; NULL also where its layout is not the one declared above. */

@@ -114,6 +114,9 @@ class ToyBatch(Results):
         self._x[i], self._k[i] = x[0], p[0]
         self._look(i)
 
+    def decides(self) -> Any:
+        return np.ones(self._n, np.bool_)
+
     def _begin(self, i: int) -> None:
         rng = np.random.default_rng([self._seed[i], self._episode[i]])
         self._episode[i] += 1

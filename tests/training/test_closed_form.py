@@ -151,7 +151,7 @@ def test_as_much_is_learned_under_masks(seed: int, space: Any) -> None:
 )
 def test_only_decisions_teach_the_policy(seed: int, space: Any, steps: int, normal: bool) -> None:
     """Rounds with no, one or many decisions; the values are learned from all steps."""
-    hyper = {"n_steps": steps, "batch_size": steps, "n_epochs": 2, "ent_coef": 0.1, "seed": 3}
+    hyper = {"n_steps": steps, "batch_size": steps, "n_epochs": 2, "seed": 3}
     found: list[dict[str, torch.Tensor]] = []
     for kind, ready, callback in (
         (PPO, False, OnlyDecisions(normal)),

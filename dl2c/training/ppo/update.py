@@ -24,7 +24,7 @@ from dl2c.training.ppo.networks import Perceptron, perceptron
 from dl2c.training.standardised import Standardised
 
 STATISTICS = ("entropy_loss", "policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction", "loss")
-"""What is computed of each minibatch, by the names of Stable-Baselines3."""
+"""What is computed of each minibatch, by the names of Stable-Baselines3; the actor's over its decisions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +64,22 @@ class Batch:
     def parts(self, size: int) -> Iterator["Batch"]:
         """So many steps each; the last one may have fewer."""
         for first in range(0, len(self.returns), size):
-            part = slice(first, first + size)
-            yield Batch(
-                self.observations[part],
-                self.actions[part],
-                None if self.masks is None else self.masks[part],
-                self.log_prob[part],
-                self.advantages[part],
-                self.returns[part],
-                None if self.decided is None else self.decided[part],
-            )
+            yield self._some(slice(first, first + size))
+
+    def decisions(self) -> "Batch":
+        """The steps with a decision."""
+        return self if self.decided is None else self._some(self.decided)
+
+    def _some(self, steps: slice | Tensor) -> "Batch":
+        return Batch(
+            self.observations[steps],
+            self.actions[steps],
+            None if self.masks is None else self.masks[steps],
+            self.log_prob[steps],
+            self.advantages[steps],
+            self.returns[steps],
+            None if self.decided is None else self.decided[steps],
+        )
 
 
 class ClosedForm:
@@ -230,45 +236,34 @@ def shuffled(learner: Any) -> Batch:
     )
 
 
-def _advantages(batch: Batch, normalize: bool) -> Tensor:
-    """As the policy learns from them: those of its decisions are normalised among themselves, and 0 in steps
-    without a decision, of which noise is all there is to learn.
-    """
-    if batch.decided is None:
-        return _normalised(batch.advantages) if normalize else batch.advantages
-    made, whole = batch.advantages[batch.decided], torch.zeros_like(batch.advantages)
-    whole[batch.decided] = _normalised(made) if normalize else made
-    return whole
-
-
-def _normalised(values: Tensor) -> Tensor:
-    """With mean 0 and deviation 1; a single one is left as it is."""
-    return values if len(values) < 2 else (values - values.mean()) / (values.std() + 1e-8)
-
-
 def _learn(policy: Policy, batch: Batch, weights: Weights, learner: Any, beside: Executor) -> Tensor:
-    """One step of the optimiser. Gives `STATISTICS`. The networks have no parameters in common: the critic's
-    gradient is computed `beside` the actor's.
+    """One step of the optimiser. Gives `STATISTICS`. The critic learns from all steps, the actor from its
+    decisions: the other steps could teach it only noise. The two have no parameters in common: the gradient
+    of the critic is computed `beside` that of the actor.
     """
     n = len(batch.returns)
     value_loss = beside.submit(_differentiate_values, policy.critic, batch, 2 * weights.value / n)
-    advantages = _advantages(batch, learner.normalize_advantage)
-    acted, outputs = policy.actor.forward(batch.observations)
-    judged = policy.head.judged(outputs, batch.actions, batch.masks)
-    log_ratio = judged.log_prob - batch.log_prob
+    made = batch.decisions()
+    advantages, count = made.advantages, max(1, len(made.returns))
+    if learner.normalize_advantage and count > 1:
+        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+    acted, outputs = policy.actor.forward(made.observations)
+    judged = policy.head.judged(outputs, made.actions, made.masks)
+    log_ratio = judged.log_prob - made.log_prob
     ratio = log_ratio.exp()
     plain = advantages * ratio
     clipped = advantages * ratio.clamp(1 - weights.clip, 1 + weights.clip)
     of_log_prob = torch.where(plain <= clipped, plain, 0.0) / -n
     policy.actor.backward(acted, judged.gradient(of_log_prob, -weights.entropy / n))
-    lost = (-judged.entropy.mean(), -torch.minimum(plain, clipped).mean(), value_loss.result())
+    entropy, gain = judged.entropy.sum() / count, torch.minimum(plain, clipped).sum() / count
+    lost = (-entropy, -gain, value_loss.result())
 
     norm = policy.gradients.square().sum().sqrt()
     policy.gradients.mul_(torch.clamp(weights.most / (norm + 1e-6), max=1.0))
     learner.policy.optimizer.step()
 
-    divergence = (ratio - 1 - log_ratio).mean()
-    fraction = ((ratio - 1).abs() > weights.clip).float().mean()
+    divergence = (ratio - 1 - log_ratio).sum() / count
+    fraction = ((ratio - 1).abs() > weights.clip).sum() / count
     whole = lost[1] + weights.entropy * lost[0] + weights.value * lost[2]
     return torch.stack((*lost, divergence, fraction, whole))
 
