@@ -4,8 +4,9 @@
  * - `new STIFF RTOL ATOL`: a solver for what follows
  * - `run FLOW STOP X[NX] P`: its tracks, "track FROM LENGTH DEGREE c.. END[NX]", and how it ended
  * - `time FLOW STOP REPEAT X[NX] P`: microseconds a flow takes
- * - `sum ALIAS A B X[NX] Y[NX]`, `scale ALIAS C X[NX]`, `norm 0 0 X[NX] W[NX]`: "values" of the operation of
- *   the kernel, then of that of the wheel; into X or Y where ALIAS is 1 or 2
+ * - `sum ALIAS A B X[NX] Y[NX]`, `norm 0 0 X[NX] W[NX]`, and `scale`, `add`, `abs`, `inverse` or `min` with
+ *   ALIAS A X[NX]: "values" of the operation of the kernel, then of that of the wheel; into X or Y where ALIAS
+ *   is 1 or 2
  * - `replaced 0 0`: "values", how many operations of the wheel a vector has, and how many of the kernel
  *
  * Numbers are hexadecimal, so that nothing is lost. The only argument is the solver's library.
@@ -179,38 +180,51 @@ static void operate(const dl2c_sundials *functions, const char *word, int alias,
   if (strcmp(word, "sum") == 0) functions->N_VLinearSum_Serial(a, v[0], b, v[1], v[to]);
   if (strcmp(word, "scale") == 0) functions->N_VScale_Serial(a, v[0], v[to]);
   if (strcmp(word, "norm") == 0) values[to][0] = functions->N_VWrmsNorm_Serial(v[0], v[1]);
+  if (strcmp(word, "add") == 0) functions->N_VAddConst_Serial(v[0], a, v[to]);
+  if (strcmp(word, "abs") == 0) functions->N_VAbs_Serial(v[0], v[to]);
+  if (strcmp(word, "inverse") == 0) functions->N_VInv_Serial(v[0], v[to]);
+  if (strcmp(word, "min") == 0) values[to][0] = functions->N_VMin_Serial(v[0]);
   print_values(values[to], NX);
   for (int k = 0; k < 3; k++) DL2C_SUN(N_VDestroy_Serial)(v[k]);
 }
 
-static int has(N_Vector v, const void *function)
+/* How many of these functions, but for those that the kernel has no other for, an operation of a vector is. */
+static int used(N_Vector v, const dl2c_sundials *functions)
 {
+  void *ours[DL2C_SUNDIALS_COUNT], *wanted[DL2C_SUNDIALS_COUNT];
+  memcpy(ours, &dl2c_vector_operations, sizeof ours);
+  memcpy(wanted, functions, sizeof wanted);
   int found = 0;
-  for (size_t k = 0; k < 24; k++)
-    found += memcmp((char *)v->operations + k * sizeof(void *), function, sizeof(void *)) == 0;
+  for (int k = 0; k < DL2C_SUNDIALS_COUNT; k++)
+    for (size_t j = 0; j < 24 && ours[k] != NULL; j++)
+      found += memcmp((char *)v->operations + j * sizeof(void *), &wanted[k], sizeof(void *)) == 0;
   return found;
+}
+
+/* How many vectors an operation takes, 0 for a word that is none. */
+static int taken_by(const char *word)
+{
+  static const char *const names[] = {"sum", "norm", "scale", "add", "abs", "inverse", "min"};
+  for (int k = 0; k < 7; k++)
+    if (strcmp(word, names[k]) == 0) return k < 2 ? 2 : 1;
+  return 0;
 }
 
 /* Answers what is about vectors; false if the word is not. */
 static bool about_vectors(const char *word, int alias, real a)
 {
-  const dl2c_sundials *ours = &dl2c_vector_operations;
   real numbers[1 + 2 * NX] = {0.0};
   if (strcmp(word, "replaced") == 0) {
     N_Vector v = dl2c_wheel_vector(numbers);
-    printf("values %d %d\n",
-           has(v, &dl2c_wheel.N_VLinearSum_Serial) + has(v, &dl2c_wheel.N_VScale_Serial)
-               + has(v, &dl2c_wheel.N_VWrmsNorm_Serial),
-           has(v, &ours->N_VLinearSum_Serial) + has(v, &ours->N_VScale_Serial)
-               + has(v, &ours->N_VWrmsNorm_Serial));
+    printf("values %d %d\n", used(v, &dl2c_wheel), used(v, &dl2c_vector_operations));
     DL2C_SUN(N_VDestroy_Serial)(v);
     return true;
   }
-  const bool sum = strcmp(word, "sum") == 0, scale = strcmp(word, "scale") == 0;
-  if (!sum && !scale && strcmp(word, "norm") != 0) return false;
-  if (!read_reals(numbers + !sum, (int)sum + (scale ? NX : 2 * NX))) return false;
+  const bool sum = strcmp(word, "sum") == 0;
+  const int vectors = taken_by(word);
+  if (vectors == 0 || !read_reals(numbers + !sum, (int)sum + vectors * NX)) return false;
   printf("values");
-  operate(ours, word, alias, a, numbers[0], numbers + 1);
+  operate(&dl2c_vector_operations, word, alias, a, numbers[0], numbers + 1);
   operate(&dl2c_wheel, word, alias, a, numbers[0], numbers + 1);
   printf("\n");
   return true;

@@ -230,10 +230,11 @@ static bool dl2c_path_decides(const dl2c_path *path, const bool *points)
 dl2c_status dl2c_batch_decides(const dl2c_batch *b, uint8_t *decides)
 {
   if (b == NULL || decides == NULL) return DL2C_ERR_ARG;
-  bool points[NPOINT] = {false}; /* where a decision may be met from there on, however many points later */
+  bool points[NPOINT] = {false}; /* from where on a decision may be met, however many points later */
   for (int later = 1; later < NPOINT; later++)
     for (int m = 0; m < NPOINT; m++)
-      for (int k = POINT_START[m]; k < POINT_START[m + 1]; k++) points[m] |= dl2c_path_decides(&PATHS[k], points);
+      for (int k = POINT_START[m]; k < POINT_START[m + 1]; k++)
+        points[m] |= dl2c_path_decides(&PATHS[k], points);
   memset(decides, 0, (size_t)b->n);
   for (int k = 0; k < DL2C_NSTART; k++) {
     if (!dl2c_path_decides(&PATHS[k], points)) continue;

@@ -268,9 +268,10 @@ static const dl2c_sundials dl2c_vector_operations = {.N_VLinearSum_Serial = dl2c
                                                      .N_VMin_Serial = dl2c_vector_min};
 
 /*
- * Lets a vector, and all that CVODES makes like it, use the operations above in place of those of the wheel. They
- * are compiled for its length, and read it in the pieces in which they wrote it: others would have to wait until
- * those are in memory. Without them a small system spends two fifths of the time in operations.
+ * Lets a vector, and all that CVODES makes like it, use the operations above in place of those of the wheel.
+ * They are compiled for its length, and read it in the pieces in which they wrote it: in others it can be
+ * read only once it has reached the cache. With those of the wheel a small system spends a third of the time
+ * in them.
  */
 static void dl2c_wheel_operations(N_Vector y)
 {

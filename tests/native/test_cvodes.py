@@ -246,12 +246,15 @@ def test_vector_operations_are_those_of_sundials_to_the_bit(casadi_program: Path
         alias = draw.randrange(3)
         commands += [
             f"sum {alias} {a.hex()} {b.hex()} {vectors(2)}",
-            f"scale {min(alias, 1)} {a.hex()} {vectors(1)}",
             f"norm 0 0 {vectors(2)}",
+            f"min 0 0 {vectors(1)}",
+        ]
+        commands += [
+            f"{name} {alias % 2} {a.hex()} {vectors(1)}" for name in ("scale", "add", "abs", "inverse")
         ]
     replaced, *results = ask(casadi_program, *commands).numbers
-    assert replaced == (0.0, 3.0)
-    assert len(results) == 9000
+    assert replaced == (0.0, 7.0)
+    assert len(results) == 7 * 3000
     for command, values in zip(commands[1:], results, strict=True):
         ours, theirs = (["nan" if isnan(v) else v.hex() for v in part] for part in (values[:NX], values[NX:]))
         assert ours == theirs, command
