@@ -231,7 +231,7 @@ dl2c_status dl2c_batch_decides(const dl2c_batch *b, uint8_t *decides)
 {
   if (b == NULL || decides == NULL) return DL2C_ERR_ARG;
   bool points[NPOINT] = {false}; /* from where on a decision may be met, however many points later */
-  for (int later = 1; later < NPOINT; later++)
+  for (int round = 0; round < NPOINT; round++)
     for (int m = 0; m < NPOINT; m++)
       for (int k = POINT_START[m]; k < POINT_START[m + 1]; k++)
         points[m] |= dl2c_path_decides(&PATHS[k], points);

@@ -30,6 +30,10 @@ PROGRAMS = {
         f"if (x > 1) {{ {FLOW}; {{v := 1; ++ v := 2;}} }} else {{ {FLOW} }}",
         lambda x: x > 1,
     ),
+    "after a while loop": (
+        "{?x > 1; x := x - 1;}* ?!(x > 1); {v := 1; ++ v := 2;} " + FLOW,
+        lambda x: True,
+    ),
     "in a while loop": ("{?x > 1; {x := x - 1; ++ x := x - 2;}}* ?!(x > 1); " + FLOW, lambda x: x > 1),
 }
 """What a step does, and for which x the agent decides something in it."""
