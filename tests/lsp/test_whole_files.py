@@ -86,7 +86,7 @@ def test_colours_of_a_changed_text_are_its_own(at: int, gone: int, put: str, enc
 def test_a_long_file_is_outlined_before_it_is_read() -> None:
     """Its colours are those of its words, until more is known; actions are asked again with diagnostics."""
     entry = MODEL.text
-    text = "\n".join(entry.replace("Water tank", f"Tank {k}") for k in range(2 * LONG // len(entry)))
+    text = "\n".join(entry.replace("Water tank", f"Tank {k}") for k in range(6 * LONG // len(entry)))
     editor = Editor()
     file = editor.open(text, "long.kyx")
     symbols = file.ask("document_symbol", types.DocumentSymbolParams(file.identifier))
