@@ -166,10 +166,11 @@ def test_only_decisions_teach_the_policy(seed: int, space: Any, steps: int, norm
 
 
 @pytest.mark.parametrize("special", [{"target_kl": 1e-3}, {"clip_range_vf": 0.1}, {"use_sde": True}])
-def test_what_is_not_known_is_left_to_the_library(special: dict[str, Any]) -> None:
+@pytest.mark.parametrize("make", [Noise, lambda space, seed: Told([partial(Noise, space, seed)])])
+def test_what_is_not_known_is_left_to_the_library(make: Any, special: dict[str, Any]) -> None:
     hyper = {"n_steps": 64, "batch_size": 32, "n_epochs": 2} | special
-    _, wanted, _ = learned(PPO, Noise(SPACES[3], 0), **hyper)
-    _, found, _ = learned(closed_form(PPO), Noise(SPACES[3], 0), **hyper)
+    _, wanted, _ = learned(PPO, make(SPACES[3], 0), **hyper)
+    _, found, _ = learned(closed_form(PPO), make(SPACES[3], 0), **hyper)
     for name in wanted:
         assert torch.equal(found[name], wanted[name])
 

@@ -100,7 +100,7 @@ class ClosedForm:
             whole = bool(super().collect_rollouts(*args, **kwargs))  # pyright: ignore # of the class beside this one
         finally:
             learner.policy.__dict__.pop("forward", None)
-        if whole and not _is_special(learner):
+        if whole:
             decided.mark(learner.rollout_buffer.advantages)
         return whole
 
@@ -140,11 +140,13 @@ class ClosedForm:
 
 
 class _Decided:
-    """Notes in which steps of a round the policy had a decision to take, where the environments tell."""
+    """Notes in which steps of a round the policy had a decision to take, where the environments tell and the
+    rules of learning are known here.
+    """
 
     def __init__(self, learner: Any) -> None:
         self._decides: Callable[[], NDArray[np.bool_]] | None
-        self._decides = getattr(learner.env.unwrapped, "decides", None)
+        self._decides = None if _is_special(learner) else getattr(learner.env.unwrapped, "decides", None)
         self._rows: list[NDArray[np.bool_]] = []
 
     def note(self) -> None:
