@@ -16,6 +16,7 @@ from dl2c.commands.waiting import working
 from dl2c.outputs import write_output
 
 if TYPE_CHECKING:
+    from dl2c.report.episode import Episode
     from dl2c.report.trained import Trained
 
 
@@ -52,16 +53,18 @@ def report(
         trained = read_trained(run, model)
     except RunError as problem:
         raise CommandError(str(problem)) from None
+    from dl2c.report.page import measure
     from dl2c.report.page import report as write
 
     path = output or run / "report.html"
     beside = {"A film of the first episode": film, "A page in which the model is driven": play}
     with working(f"looking at {run}"):
-        text = write(trained, episodes, _links(path, beside))
+        measured = measure(trained, episodes)
+        text = write(trained, measured, _links(path, beside))
     write_output(path, text)
     print(path)
     if film is not None:
-        _write_film(trained, film)
+        _write_film(measured.seen[:1], film)
     if play is not None:
         _write_page(trained, play)
 
@@ -73,12 +76,11 @@ def _links(page: Path, beside: Mapping[str, Path | None]) -> dict[str, str]:
     return {title: quote(Path(place).as_posix()) for title, place in places.items()}
 
 
-def _write_film(trained: "Trained", path: Path) -> None:
+def _write_film(episodes: "list[Episode]", path: Path) -> None:
     from dl2c.report.film import write_film
-    from dl2c.report.page import first_episode
 
     with working(f"making {path}"):
-        write_film(first_episode(trained), path)
+        write_film(episodes, path)
     print(path)
 
 

@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,8 @@ from dl2c.report.blame import blamed, model_of
 from dl2c.report.episode import Episode
 from dl2c.report.listing import listing
 from dl2c.report.markup import Markup, image, page, section, table, tag
-from dl2c.report.pictures import curves_figure, episodes_of, track_of
+from dl2c.report.pictures import curves_figure, track_of
+from dl2c.report.recording import Recording
 from dl2c.report.trained import Trained
 from dl2c.training.evaluation import FIRST_SEED, evaluate
 from dl2c.training.run import PROOF, Evaluation
@@ -29,24 +31,44 @@ SHOWN = 12
 LIBRARIES = ("numpy", "gymnasium", "torch", "stable-baselines3", "sb3-contrib")
 
 
-def report(trained: Trained, episodes: int = 200, links: Mapping[str, str] | None = None) -> str:
-    """The page. The policy is measured once more, in so many episodes, beside policies that learn nothing.
-    `links` are titles of files that stand beside the page, and their addresses.
-
-    Raises what `evaluate` raises.
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What was found of a trained policy and of two that learn nothing under the same options, each with its
+    name and whether it sees masks, and the first episodes of the trained one.
     """
+
+    found: tuple[tuple[str, bool, Evaluation], ...]
+    seen: list[Episode]
+
+
+def measure(trained: Trained, episodes: int = 200) -> Measured:
+    """Run the policies once more, in so many episodes each. Raises what `evaluate` raises."""
+    recording = Recording(SHOWN, FIRST_SEED)
+    found: list[tuple[str, bool, Evaluation]] = []
+    for name, masked, policy, watch in (
+        (f"trained ({trained.algo})", trained.masked, trained.folder, recording),
+        ("uniform random", True, "random", None),
+        ("first enabled", True, "first", None),
+    ):
+        options = dict(trained.options)
+        one = evaluate(policy, trained.source, episodes, masked=masked, watch=watch, **options)
+        found.append((name, masked, one))
+    return Measured(tuple(found), recording.episodes())
+
+
+def report(trained: Trained, measured: Measured, links: Mapping[str, str] | None = None) -> str:
+    """The page. `links` are titles of files that stand beside it, and their addresses."""
     manifest = open_library(trained.source, dict(trained.options)).manifest
-    seen = _episodes(trained, SHOWN)
     curves = curves_figure(trained.curve, trained.evaluations)
     parts = [
         tag("h1", manifest.name),
         tag("p", _summary(trained), class_="lead"),
         *(tag("p", tag("a", title, href=address)) for title, address in (links or {}).items()),
-        section("Results", _results(trained, episodes)),
+        section("Results", _results(measured)),
         *_proof(trained),
         section("Learning", image(data_uri(curves), "learning curve")),
-        _trajectories(seen),
-        *_failure(seen),
+        _trajectories(measured.seen),
+        *_failure(measured.seen),
         section("Environment", *_environment(manifest)),
         section("Model", listing(trained.source.text)),
         section("How it was made", *_provenance(trained)),
@@ -62,17 +84,6 @@ def _proof(trained: Trained) -> Iterator[Markup]:
         yield from proof_section(trained)
 
 
-def first_episode(trained: Trained) -> list[Episode]:
-    """The first of the policy's episodes that the page shows."""
-    return _episodes(trained, 1)
-
-
-def _episodes(trained: Trained, count: int) -> list[Episode]:
-    return episodes_of(
-        trained.folder, trained.source, count, FIRST_SEED, trained.masked, **dict(trained.options)
-    )
-
-
 def _summary(trained: Trained) -> str:
     steps = trained.curve[-1]["steps"] if trained.curve else 0
     stopped = ", stopped early" if trained.interrupted else ""
@@ -80,16 +91,10 @@ def _summary(trained: Trained) -> str:
     return f"{trained.algo}, seed {trained.seed}, {took}{stopped}"
 
 
-def _results(trained: Trained, episodes: int) -> Markup:
-    """The trained policy and two that learn nothing, under the same options."""
-    masked = "yes" if trained.masked else "no"
-    rows = [(f"trained ({trained.algo})", masked, trained.folder, trained.masked)]
-    rows += [("uniform random", "yes", "random", True), ("first enabled", "yes", "first", True)]
-    cells = [
-        (name, masks, *_rates(evaluate(policy, trained.source, episodes, masked=m, **trained.options)))
-        for name, masks, policy, m in rows
-    ]
+def _results(measured: Measured) -> Markup:
+    cells = [(name, "yes" if masked else "no", *_rates(one)) for name, masked, one in measured.found]
     heads = ("policy", "masks", "success", "safety violated", "blocked", "time to success / s", "return")
+    episodes = measured.found[0][-1].episodes
     about = f"{episodes} episodes each, seeds from {FIRST_SEED:,}; 95 % intervals in brackets."
     return tag("div", table(heads, cells), tag("p", about, class_="note"))
 

@@ -12,9 +12,9 @@ from dl2c.picture.panels import BLUE, GREEN, ORANGE, VERMILION, environment_step
 from dl2c.picture.track import Track
 from dl2c.report.blame import model_of
 from dl2c.report.episode import Episode
-from dl2c.report.recording import Recorder
+from dl2c.report.recording import Recording
+from dl2c.training.evaluation import outcomes
 from dl2c.training.policies import Policy
-from dl2c.training.rollout import played
 
 
 def draw_episode(episode: Episode, path: Path) -> None:
@@ -37,14 +37,10 @@ def episodes_of(
     masked: bool = True,
     **options: Any,
 ) -> list[Episode]:
-    """Episodes of a policy. Arguments are those of `rollout`."""
-    found: list[Episode] = []
-    places = played(
-        policy, model, episodes, seed, masked, around=lambda env: Recorder(env, found.append), **options
-    )
-    for _ in places:
-        pass
-    return found
+    """Episodes of a policy, all at once. Arguments are those of `evaluate`."""
+    recording = Recording(episodes, seed)
+    outcomes(policy, model, episodes, seed, masked, recording, **options)
+    return recording.episodes()
 
 
 def curves_figure(curve: Sequence[Mapping[str, Any]], evaluations: Sequence[Mapping[str, Any]]) -> Any:

@@ -1,15 +1,19 @@
 """Recording episodes as they happen: failures become files that `dl2c replay` reads."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
 import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
 
 from dl2c.emit.names import file_stem
 from dl2c.env.seeding import draw_seed
 from dl2c.env.single import Dl2cEnv, Step
-from dl2c.report.episode import Episode, Moment, Start, moment, write_episode
+from dl2c.env.vector import Dl2cVectorEnv
+from dl2c.report.episode import Episode, Moment, Start, moment, plain, write_episode
 
 
 class Recorder(gym.Wrapper[Any, Any, Any, Any]):
@@ -55,6 +59,46 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
     def _model(self) -> Dl2cEnv:
         """The environment inside all wrappers."""
         return cast("Dl2cEnv", self.unwrapped)
+
+
+class Recording:
+    """The first `count` of episodes that are played all at once, the first of them seeded `seed`: a `Watch`
+    of `outcomes`.
+    """
+
+    def __init__(self, count: int, seed: int) -> None:
+        self._count, self._seed = count, seed
+        self._begun: list[Episode] = []
+        self._moments: list[list[Moment]] = []
+        self._ends: list[tuple[str, str]] = []
+
+    def __call__(self, env: Dl2cVectorEnv, actions: NDArray[Any] | None, running: NDArray[np.bool_]) -> None:
+        if actions is None:
+            self._begin(env)
+        else:
+            self._note(env, actions, np.flatnonzero(running[: self._count]).tolist())
+
+    def _begin(self, env: Dl2cVectorEnv) -> None:
+        source, options = env.source, env.manifest.options
+        for i in range(min(self._count, env.num_envs)):
+            begun = Episode(source, options, Start(self._seed + i), env.state(i), (), "none", "")
+            self._begun.append(begun)
+            self._moments.append([])
+            self._ends.append(("none", ""))
+
+    def _note(self, env: Dl2cVectorEnv, actions: NDArray[Any], places: list[int]) -> None:
+        b, statuses, reasons = env.batch, env.status_names, env.reason_names
+        told = (b.time, b.duration, b.rewards, b.cost, b.blocked, b.postcondition, b.status, b.reason)
+        columns = [array[: self._count].tolist() for array in told]
+        for i in places:
+            *said, status, reason = (column[i] for column in columns)
+            self._moments[i].append(Moment(plain(actions[i]), env.state(i), *said))
+            self._ends[i] = statuses[status], reasons[reason]
+
+    def episodes(self) -> list[Episode]:
+        """What was recorded."""
+        together = zip(self._begun, self._moments, self._ends, strict=True)
+        return [replace(e, moments=tuple(m), status=s, reason=r) for e, m, (s, r) in together]
 
 
 def failures_to(folder: Path | str) -> Callable[[Episode], None]:

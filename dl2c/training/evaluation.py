@@ -1,9 +1,10 @@
 """How well a policy does: rates and means over fixed episodes, each with a 95 % interval."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -25,6 +26,12 @@ NORMAL = 1.959963984540054
 
 FIRST_SEED = 10**6
 """Episode k of an evaluation is seeded with this plus k: far from the seeds one trains with."""
+
+
+Watch: TypeAlias = Callable[[Dl2cVectorEnv, NDArray[Any] | None, NDArray[np.bool_]], None]
+"""Called where episodes have begun, without actions, and after each step with the actions (n, ...) and where
+(n) the episode was not over before it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,28 +62,40 @@ def evaluate(
     episodes: int = 200,
     seed: int = FIRST_SEED,
     masked: bool = True,
+    watch: Watch | None = None,
     **options: Any,
 ) -> Evaluation:
     """Run a policy (see `policy_of`) for so many episodes, all at once; episode k is seeded `seed + k`.
 
     Raises what `Dl2cVectorEnv` raises.
     """
-    return outcomes(policy, model, episodes, seed, masked, **options).evaluation()
+    return outcomes(policy, model, episodes, seed, masked, watch, **options).evaluation()
 
 
 def outcomes(
-    policy: str | Path | Policy, model: Model, episodes: int, seed: int, masked: bool, **options: Any
+    policy: str | Path | Policy,
+    model: Model,
+    episodes: int,
+    seed: int,
+    masked: bool,
+    watch: Watch | None = None,
+    **options: Any,
 ) -> Outcomes:
     """The single episodes of `evaluate`."""
-    env = flat_environments(model, episodes, **options)
+    env = flat_environments(model, episodes, AutoresetMode.NEXT_STEP, **options)
     act = policy_of(policy, encoding(env.manifest), masked, seed)
     running = np.ones(episodes, np.bool_)
     found = _nothing_yet(episodes)
     observations, _ = env.reset(seed=seed)
+    if watch is not None:
+        watch(env, None, running)
     while running.any():
-        observations, rewards, terminated, truncated, _ = env.step(act(observations, env.action_masks()))
+        actions = act(observations, env.action_masks())
+        observations, rewards, terminated, truncated, _ = env.step(actions)
         found.total[running] += rewards[running]
         _note_step(found, env.batch, running)
+        if watch is not None:
+            watch(env, actions, running)
         if (ended := running & (terminated | truncated)).any():
             _note_ends(found, env.batch, ended, env.manifest)
             running &= ~ended
@@ -84,12 +103,14 @@ def outcomes(
     return found
 
 
-def flat_environments(model: Model, n: int, **options: Any) -> Dl2cVectorEnv:
-    """Environments with same-step autoreset whose action space is no Dict."""
+def flat_environments(
+    model: Model, n: int, autoreset_mode: AutoresetMode = AutoresetMode.SAME_STEP, **options: Any
+) -> Dl2cVectorEnv:
+    """Environments whose action space is no Dict."""
     source = source_of(model)
     action_format = flat_format(open_library(source, options).manifest)
     given: dict[str, Any] = options | {"action_format": action_format}
-    return Dl2cVectorEnv(source, n, autoreset_mode=AutoresetMode.SAME_STEP, **given)
+    return Dl2cVectorEnv(source, n, autoreset_mode=autoreset_mode, **given)
 
 
 def _nothing_yet(n: int) -> Outcomes:

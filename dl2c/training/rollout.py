@@ -1,7 +1,6 @@
 """Episodes written out step by step, for tables and plots."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,53 +35,23 @@ def rollout(
 
     Episode k is seeded `seed + k`, the random policy too, so its rows do not depend on other episodes.
     """
-    names: dict[str, str] | None = None
-    for place in played(policy, model, episodes, seed, masked, first, around, **options):
-        if names is None:
-            names = state_names(place.env.manifest)
-        yield _row(place, names)
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where a policy is: after so many steps of an episode, the last of which gave `result`."""
-
-    env: Dl2cEnv
-    episode: int
-    step: int
-    result: Step | None
-
-
-def played(
-    policy: str | Path | Policy,
-    model: Model,
-    episodes: int = 1,
-    seed: int = 0,
-    masked: bool = True,
-    first: int = 0,
-    around: Callable[[Dl2cEnv], Any] = lambda env: env,
-    **options: Any,
-) -> Iterator[Place]:
-    """The places of `rollout`, whose arguments these are. The environment is at the place only until the next
-    one is asked for.
-    """
     source = source_of(model)
     action_format = flat_format(open_library(source, options).manifest)
     env = Dl2cEnv(source, **(options | {"action_format": action_format}))
     acted = around(env)
-    code = encoding(env.manifest)
+    code, names = encoding(env.manifest), state_names(env.manifest)
     act = policy_of(policy, code, masked, seed)
     for episode in range(first, first + episodes):
         if policy == "random":
             act = policy_of(policy, code, masked, seed + episode)
         observation, _ = acted.reset(seed=seed + episode)
         step, ended = 0, False
-        yield Place(env, episode, 0, None)
+        yield _row(env, names, episode, 0, None)
         while not ended:
             action = act(observation[None], env.action_masks()[None])[0]
             observation, _, terminated, truncated, _ = result = acted.step(action)
             step, ended = step + 1, terminated or truncated
-            yield Place(env, episode, step, result)
+            yield _row(env, names, episode, step, result)
     env.close()
 
 
@@ -96,12 +65,12 @@ def column(name: str) -> str:
     return f"{name}_" if name in COLUMNS or name.startswith("assign_") else name
 
 
-def _row(place: Place, names: dict[str, str]) -> dict[str, Any]:
-    state, head = place.env.state, (0.0, "", 0.0, False, False, "none", "")
-    if place.result is not None:
-        _, reward, terminated, truncated, info = place.result
+def _row(env: Dl2cEnv, names: dict[str, str], episode: int, step: int, result: Step | None) -> dict[str, Any]:
+    state, head = env.state, (0.0, "", 0.0, False, False, "none", "")
+    if result is not None:
+        _, reward, terminated, truncated, info = result
         taken = np.asarray(info["executed_action"]).tolist()
         head = (info["time"], taken, reward, terminated, truncated, info["status"], info["reason"])
-    found = dict(zip(COLUMNS, (place.episode, place.step, *head), strict=True))
+    found = dict(zip(COLUMNS, (episode, step, *head), strict=True))
     found |= {column: state[name] for column, name in names.items()}
-    return found | {key: "" if place.result is None else value for key, value in place.env.chosen.items()}
+    return found | {key: "" if result is None else value for key, value in env.chosen.items()}

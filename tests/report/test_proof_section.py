@@ -19,7 +19,7 @@ from dl2c.env.interface import interface_of
 from dl2c.policy.files import write_policy
 from dl2c.policy.network import Layer, Network, NetworkPolicy
 from dl2c.policy_proof import plane as planes
-from dl2c.report.page import report
+from dl2c.report.page import measure, report
 from dl2c.report.proof import proof_section
 from dl2c.report.trained import Trained, read_trained
 from dl2c.training.run import CERTIFICATE, PROOF, Settings
@@ -191,7 +191,7 @@ def test_what_is_about_something_else_is_said_in_a_line(
 
 def test_the_page_has_the_section_if_there_is_a_proof(proved: Path, tmp_path: Path) -> None:
     trained: Trained = read_trained(proved)
-    assert "Proof of the policy" in report(trained, 4)
+    assert "Proof of the policy" in report(trained, measure(trained, 4))
     folder = changed(proved, tmp_path / "plain")
     (folder / PROOF).unlink()
     assert not [*proof_section(read_trained(folder))]

@@ -21,7 +21,7 @@ from dl2c.policy.files import write_policy
 from dl2c.policy.network import Layer, Network, NetworkPolicy
 from dl2c.report.listing import listing
 from dl2c.report.markup import image, page, table, tag
-from dl2c.report.page import report
+from dl2c.report.page import measure, report
 from dl2c.report.trained import RunError, Trained, read_trained
 from dl2c.training.run import Estimate, Evaluation, Point, Settings
 
@@ -105,7 +105,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Trained:
 
 @pytest.fixture(scope="module")
 def written(trained: Trained) -> str:
-    return report(trained, 20)
+    return report(trained, measure(trained, 20))
 
 
 def test_a_model_cannot_break_the_page(written: str) -> None:

@@ -15,7 +15,7 @@ from report.test_report import run_folder
 
 from dl2c.env.opening import source_of
 from dl2c.report.markup import POLICY
-from dl2c.report.page import report
+from dl2c.report.page import measure, report
 from dl2c.report.trained import read_trained
 
 pytest.importorskip("matplotlib")
@@ -101,7 +101,8 @@ def page_of(text: str, folder: Path) -> str:
     content = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     content["versions"] = {"dl2c": f"{text[-300:]}\u202e\u2066", "torch": text[-300:]}
     (folder / "run.json").write_text(json.dumps(content), encoding="utf-8")
-    return report(read_trained(folder), 5)
+    trained = read_trained(folder)
+    return report(trained, measure(trained, 5))
 
 
 def check(attacks: str, server: Heard, folder: Path) -> None:
