@@ -53,15 +53,13 @@ def report(
         trained = read_trained(run, model)
     except RunError as problem:
         raise CommandError(str(problem)) from None
-    from dl2c.report.page import measure
-    from dl2c.report.page import report as write
+    from dl2c.report import page
 
     path = output or run / "report.html"
     beside = {"A film of the first episode": film, "A page in which the model is driven": play}
     with working(f"looking at {run}"):
-        measured = measure(trained, episodes)
-        text = write(trained, measured, _links(path, beside))
-    write_output(path, text)
+        measured = page.measure(trained, episodes)
+        write_output(path, page.report(trained, measured, _links(path, beside)))
     print(path)
     if film is not None:
         _write_film(measured.seen[:1], film)

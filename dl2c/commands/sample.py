@@ -54,8 +54,7 @@ def draw(model: str, options: Mapping[str, Any], count: int, seed: int) -> Sampl
         begun = time.perf_counter()
         batch.reset(seeds=np.arange(seed + first, seed + first + size, dtype=np.uint64))
         seconds += time.perf_counter() - begun
-        for i in range(min(size, count - first)):
-            rows[first + i] = np.concatenate(batch.get_state(i))
+        rows[first : first + size] = batch.states(range(min(size, count - first)))
     return Sample(manifest, names, rows, -(-count // size) * size / seconds)
 
 

@@ -5,7 +5,7 @@ when it is made; a step is then one C call and one comparison. Nothing here can 
 who wants an environment elsewhere sends the model's text and options.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -268,6 +268,22 @@ class Batch(Results):
         x, p = np.empty(self.library.sizes.nx), np.empty(self.library.sizes.np)
         self.check(self.called(self._lib.dl2c_batch_get_state, self._index(i), *self.library.state(x, p)))
         return x, p
+
+    def states(self, places: Iterable[int]) -> NDArray[np.float64]:
+        """The state and the constants of so many environments (k, nx + np), in fresh memory."""
+        indices, nx = [self._index(i) for i in places], self.library.sizes.nx
+        found = np.empty((len(indices), nx + self.library.sizes.np))
+        read, row = self._lib.dl2c_batch_get_state, found.shape[1]
+        x = self.library.row(found.reshape(-1), np.float64, found.size, "double[]")
+
+        def read_all(handle: Any) -> int:
+            status = 0
+            for k, i in enumerate(indices):
+                status = status or int(read(handle, i, x + k * row, x + (k * row + nx)))
+            return status
+
+        self.check(self.called(read_all))
+        return found
 
     def set_state(self, i: int, x: Sequence[float] | NDArray[Any], p: Sequence[float] | NDArray[Any]) -> None:
         """Overwrite them as they are, mid-episode; the mask follows. For planners and tests."""

@@ -1,6 +1,6 @@
 """Recording episodes as they happen: failures become files that `dl2c replay` reads."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -68,6 +68,7 @@ class Recording:
 
     def __init__(self, count: int, seed: int) -> None:
         self._count, self._seed = count, seed
+        self._names: list[str] = []
         self._begun: list[Episode] = []
         self._moments: list[list[Moment]] = []
         self._ends: list[tuple[str, str]] = []
@@ -79,9 +80,10 @@ class Recording:
             self._note(env, actions, np.flatnonzero(running[: self._count]).tolist())
 
     def _begin(self, env: Dl2cVectorEnv) -> None:
-        source, options = env.source, env.manifest.options
-        for i in range(min(self._count, env.num_envs)):
-            begun = Episode(source, options, Start(self._seed + i), env.state(i), (), "none", "")
+        manifest, places = env.manifest, range(min(self._count, env.num_envs))
+        self._names = [q.name for q in (*manifest.variables, *manifest.constants)]
+        for i, state in zip(places, self._states(env, places), strict=True):
+            begun = Episode(env.source, manifest.options, Start(self._seed + i), state, (), "none", "")
             self._begun.append(begun)
             self._moments.append([])
             self._ends.append(("none", ""))
@@ -90,10 +92,13 @@ class Recording:
         b, statuses, reasons = env.batch, env.status_names, env.reason_names
         told = (b.time, b.duration, b.rewards, b.cost, b.blocked, b.postcondition, b.status, b.reason)
         columns = [array[: self._count].tolist() for array in told]
-        for i in places:
-            *said, status, reason = (column[i] for column in columns)
-            self._moments[i].append(Moment(plain(actions[i]), env.state(i), *said))
+        for i, state in zip(places, self._states(env, places), strict=True):
+            *said, status, reason = [column[i] for column in columns]
+            self._moments[i].append(Moment(plain(actions[i]), state, *said))
             self._ends[i] = statuses[status], reasons[reason]
+
+    def _states(self, env: Dl2cVectorEnv, places: Sequence[int]) -> list[dict[str, float]]:
+        return [dict(zip(self._names, row, strict=True)) for row in env.batch.states(places).tolist()]
 
     def episodes(self) -> list[Episode]:
         """What was recorded."""

@@ -303,8 +303,7 @@ def _begin(env: Dl2cVectorEnv, space: Space, attempts: Attempts) -> Attempts:
     names = [q.name for q in (*manifest.variables, *manifest.constants)]
     columns, nx = [names.index(n) for n in space.names], len(manifest.variables)
     starts, drawn = attempts.starts.copy(), attempts.drawn.copy()
-    for i in range(env.num_envs):
-        state = np.concatenate(env.batch.get_state(i))
+    for i, state in enumerate(env.batch.states(range(env.num_envs))):
         if not drawn[i]:
             wanted = state.copy()
             wanted[columns] = starts[i]
@@ -321,7 +320,7 @@ def _begin(env: Dl2cVectorEnv, space: Space, attempts: Attempts) -> Attempts:
 
 def _columns(env: Dl2cVectorEnv, model: Model, rows: Ints) -> dict[Symbol, Floats]:
     """The states of some environments by symbol."""
-    states = np.array([np.concatenate(env.batch.get_state(i)) for i in rows.tolist()]).T
+    states = env.batch.states(rows.tolist()).T
     symbols = [Symbol(v.name, "variable") for v in model.variables]
     symbols += [Symbol(c.name, "constant") for c in model.constants]
     return dict(zip(symbols, states, strict=True))
