@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dl2c.flows.watch import flows_come_last
-from dl2c.ir.evaluate import Undefined, evaluate
+from dl2c.ir.arrays import values
 from dl2c.ir.model import Model, Symbol
 
 
@@ -71,15 +71,14 @@ def events(model: Model, track: Track) -> list[int]:
     if flow.drawn:
         return []
     longest = math.inf if flow.cap is None else float(flow.cap)
-    found: list[int] = []
-    for k in range(1, len(track.times) - (track.status == "failure")):
-        env = symbols_at(model, track.states[k])
-        try:
-            full = any(env[Symbol(h.clock, "variable")] == evaluate(h.bound, env) for h in flow.horizons)
-        except Undefined:
-            continue
-        lasted = track.times[k] - track.times[k - 1]
-        beyond = flow.reach is not None and lasted > longest * (1 + 1e-9)
-        if not full and (beyond or lasted < longest * (1 - 1e-9)):
-            found.append(k)
-    return found
+    last = len(track.times) - (track.status == "failure")
+    columns = {q.symbol: track.values(q.name)[1:last] for q in (*model.variables, *model.constants)}
+    lasted = np.diff(track.times[:last])
+    full = np.zeros(len(lasted), np.bool_)
+    for horizon in flow.horizons:
+        bound = values(horizon.bound, columns)
+        full |= (columns[Symbol(horizon.clock, "variable")] == bound) | np.isnan(bound)
+    early = lasted < longest * (1 - 1e-9)
+    if flow.reach is not None:
+        early |= lasted > longest * (1 + 1e-9)
+    return (np.flatnonzero(early & ~full) + 1).tolist()

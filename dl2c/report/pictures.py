@@ -45,7 +45,8 @@ def episodes_of(
 
 def curves_figure(curve: Sequence[Mapping[str, Any]], evaluations: Sequence[Mapping[str, Any]]) -> Any:
     """The learning curve of a run: entries as in `run.json`. Rounds without an episode are left out."""
-    figure = blank(figsize=(8.4, 4.6), layout="constrained")
+    figure = blank(figsize=(8.4, 4.6))
+    figure.subplots_adjust(left=0.09, right=0.82, bottom=0.1, top=0.98, hspace=0.07)
     rates, returns = figure.subplots(2, 1, sharex=True)
     for name, colour, style, label in RATES:
         rates.plot(*_column(curve, name), color=colour, ls=style, lw=1.4, label=label)

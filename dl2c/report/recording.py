@@ -1,6 +1,6 @@
 """Recording episodes as they happen: failures become files that `dl2c replay` reads."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -13,7 +13,7 @@ from dl2c.emit.names import file_stem
 from dl2c.env.seeding import draw_seed
 from dl2c.env.single import Dl2cEnv, Step
 from dl2c.env.vector import Dl2cVectorEnv
-from dl2c.report.episode import Episode, Moment, Start, moment, plain, write_episode
+from dl2c.report.episode import Episode, Moment, Start, moment, write_episode
 
 
 class Recorder(gym.Wrapper[Any, Any, Any, Any]):
@@ -77,28 +77,30 @@ class Recording:
         if actions is None:
             self._begin(env)
         else:
-            self._note(env, actions, np.flatnonzero(running[: self._count]).tolist())
+            self._note(env, actions, running.tolist())
 
     def _begin(self, env: Dl2cVectorEnv) -> None:
-        manifest, places = env.manifest, range(min(self._count, env.num_envs))
+        manifest = env.manifest
         self._names = [q.name for q in (*manifest.variables, *manifest.constants)]
-        for i, state in zip(places, self._states(env, places), strict=True):
-            begun = Episode(env.source, manifest.options, Start(self._seed + i), state, (), "none", "")
+        for i, state in enumerate(self._states(env)):
+            initial = dict(zip(self._names, state, strict=True))
+            begun = Episode(env.source, manifest.options, Start(self._seed + i), initial, (), "none", "")
             self._begun.append(begun)
             self._moments.append([])
             self._ends.append(("none", ""))
 
-    def _note(self, env: Dl2cVectorEnv, actions: NDArray[Any], places: list[int]) -> None:
+    def _note(self, env: Dl2cVectorEnv, actions: NDArray[Any], running: list[bool]) -> None:
         b, statuses, reasons = env.batch, env.status_names, env.reason_names
         told = (b.time, b.duration, b.rewards, b.cost, b.blocked, b.postcondition, b.status, b.reason)
-        columns = [array[: self._count].tolist() for array in told]
-        for i, state in zip(places, self._states(env, places), strict=True):
-            *said, status, reason = [column[i] for column in columns]
-            self._moments[i].append(Moment(plain(actions[i]), state, *said))
-            self._ends[i] = statuses[status], reasons[reason]
+        columns = (array[: self._count].tolist() for array in (actions, *told))
+        rows = zip(self._states(env), *columns, strict=True)
+        for i, (state, action, *said, status, reason) in enumerate(rows):
+            if running[i]:
+                self._moments[i].append(Moment(action, dict(zip(self._names, state, strict=True)), *said))
+                self._ends[i] = statuses[status], reasons[reason]
 
-    def _states(self, env: Dl2cVectorEnv, places: Sequence[int]) -> list[dict[str, float]]:
-        return [dict(zip(self._names, row, strict=True)) for row in env.batch.states(places).tolist()]
+    def _states(self, env: Dl2cVectorEnv) -> list[list[float]]:
+        return env.batch.states(range(min(self._count, env.num_envs))).tolist()
 
     def episodes(self) -> list[Episode]:
         """What was recorded."""

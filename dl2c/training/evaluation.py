@@ -120,8 +120,8 @@ def _nothing_yet(n: int) -> Outcomes:
 
 def _note_step(found: Outcomes, batch: "Batch", running: NDArray[np.bool_]) -> None:
     """What the batch's arrays tell of a step; infos would take longer to make than to read."""
-    found.violated[running & (batch.cost > 0)] = True
-    found.blocked[running & batch.blocked] = True
+    found.violated[:] |= running & (batch.cost > 0)
+    found.blocked[:] |= running & batch.blocked
 
 
 def _note_ends(found: Outcomes, batch: "Batch", ended: NDArray[np.bool_], manifest: Manifest) -> None:
