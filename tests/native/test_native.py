@@ -90,6 +90,15 @@ def test_set_state_inverts_get_state(batch: Batch) -> None:
     assert batch.obs[0].tolist() == batch.obs[1].tolist()
 
 
+def test_states_are_those_of_each_environment(batch: Batch) -> None:
+    for i in range(batch.n):
+        batch.set_state(i, [i + 0.5], [-1.0 - i])
+    assert batch.states([2, 0, 2]).tolist() == [[2.5, -3.0], [0.5, -1.0], [2.5, -3.0]]
+    assert batch.states(range(0)).shape == (0, 2)
+    with pytest.raises(IndexError, match="environment 3"):
+        batch.states([0, 3])
+
+
 def test_status_codes_become_exceptions(batch: Batch) -> None:
     with pytest.raises(ResetFailed, match="no initial state"):
         batch.reset(seeds=np.array([1, 13, 2], np.uint64))
