@@ -2,7 +2,7 @@
 /*
  * Steps of a single environment and of many as Python functions of the action, and infos of many. They do
  * what `python_step`, `python_steps` and `python_infos` of dl2c/env/stepping.py do and return the same
- * objects; they know no model. Part of no build of one: an extension module of its own, which
+ * objects; they know no model. And steps of a batch, as `Batch.step` of dl2c/native/binding.py. Part of no build of one: an extension module of its own, which
  * dl2c/native/stepping.py builds where Python's headers are.
  */
 #include "infos.h"
@@ -272,6 +272,24 @@ static PyObject *dl2c_step_many(PyObject *parts, PyObject *action)
   return dl2c_step(parts, action, dl2c_request_many, dl2c_copies);
 }
 
+/* What is requested stands in the arrays of the batch. */
+static int dl2c_request_nothing(PyObject *parts, PyObject *action)
+{
+  (void)parts, (void)action;
+  return 1;
+}
+
+static PyObject *dl2c_nothing(PyObject *parts)
+{
+  (void)parts;
+  Py_RETURN_NONE;
+}
+
+static PyObject *dl2c_step_batch(PyObject *parts, PyObject *none)
+{
+  return dl2c_step(parts, none, dl2c_request_nothing, dl2c_nothing);
+}
+
 /* Whether parts of a step are so many, and those that all steps have are what they should be. */
 static int dl2c_are_parts(PyObject *parts, int size)
 {
@@ -291,6 +309,7 @@ static PyObject *dl2c_made(PyMethodDef *step, PyObject *parts, int fit)
 
 static PyMethodDef dl2c_method_of_one = {"step", dl2c_step_one, METH_O, NULL};
 static PyMethodDef dl2c_method_of_many = {"step", dl2c_step_many, METH_O, NULL};
+static PyMethodDef dl2c_method_of_batch = {"step", dl2c_step_batch, METH_NOARGS, NULL};
 
 static PyObject *dl2c_one(PyObject *module, PyObject *parts)
 {
@@ -309,8 +328,15 @@ static PyObject *dl2c_many(PyObject *module, PyObject *parts)
   return dl2c_made(&dl2c_method_of_many, parts, fit);
 }
 
+static PyObject *dl2c_batch_of(PyObject *module, PyObject *parts)
+{
+  (void)module;
+  return dl2c_made(&dl2c_method_of_batch, parts, dl2c_are_parts(parts, COMMON));
+}
+
 static PyMethodDef dl2c_methods[] = {{"one", dl2c_one, METH_O, NULL},
                                      {"many", dl2c_many, METH_O, NULL},
+                                     {"batch", dl2c_batch_of, METH_O, NULL},
                                      {"infos", dl2c_infos, METH_VARARGS, NULL},
                                      {NULL, NULL, 0, NULL}};
 

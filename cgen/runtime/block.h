@@ -87,7 +87,8 @@ static dl2c_status dl2c_step_block(dl2c_batch *b, int64_t first, int64_t count, 
  */
 static dl2c_status dl2c_step_blocks(dl2c_batch *b, int64_t first, int64_t count)
 {
-  dl2c_followers who = {.count = 0};
+  dl2c_followers who; /* an initialiser would clear all of it in every step */
+  who.count = 0;
   dl2c_status found = DL2C_OK;
   for (int64_t begin = first; begin < first + count; begin += DL2C_BLOCK) {
     const int64_t rest = first + count - begin;

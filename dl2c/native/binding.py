@@ -162,7 +162,7 @@ class Batch(Results):
     """
 
     __slots__ = (
-        *("_bound", "_handle", "_lib", "_native_step", "_turns", "library", "n"),
+        *("_bound", "_handle", "_lib", "_step", "_turns", "library", "n"),
         *("choices", "inputs", "obs", "final_obs"),
     )
 
@@ -179,7 +179,7 @@ class Batch(Results):
         self.obs: NDArray[Any] = zeros((n, s.nobs), obs)
         self.final_obs: NDArray[Any] = zeros((n, s.nobs), obs)
         self._lib = lib
-        self._native_step = lib.dl2c_batch_step
+        self._step: Callable[[], None] = self._first_step
         self._handle = ffi.NULL
         self._turns = Turns(self._free)
         self._bound = [(name, ffi.from_buffer(array)) for name, array in self._arrays()]
@@ -202,8 +202,8 @@ class Batch(Results):
         finally:
             self._turns.end()
 
-    def step_in_c(self, form: Literal["one", "many"], *parts: Any) -> Callable[[Any], Any] | None:
-        """The step as a function of the action; None where that cannot be built.
+    def step_in_c(self, form: Literal["one", "many", "batch"], *parts: Any) -> Callable[..., Any] | None:
+        """The step as a function of the action, if there is one; None where it cannot be built.
 
         The arguments are those parts of cgen/python/stepping.c, in their order, that are not known here.
         """
@@ -217,20 +217,14 @@ class Batch(Results):
 
     def step(self) -> None:
         """Advance every environment by one step: reads `choices` and `inputs`, writes all else."""
-        turns = self._turns  # what these do in `called` is done here, which is quicker
-        token = turns.token
-        try:
-            token.pop(1)
-        except IndexError:
-            turns.refuse()
-        try:
-            status = self._native_step(self._handle)
-        finally:
-            token.append(True)
-            if turns.closing:
-                turns.settle()
-        if status:
-            self.check(status)
+        self._step()
+
+    def _first_step(self) -> None:
+        self._step = self.step_in_c("batch", None, True) or self._python_step
+        self._step()
+
+    def _python_step(self) -> None:
+        self.check(self.called(self._lib.dl2c_batch_step))
 
     def reset(self, mask: NDArray[np.bool_] | None = None, seeds: NDArray[np.uint64] | None = None) -> None:
         """Begin an episode where `mask` (n) is set, everywhere without one.

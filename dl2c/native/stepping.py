@@ -19,15 +19,18 @@ from dl2c.native.loading import load
 from dl2c.native.toolchain import find_compiler, link_flags, python_include, run, user_flags
 from dl2c.progress import LOG
 
-MakeStep: TypeAlias = Callable[[tuple[Any, ...]], Callable[[Any], Any]]
+MakeStep: TypeAlias = Callable[[tuple[Any, ...]], Callable[..., Any]]
 """Makes a step of its parts, which are told there."""
 
 
 class Stepping(Protocol):
-    """The extension: steps of a single environment and of many, and infos of many (`python_infos`)."""
+    """The extension: steps of a single environment, of many, and of a batch, which take no action; and infos
+    of many (`python_infos`).
+    """
 
     one: MakeStep
     many: MakeStep
+    batch: MakeStep
     infos: Callable[[NDArray[np.bool_], Mapping[str, Any]], list[dict[str, Any]]]
 
 

@@ -251,7 +251,7 @@ def test_a_step_is_made_of_all_its_parts() -> None:
     assert extension is not None
     unfit: list[Any] = [(), [], None, *((part,) * size for part in ((), []) for size in (12, 22))]
     for parts in unfit:
-        for make in (extension.one, extension.many):
+        for make in (extension.one, extension.many, extension.batch):
             with pytest.raises(TypeError, match="parts"):
                 make(parts)
 

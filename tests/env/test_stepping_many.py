@@ -18,6 +18,8 @@ from env.test_stepping import (
 
 import dl2c
 import dl2c.env.vector
+import dl2c.native.binding
+from dl2c.env.opening import open_library, source_of
 from dl2c.env.stepping import python_infos, python_steps
 from dl2c.env.vector import Dl2cVectorEnv
 from dl2c.native.errors import BatchClosed, NativeError
@@ -131,6 +133,45 @@ def test_steps_of_many_keep_nothing(name: str) -> None:
                     env.step(np.array([[np.nan]] * 3) if name == "inputs" else np.array([7, 0, 0]))
 
     check_that_nothing_is_kept(go_on, 10_000, shared)
+
+
+def test_both_forms_step_a_batch_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    library = open_library(source_of("example:waypoint"), {})
+    batches = [library.batch(3, autoreset="same_step") for _ in range(2)]
+    rng = np.random.default_rng(7)
+    for batch, found in zip(batches, (stepping(), None), strict=True):
+        batch.reset(seeds=np.arange(3, dtype=np.uint64))
+        monkeypatch.setattr(dl2c.native.binding, "stepping", lambda found=found: found)
+        batch.step()
+    for _ in range(200):
+        choices = rng.integers(0, 2, batches[0].choices.shape)
+        for batch in batches:
+            batch.choices[:] = choices
+            batch.step()
+        assert all(np.array_equal(*pair) for pair in zip(*(b.arrays() for b in batches), strict=True))
+    for batch in batches:
+        batch.close()
+        with pytest.raises(BatchClosed):
+            batch.step()
+
+
+def test_steps_of_a_batch_keep_nothing(extension: Stepping) -> None:
+    env = many("one choice", 3)
+    env.reset(seed=1)
+    batch = env.batch
+    step = batch.step_in_c("batch", None, True)
+    broken = list(step.__self__)  # pyright: ignore[reportFunctionMemberAccess]
+    broken[BATCH] = 0
+    refused = extension.batch(tuple(broken))
+
+    def go_on(steps: int) -> None:
+        for k in range(steps):
+            assert step is not None and step() is None
+            if k % 50 == 49:
+                with pytest.raises(NativeError):
+                    refused()
+
+    check_that_nothing_is_kept(go_on, 10_000, shared_objects(step))
 
 
 def parts_of(env: Dl2cVectorEnv) -> list[Any]:
