@@ -2,8 +2,9 @@
 /*
  * Steps of a single environment and of many as Python functions of the action, and infos of many. They do
  * what `python_step`, `python_steps` and `python_infos` of dl2c/env/stepping.py do and return the same
- * objects; they know no model. And steps of a batch, as `Batch.step` of dl2c/native/binding.py. Part of no build of one: an extension module of its own, which
- * dl2c/native/stepping.py builds where Python's headers are.
+ * objects; they know no model. Also steps of a batch, for `Batch.step` of dl2c/native/binding.py. Part of no
+ * build of a model: an extension module of its own, which dl2c/native/stepping.py builds where Python's
+ * headers are.
  */
 #include "infos.h"
 #include "parts.h"

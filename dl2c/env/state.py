@@ -1,6 +1,6 @@
 """States by name: between `{"x": 1.0, ...}` and the flat arrays of a batch."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,12 @@ def read_state(manifest: Manifest, batch: "Batch", i: int = 0) -> dict[str, floa
     x, p = batch.get_state(i)
     names = [q.name for q in (*manifest.variables, *manifest.constants)]
     return dict(zip(names, (*x.tolist(), *p.tolist()), strict=True))
+
+
+def read_states(manifest: Manifest, batch: "Batch", places: Iterable[int]) -> list[dict[str, float]]:
+    """The same of several environments at once."""
+    names = [q.name for q in (*manifest.variables, *manifest.constants)]
+    return [dict(zip(names, row, strict=True)) for row in batch.states(places).tolist()]
 
 
 def reset_state(

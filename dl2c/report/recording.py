@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dl2c.emit.names import file_stem
 from dl2c.env.seeding import draw_seed
 from dl2c.env.single import Dl2cEnv, Step
+from dl2c.env.state import read_states
 from dl2c.env.vector import Dl2cVectorEnv
 from dl2c.report.episode import Episode, Moment, Start, moment, write_episode
 
@@ -68,7 +69,6 @@ class Recording:
 
     def __init__(self, count: int, seed: int) -> None:
         self._count, self._seed = count, seed
-        self._names: list[str] = []
         self._begun: list[Episode] = []
         self._moments: list[list[Moment]] = []
         self._ends: list[tuple[str, str]] = []
@@ -80,11 +80,9 @@ class Recording:
             self._note(env, actions, running.tolist())
 
     def _begin(self, env: Dl2cVectorEnv) -> None:
-        manifest = env.manifest
-        self._names = [q.name for q in (*manifest.variables, *manifest.constants)]
-        for i, state in enumerate(self._states(env)):
-            initial = dict(zip(self._names, state, strict=True))
-            begun = Episode(env.source, manifest.options, Start(self._seed + i), initial, (), "none", "")
+        options = env.manifest.options
+        for i, initial in enumerate(self._states(env)):
+            begun = Episode(env.source, options, Start(self._seed + i), initial, (), "none", "")
             self._begun.append(begun)
             self._moments.append([])
             self._ends.append(("none", ""))
@@ -96,11 +94,11 @@ class Recording:
         rows = zip(self._states(env), *columns, strict=True)
         for i, (state, action, *said, status, reason) in enumerate(rows):
             if running[i]:
-                self._moments[i].append(Moment(action, dict(zip(self._names, state, strict=True)), *said))
+                self._moments[i].append(Moment(action, state, *said))
                 self._ends[i] = statuses[status], reasons[reason]
 
-    def _states(self, env: Dl2cVectorEnv) -> list[list[float]]:
-        return env.batch.states(range(min(self._count, env.num_envs))).tolist()
+    def _states(self, env: Dl2cVectorEnv) -> list[dict[str, float]]:
+        return read_states(env.manifest, env.batch, range(min(self._count, env.num_envs)))
 
     def episodes(self) -> list[Episode]:
         """What was recorded."""
