@@ -78,11 +78,11 @@ DL2C_INLINE real dl2c_dopri_norm(int flow, const real *d, const real *unit)
 }
 
 /*
- * The length of a first step, at most `stop`, over which the flow bends no more than the tolerances
- * allow: one Euler step shows.   x, slopes: (NX) a state and its rates
+ * How much the flow bends over an Euler step, or how steep it is if that is more, in units of the tolerances.
+ *   x, slopes: (NX) a state and its rates   length: out, of that step, at most `stop`
  */
-DL2C_INLINE real dl2c_dopri_first(int flow, const real *x, const real *slopes, const real *p,
-                                  real stop)
+DL2C_INLINE real dl2c_dopri_bend(int flow, const real *x, const real *slopes, const real *p, real stop,
+                                 real *length)
 {
   real y[NX];
   real rates[NX];
@@ -99,7 +99,13 @@ DL2C_INLINE real dl2c_dopri_first(int flow, const real *x, const real *slopes, c
   DL2C_UNROLL
   for (int k = 0; k < NX; k++) rates[k] = rates[k] - slopes[k];
   const real bend = dl2c_dopri_norm(flow, rates, unit) / h;
-  const real most = dl2c_select(bend > slope, bend, slope);
+  *length = h;
+  return dl2c_select(bend > slope, bend, slope);
+}
+
+/* The length of a first step which the tolerances allow if the flow bends so much over one of length h. */
+DL2C_INLINE real dl2c_dopri_first(real most, real h)
+{
   real next = dl2c_select(most > 1e-15, dl2c_fifth_root(DL2C_DOPRI_SHARE / most), 100.0 * h);
   next = dl2c_select(next < 100.0 * h, next, 100.0 * h);
   return dl2c_select(most <= DBL_MAX, next, h);
@@ -115,7 +121,9 @@ static bool dl2c_dopri_start(dl2c_dopri *dopri, int flow, const real *x, const r
   memcpy(dopri->last, x, sizeof dopri->last);
   model_rates(flow, x, p, dopri->rates);
   if (!dl2c_all_finite(dopri->rates, NX)) return false;
-  dopri->wanted = dl2c_dopri_first(flow, x, dopri->rates, p, stop);
+  real tried;
+  const real most = dl2c_dopri_bend(flow, x, dopri->rates, p, stop, &tried);
+  dopri->wanted = dl2c_dopri_first(most, tried);
   return true;
 }
 

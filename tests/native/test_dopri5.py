@@ -99,12 +99,26 @@ def buffers(
     return seen
 
 
-@pytest.mark.parametrize(
-    ("mode", "action_map"), [("same_step", "project"), ("next_step", "project"), ("same_step", "squash")]
+UNEVEN = (
+    HOPPER.replace("bound=[0.5:2]", "bound=[0.01:4000]")
+    .replace("y <= 2.5", "y <= 60")
+    .replace("t <= 1/2", "t <= 1/4 + k/16000")
 )
-def test_environments_abreast_move_as_alone(mode: str, action_map: str) -> None:
+"""Some environments need two steps, others more than a hundred."""
+
+
+@pytest.mark.parametrize(
+    ("model", "mode", "action_map"),
+    [
+        (HOPPER, "same_step", "project"),
+        (HOPPER, "next_step", "project"),
+        (HOPPER, "same_step", "squash"),
+        (UNEVEN, "same_step", "project"),
+    ],
+)
+def test_environments_abreast_move_as_alone(model: str, mode: str, action_map: str) -> None:
     """To the last bit, also where the domain or a violation ends a flow, and in a batch of any size."""
-    library = dl2c.build(HOPPER, integrator="dopri5").library
+    library = dl2c.build(model, integrator="dopri5").library
     rng = np.random.default_rng(3)
     n, steps = 83, 25
     seeds = rng.integers(0, 2**63, n, np.uint64)
