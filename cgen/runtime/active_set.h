@@ -257,7 +257,7 @@ DL2C_INLINE void dl2c_block_finish(dl2c_block_flow *f, const dl2c_active_set *c,
     real p[NP + NFROZEN + 1];
     int8_t sign[NMARGIN];
     const bool stayed = c->lane[i] == i;
-    const bool there = (stayed ? c->there[i] : f->there[i]) != 0;
+    const bool there = (stayed & (c->there[i] != 0)) | (!stayed & (f->there[i] != 0));
     DL2C_UNROLL
     for (int k = 0; k < NMARGIN; k++) sign[k] = 1;
     DL2C_UNROLL
