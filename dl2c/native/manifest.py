@@ -8,6 +8,7 @@ import json
 import math
 import sys
 from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeAlias, cast, get_args, get_origin, get_type_hints
 
@@ -239,13 +240,19 @@ def _record(value: Any, kind: Any, where: str) -> Any:
     if not isinstance(value, dict):
         raise ValueError(f"{where} is not an object")
     given = cast("dict[str, Any]", value)
-    kinds = get_type_hints(kind)
+    kinds = _hints(kind)
     needed = {f.name for f in fields(kind) if f.default is MISSING}
     if missing := sorted(needed - given.keys()):
         raise ValueError(f"{where} lacks {missing[0]}")
     if unknown := sorted(given.keys() - kinds.keys()):
         raise ValueError(f"{where} has an unknown {unknown[0]!r}")
     return kind(**{name: _part(part, kinds[name], f"{name} of {where}") for name, part in given.items()})
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    """The types of a dataclass's fields."""
+    return get_type_hints(kind)
 
 
 def _part(value: Any, kind: Any, where: str) -> Any:

@@ -20,6 +20,7 @@ import tempfile
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import IO
 
@@ -139,14 +140,14 @@ def find_compiler(environment: Mapping[str, str] | None = None) -> Compiler:
     env = os.environ if environment is None else environment
     path = env.get("PATH", os.defpath)
     if chosen := _words("CC", env.get("CC", "")):
-        if shutil.which(chosen[0], path=path) is None:
+        if (found := shutil.which(chosen[0], path=path)) is None:
             raise CompilerMissing(f"CC={chosen[0]} is not a program on the path; unset CC, or {_advice()}")
-        return _compiler(chosen)
+        return _compiler(chosen, found)
     for name in ("cc", "gcc", "clang"):
         if found := shutil.which(name, path=path):
-            return _compiler([found])
+            return _compiler([found], found)
     if importlib.util.find_spec("ziglang") is not None:
-        return _compiler([sys.executable, "-m", "ziglang", "cc"])
+        return _compiler([sys.executable, "-m", "ziglang", "cc"], sys.executable)
     raise CompilerMissing(f"no C compiler was found: {_advice()}")
 
 
@@ -297,7 +298,20 @@ def first_errors(stderr: str) -> str:
     return "\n".join(lines[first : first + MAX_ERROR_LINES])
 
 
-def _compiler(command: Sequence[str]) -> Compiler:
+def _compiler(command: Sequence[str], program: str) -> Compiler:
+    """A compiler, whose program is that file."""
+    try:
+        status = os.stat(program)
+    except OSError as problem:
+        raise CompilerMissing(f"cannot run {command[0]}: {problem.strerror}") from None
+    version = _version(tuple(command), (status.st_ino, status.st_size, status.st_mtime_ns))
+    zig = "ziglang" in command or Path(command[0]).name == "zig"
+    return Compiler(tuple(command), version, zig)
+
+
+@cache
+def _version(command: tuple[str, ...], _: tuple[int, ...]) -> str:
+    """What a command says of itself, asked once for a file as it is now."""
     try:
         result = subprocess.run(
             [*command, "--version"],
@@ -313,5 +327,4 @@ def _compiler(command: Sequence[str]) -> Compiler:
     except subprocess.TimeoutExpired:
         said = f"{command[0]} --version did not end within {VERSION_SECONDS} seconds"
         raise CompilerMissing(said) from None
-    zig = "ziglang" in command or Path(command[0]).name == "zig"
-    return Compiler(tuple(command), result.stdout.strip(), zig)
+    return result.stdout.strip()
