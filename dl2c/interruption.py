@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Generator
 from contextlib import contextmanager
+from functools import cache
 from itertools import pairwise
 from types import FrameType
 
@@ -62,8 +63,11 @@ def was_asked() -> bool:
     return _asked
 
 
+@cache
 def is_command() -> bool:
-    """Whether this process was started as `dl2c` or as `python -m dl2c`, and is not a child of one."""
+    """Whether this process was started as `dl2c` or as `python -m dl2c`, and is not a child of one. To be
+    asked when dl2c is imported: later Python says less of its command line.
+    """
     words = sys.orig_argv[1:]
     if sys.argv[:1] == ["-m"]:
         return ("-m", "dl2c") in pairwise(words) or "-mdl2c" in words

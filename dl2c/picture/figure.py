@@ -2,14 +2,17 @@
 
 import base64
 import io
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dl2c.interruption import is_command
 from dl2c.ir.model import Model
 from dl2c.ir.scene import plotted_pairs
 from dl2c.outputs import output_file
@@ -50,12 +53,28 @@ def panels_of(model: Model) -> Panels:
 
 def blank(**layout: Any) -> Any:
     """An empty figure (matplotlib's own, and its arguments) that needs no display."""
+    if is_command() and "matplotlib.figure" not in sys.modules:
+        _import_without_descriptions()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure: Any = Figure(**layout)
     FigureCanvasAgg(figure)
     return figure
+
+
+def _import_without_descriptions() -> None:
+    """Import matplotlib, but let it describe no properties in the help of its classes: that takes a quarter
+    of the time, and nobody asks a command for that help.
+    """
+    from matplotlib import artist
+
+    describe = artist.kwdoc
+    artist.kwdoc = lambda artist: ""
+    try:
+        import_module("matplotlib.figure")
+    finally:
+        artist.kwdoc = describe
 
 
 def episode_figure(model: Model, tracks: Sequence[Track], title: str = "") -> Any:
