@@ -83,6 +83,7 @@ static bool dl2c_linear_step(dl2c_linear *linear, int flow, const real *p, dl2c_
   real c[DEGREE + 1][NX];
   memcpy(c[0], linear->last, sizeof c[0]);
   model_rates(flow, linear->last, p, c[1]);
+  DL2C_UNROLL /* divisions by 2, 4 and 8 become products, which are as exact and quicker */
   for (int i = 1; i < DEGREE; i++) {
     for (int k = 0, entry = 0; k < NX; k++) {
       real sum = 0.0;
