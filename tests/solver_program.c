@@ -2,7 +2,8 @@
  * solver_program.c -- follows hand-written flows with the CVODES kernel, as told on standard input:
  *
  * - `new STIFF RTOL ATOL`: a solver for what follows
- * - `run FLOW STOP X[NX] P`: its tracks, "track FROM LENGTH DEGREE c.. END[NX]", and how it ended
+ * - `run FLOW STOP X[NX] P`: its tracks, "track FROM LENGTH DEGREE c.. END[NX]", and how it ended;
+ *   after each track "noted 1" if it came from Nordsieck's array, else "noted 0"
  * - `time FLOW STOP REPEAT X[NX] P`: microseconds a flow takes
  * - `sum ALIAS A B X[NX] Y[NX]`, `norm 0 0 X[NX] W[NX]`, and `scale`, `add`, `abs`, `inverse` or `min` with
  *   ALIAS A X[NX]: "values" of the operation of the kernel, then of that of the wheel; into X or Y where ALIAS
@@ -129,6 +130,14 @@ static void print_track(const dl2c_track *track)
   printf("\n");
 }
 
+static bool is_noted(dl2c_solver *solver)
+{
+  int degree = 0;
+  real length;
+  return DL2C_SUN(CVodeGetLastOrder)(solver->engine->memory, &degree) == CV_SUCCESS
+         && dl2c_engine_rows(solver->engine, solver->now, degree, &length) != NULL;
+}
+
 static const char *run(dl2c_solver *solver, int flow, real stop, const real *x, const real *p,
                        bool print)
 {
@@ -137,6 +146,7 @@ static const char *run(dl2c_solver *solver, int flow, real stop, const real *x, 
   while (!dl2c_solver_done(solver)) {
     if (!dl2c_solver_step(solver, &track)) return "failed";
     if (print) print_track(&track);
+    if (print) printf("noted %d\n", is_noted(solver));
   }
   return "done";
 }
@@ -215,7 +225,7 @@ static bool about_vectors(const char *word, int alias, real a)
 {
   real numbers[1 + 2 * NX] = {0.0};
   if (strcmp(word, "replaced") == 0) {
-    N_Vector v = dl2c_wheel_vector(numbers);
+    N_Vector v = dl2c_wheel_vector(numbers, &dl2c_vector_operations);
     printf("values %d %d\n", used(v, &dl2c_wheel), used(v, &dl2c_vector_operations));
     DL2C_SUN(N_VDestroy_Serial)(v);
     return true;

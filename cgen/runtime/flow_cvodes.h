@@ -227,6 +227,47 @@ static void dl2c_solver_shift(real (*c)[NX], int degree)
 }
 
 /*
+ * Coefficients 1 to `degree` of the last step's interpolant about its end: derivatives, as CVODES gives
+ * them, times length^i / i!. False where it does not.
+ */
+static bool dl2c_solver_asked(const dl2c_solver *solver, real reached, int degree, real (*c)[NX])
+{
+  real scale = 1.0;
+  for (int i = 1; i <= degree; i++) {
+    if (DL2C_SUN(CVodeGetDky)(solver->engine->memory, reached, i, solver->engine->derivative) != CV_SUCCESS)
+      return false;
+    scale *= (reached - solver->now) / (real)i;
+    for (int k = 0; k < NX; k++) c[i][k] = solver->derivative[k] * scale;
+  }
+  return true;
+}
+
+/*
+ * The same numbers in one call, from Nordsieck's array: row i times i! / h^i is the i-th derivative, to
+ * which CVODES adds higher ones 0 times. False where the array is not known.
+ */
+static bool dl2c_solver_noted(const dl2c_solver *solver, real reached, int degree, real (*c)[NX])
+{
+  real h;
+  const dl2c_nordsieck *const noted = dl2c_engine_rows(solver->engine, reached, degree, &h);
+  if (noted == NULL) return false;
+  real scale = 1.0;
+  real factorial = 1.0;
+  real power = 1.0;
+  memcpy(c[degree], noted->row[degree], sizeof c[degree]);
+  for (int i = degree - 1; i >= 1; i--)
+    for (int k = 0; k < NX; k++) c[i][k] = noted->row[i][k] + 0.0 * c[i + 1][k];
+  for (int i = 1; i <= degree; i++) {
+    factorial *= (real)i;
+    power *= h;
+    scale *= (reached - solver->now) / (real)i;
+    const real inverse = 1.0 / power;
+    for (int k = 0; k < NX; k++) c[i][k] = factorial * c[i][k] * inverse * scale;
+  }
+  return true;
+}
+
+/*
  * The interpolant of the step from `now` to `reached`, which CVODES gives by its derivatives there.
  * False: a coefficient is out of range.
  */
@@ -240,13 +281,8 @@ static bool dl2c_solver_track(dl2c_solver *solver, real reached, dl2c_track *tra
   track->degree = degree;
   real c[DL2C_ADAMS_ORDER + 1][NX];
   memcpy(c[0], solver->y, sizeof c[0]);
-  real scale = 1.0;
-  for (int i = 1; i <= degree; i++) {
-    if (DL2C_SUN(CVodeGetDky)(memory, reached, i, solver->engine->derivative) != CV_SUCCESS)
-      return false;
-    scale *= track->length / (real)i;
-    for (int k = 0; k < NX; k++) c[i][k] = solver->derivative[k] * scale;
-  }
+  if (!dl2c_solver_noted(solver, reached, degree, c) && !dl2c_solver_asked(solver, reached, degree, c))
+    return false;
   dl2c_solver_shift(c, degree);
   memcpy(c[0], solver->last, sizeof c[0]);
   bool finite = true;

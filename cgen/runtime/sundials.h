@@ -18,6 +18,17 @@
 
 #include <stddef.h>
 
+/* Rows of Nordsieck's array that are read, from row 0 on; of a step of higher order none are. */
+#ifndef DL2C_NORDSIECK
+#define DL2C_NORDSIECK 7
+#endif
+
+/* That array: row i is the i-th derivative at the end of the last step, times h^i / i!. */
+typedef struct dl2c_nordsieck {
+  const real *row[DL2C_NORDSIECK]; /* NULL where it is not known */
+  real inverse;                    /* 1 / h */
+} dl2c_nordsieck;
+
 #ifdef DL2C_SUNDIALS_SYSTEM
 #include "sundials_system.h"
 #else

@@ -56,6 +56,7 @@ enum { CV_ONE_STEP = 2, CV_SUCCESS = 0, CV_TSTOP_RETURN = 1 };
   F(int, CVode, (void *memory, double t, N_Vector y, double *reached, int task))             \
   F(int, CVodeGetDky, (void *memory, double t, int k, N_Vector dky))                         \
   F(int, CVodeGetLastOrder, (void *memory, int *order))                                      \
+  F(int, CVodeGetLastStep, (void *memory, double *length))                                   \
   F(int, CVSpgmr, (void *memory, int side, int dimensions))                                  \
   F(int, CVSpilsSetPreconditioner, (void *memory, dl2c_setup_fn setup, dl2c_solve_fn solve)) \
   F(int, CVSpilsSetJacTimesVecFn, (void *memory, dl2c_times_fn times))
@@ -159,6 +160,8 @@ typedef struct dl2c_engine {
   void *memory;
   N_Vector y;
   N_Vector derivative;
+  N_Vector noting;
+  dl2c_nordsieck noted;
 } dl2c_engine;
 
 /* What a stiff engine calls, with the parameters of newer versions. */
@@ -186,6 +189,7 @@ static void dl2c_engine_free(dl2c_engine *engine)
   if (engine->memory != NULL) DL2C_SUN(CVodeFree)(&engine->memory);
   if (engine->y != NULL) DL2C_SUN(N_VDestroy_Serial)(engine->y);
   if (engine->derivative != NULL) DL2C_SUN(N_VDestroy_Serial)(engine->derivative);
+  if (engine->noting != NULL) DL2C_SUN(N_VDestroy_Serial)(engine->noting);
 }
 
 /* z = a x + b y, rounded as N_VLinearSum_Serial does. Products with 1 and -1 are exact. */
@@ -268,17 +272,57 @@ static const dl2c_sundials dl2c_vector_operations = {.N_VLinearSum_Serial = dl2c
                                                      .N_VMin_Serial = dl2c_vector_min};
 
 /*
- * Lets a vector, and all that CVODES makes like it, use the operations above in place of those of the wheel.
+ * CVODES tells Nordsieck's array where it adds up a first derivative, if the vector for the sum notes what is
+ * added: a times row a. At the end of a step what was added before counts 0 times.
+ */
+static void dl2c_note_sum(double a, N_Vector x, double b, N_Vector y, N_Vector z)
+{
+  dl2c_nordsieck *const noted = (dl2c_nordsieck *)(void *)dl2c_values(z);
+  (void)y;
+  if (b == 0.0 && a >= 1.0 && a < DL2C_NORDSIECK) noted->row[(int)a] = dl2c_values(x);
+}
+
+/* The first term, or what the sum is multiplied by. */
+static void dl2c_note_scale(double c, N_Vector x, N_Vector z)
+{
+  dl2c_nordsieck *const noted = (dl2c_nordsieck *)(void *)dl2c_values(z);
+  if (x == z)
+    noted->inverse = c;
+  else
+    dl2c_note_sum(c, x, 0.0, x, z);
+}
+
+static const dl2c_sundials dl2c_noting_operations = {.N_VLinearSum_Serial = dl2c_note_sum,
+                                                     .N_VScale_Serial = dl2c_note_scale};
+
+/*
+ * Nordsieck's array at the end of a step of this length. NULL where CVODES does not tell it as expected; the
+ * derivatives themselves can then be asked for.
+ */
+static const dl2c_nordsieck *dl2c_engine_rows(dl2c_engine *engine, real reached, int degree, real *length)
+{
+  dl2c_nordsieck *const noted = &engine->noted;
+  *noted = (dl2c_nordsieck){.inverse = 0.0};
+  if (degree < 1 || degree >= DL2C_NORDSIECK) return NULL;
+  if (DL2C_SUN(CVodeGetDky)(engine->memory, reached, 1, engine->noting) != CV_SUCCESS) return NULL;
+  if (DL2C_SUN(CVodeGetLastStep)(engine->memory, length) != CV_SUCCESS) return NULL;
+  bool told = noted->inverse == 1.0 / *length;
+  for (int i = 1; i <= degree; i++) told &= noted->row[i] != NULL;
+  return told ? noted : NULL;
+}
+
+/*
+ * Lets a vector, and all that CVODES makes like it, use these operations in place of those of the wheel.
  * They are compiled for its length, and read it in the pieces in which they wrote it: in others it can be
  * read only once it has reached the cache. With those of the wheel a small system spends a third of the time
  * in them.
  */
-static void dl2c_wheel_operations(N_Vector y)
+static void dl2c_wheel_operations(N_Vector y, const dl2c_sundials *operations)
 {
   enum { SLOTS = 24 }; /* the table has more */
   const void *theirs[DL2C_SUNDIALS_COUNT], *ours[DL2C_SUNDIALS_COUNT];
   memcpy(theirs, &dl2c_wheel, sizeof theirs);
-  memcpy(ours, &dl2c_vector_operations, sizeof ours);
+  memcpy(ours, operations, sizeof ours);
   for (int k = 0; k < DL2C_SUNDIALS_COUNT; k++) {
     char *slot = y->operations;
     for (int j = 0; j < SLOTS && ours[k] != NULL; j++, slot += sizeof(void *))
@@ -287,12 +331,12 @@ static void dl2c_wheel_operations(N_Vector y)
 }
 
 /* A vector over an array; NULL also where its layout is not the one declared above. */
-static N_Vector dl2c_wheel_vector(real *values)
+static N_Vector dl2c_wheel_vector(real *values, const dl2c_sundials *operations)
 {
   N_Vector y = DL2C_SUN(N_VMake_Serial)(NX, values);
   if (y == NULL) return NULL;
   if (y->content->length == NX && y->content->data == values) {
-    dl2c_wheel_operations(y);
+    dl2c_wheel_operations(y, operations);
     return y;
   }
   DL2C_SUN(N_VDestroy_Serial)(y);
@@ -306,9 +350,10 @@ static N_Vector dl2c_wheel_vector(real *values)
 static bool dl2c_engine_create(dl2c_engine *engine, bool stiff, real *y, real *derivative,
                                dl2c_rates_fn rates, dl2c_times_fn times, void *data)
 {
-  engine->y = dl2c_wheel_vector(y);
-  engine->derivative = dl2c_wheel_vector(derivative);
-  if (engine->y == NULL || engine->derivative == NULL) return false;
+  engine->y = dl2c_wheel_vector(y, &dl2c_vector_operations);
+  engine->derivative = dl2c_wheel_vector(derivative, &dl2c_vector_operations);
+  engine->noting = dl2c_wheel_vector((real *)(void *)&engine->noted, &dl2c_noting_operations);
+  if (engine->y == NULL || engine->derivative == NULL || engine->noting == NULL) return false;
   engine->memory =
       DL2C_SUN(CVodeCreate)(stiff ? CV_BDF : CV_ADAMS, stiff ? CV_NEWTON : CV_FUNCTIONAL);
   if (engine->memory == NULL) return false;

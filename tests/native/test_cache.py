@@ -1,6 +1,7 @@
 """The build cache: every entry is whole, built once, and under a key that says it all."""
 
 import os
+import shutil
 import signal
 import stat
 import subprocess
@@ -9,10 +10,12 @@ import time
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from subprocess import check_output
+from typing import Any, NoReturn
 
 import pytest
 
+from dl2c import code
 from dl2c.code import code_digest
 from dl2c.native import cache, toolchain
 from dl2c.native.cache import build_key, cache_dir, cache_entries, cached, clear, prune
@@ -208,8 +211,36 @@ def test_the_code_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Opening a model that is built already must not read all of the package each time."""
     known = code_digest()
 
-    def unread(path: Path) -> bytes:
-        raise AssertionError(f"{path} is read again")
+    def unread(folder: str) -> NoReturn:
+        raise AssertionError(f"{folder} is read again")
 
-    monkeypatch.setattr(Path, "read_bytes", unread)
+    monkeypatch.setattr("dl2c.code.os.scandir", unread)
     assert code_digest() == known
+
+
+@pytest.mark.parametrize("changed", ["dl2c/emit/names.py", "dl2c/parse/new.lark", "cgen/runtime/rng.h"])
+def test_the_digest_covers_all_code(changed: str, tmp_path: Path) -> None:
+    package, c = code.PACKAGE, code.cgen_dir()
+    left_out = shutil.ignore_patterns("__pycache__")
+    for folder, name in ((package, "dl2c"), (c, "cgen")):
+        shutil.copytree(folder, tmp_path / name, ignore=left_out)
+    ask = "from dl2c.code import code_digest; print(code_digest())"
+
+    def told() -> str:
+        return check_output([sys.executable, "-B", "-c", ask], cwd=tmp_path, text=True).strip()
+
+    assert told() == code_digest()
+    path = tmp_path / changed
+    path.write_text((path.read_text() if path.exists() else "") + "\n", encoding="utf-8")
+    assert told() != code_digest()
+
+
+def test_a_compiler_is_asked_once_until_it_changes(tmp_path: Path) -> None:
+    program = tmp_path / "othercc"
+    for number in ("1.0", "2.0"):
+        program.unlink(missing_ok=True)
+        program.write_text(f"#!/bin/sh\necho asked >> {tmp_path}/{number}\necho othercc {number}\n")
+        program.chmod(0o755)
+        found = [toolchain.find_compiler({"CC": str(program), "PATH": "/bin"}).version for _ in range(3)]
+        assert found == [f"othercc {number}"] * 3
+        assert (tmp_path / number).read_text() == "asked\n"

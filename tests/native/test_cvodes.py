@@ -260,6 +260,28 @@ def test_vector_operations_are_those_of_sundials_to_the_bit(casadi_program: Path
         assert ours == theirs, command
 
 
+def test_tracks_from_nordsiecks_array_are_those_of_the_derivatives(
+    casadi_program: Path, tmp_path: Path
+) -> None:
+    """To the bit, at every order; where only a part of the array is known too."""
+    draw = random.Random(8)
+    commands: list[str] = []
+    for stiff in (NOT_STIFF, ALWAYS_STIFF, AUTO):
+        commands += [solver(stiff, 1e-9, 1e-11), flow(ROBERTSON, 4.0, [1.0, 0.0, 0.0])]
+        for kind in (DECAY, OSCILLATOR, PENDULUM, ROCKET, BALL, DUBINS, BLOW_UP):
+            starts = [[draw.choice((0.0, -0.0, draw.uniform(-2, 2))) for _ in range(NX)] for _ in range(8)]
+            commands += [flow(kind, draw.uniform(0.01, 3.0), x, -0.0) for x in starts]
+    answer = ask(casadi_program, *commands)
+    assert {t.degree for tracks in answer.flows for t in tracks} == {1, 2, 3, 4, 5, 6}
+    assert answer.text.count("noted 1") == sum(map(len, answer.flows)) > 2000
+    for known in (1, 4):
+        asked = ask(build(tmp_path / f"program{known}", flags=[f"-DDL2C_NORDSIECK={known}"]), *commands)
+        assert asked.text.count("noted 0") > 1000
+        assert [part for part in asked.text.splitlines() if not part.startswith("noted")] == [
+            part for part in answer.text.splitlines() if not part.startswith("noted")
+        ]
+
+
 def test_a_library_without_cvodes_is_refused_by_name(casadi_program: Path, tmp_path: Path) -> None:
     assert "nowhere.so" in refusal(casadi_program, tmp_path / "nowhere.so")
     empty = tmp_path / "empty.so"

@@ -2,7 +2,9 @@
 
 import math
 import re
+import sys
 from collections.abc import Mapping
+from subprocess import check_output
 from typing import Any
 
 import gymnasium as gym
@@ -225,3 +227,19 @@ def test_a_source_without_annotations_has_a_picture() -> None:
     text = 'Theorem "t" ProgramVariables Real x; End. Problem x >= 0 -> [{x := x + 1;}*] x >= 0 End. End.\n'
     ir = Compilation(Source("t", text), resolve_options({})).unbounded
     assert panels_of(ir).lines == ("x",)
+
+
+def test_commands_import_matplotlib_without_descriptions() -> None:
+    """What asks for them itself still gets them; others that import dl2c lose nothing."""
+    lines = (
+        "from matplotlib import artist",
+        "from matplotlib.lines import Line2D",
+        "assert ('markersize' in Line2D.set.__doc__) is not is_command()",
+        "assert 'markersize' in artist.kwdoc(Line2D)",
+    )
+    drawing = "import sys, dl2c; from dl2c.interruption import is_command; sys.argv = ['elsewhere']"
+    drawing += "; from dl2c.picture.figure import blank; blank().canvas.draw(); " + "; ".join(lines)
+    as_command = "import sys; sys.argv, sys.orig_argv = ['-m'], ['python', '-m', 'dl2c']; "
+    for before, told in (("", "False"), (as_command, "True")):
+        script = f"{before}{drawing}; print(is_command())"
+        assert check_output([sys.executable, "-c", script], text=True).strip() == told
