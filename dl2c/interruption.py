@@ -65,8 +65,8 @@ def was_asked() -> bool:
 
 @cache
 def is_command() -> bool:
-    """Whether this process was started as `dl2c` or as `python -m dl2c`, and is not a child of one. To be
-    asked when dl2c is imported: later Python says less of its command line.
+    """Whether this process was started as `dl2c` or as `python -m dl2c`, and is not a child of one. That is
+    found when dl2c is imported, and kept: later `sys.argv` no longer says `-m`.
     """
     words = sys.orig_argv[1:]
     if sys.argv[:1] == ["-m"]:

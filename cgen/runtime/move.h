@@ -186,7 +186,7 @@ DL2C_INLINE void dl2c_move_active(dl2c_batch *b, int64_t first, int64_t count, c
   dl2c_block_flow block;
   dl2c_trial runs[DL2C_BLOCK];
   uint8_t alone[DL2C_BLOCK];
-  if (count < DL2C_BLOCK) memset(&block, 0, sizeof block);
+  if (count < DL2C_BLOCK) memset(&block, 0, sizeof block); /* groups of lanes are computed whole */
   dl2c_block_decide(&block, b->x + first, b->p + first, b->stride, count, path,
                      b->out.inputs + first * NINPUT);
   for (int64_t i = 0; i < count; i++) alone[i] = !block.going[i] & !waited[i];
