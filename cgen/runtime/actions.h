@@ -56,8 +56,8 @@ DL2C_INLINE void dl2c_sure_lanes(int path, const real *x, const real *p, int64_t
  * Whether the inputs of a path have values, where it is open and `sure` does not say so.
  * enabled: (count)
  */
-static void dl2c_search_lanes(int path, const real *x, const real *p, int64_t stride,
-                              int64_t count, const uint8_t *sure, uint8_t *enabled)
+DL2C_OPTIONAL void dl2c_search_lanes(int path, const real *x, const real *p, int64_t stride,
+                                     int64_t count, const uint8_t *sure, uint8_t *enabled)
 {
   uint8_t asked[DL2C_BLOCK];
   const bool given[NU + 1] = {false};
@@ -105,7 +105,7 @@ DL2C_INLINE void dl2c_enabled(int point, const real *x, const real *p, int64_t s
 }
 
 /* The admissible value nearest to the one wanted, the lower of two, the lowest for a NaN; its piece. */
-static real dl2c_nearest(const dl2c_pieces *pieces, real wanted, int *piece)
+DL2C_OPTIONAL real dl2c_nearest(const dl2c_pieces *pieces, real wanted, int *piece)
 {
   *piece = 0;
   if (!(wanted >= pieces->low[0])) return pieces->low[0];
@@ -133,7 +133,7 @@ static inline real dl2c_length(const dl2c_pieces *pieces)
  * The value so far along all pieces, from 0 to 1; its piece. Single values have no length, and are
  * equally likely where there is nothing else.
  */
-static real dl2c_spread(const dl2c_pieces *pieces, real part, int *piece)
+DL2C_OPTIONAL real dl2c_spread(const dl2c_pieces *pieces, real part, int *piece)
 {
   const real length = dl2c_length(pieces);
   if (!(length > 0.0)) {
@@ -153,7 +153,7 @@ static real dl2c_spread(const dl2c_pieces *pieces, real part, int *piece)
 }
 
 /* How the squashed action space writes a value of a piece: the inverse of dl2c_spread, in [-1, 1]. */
-static real dl2c_squashed(const dl2c_pieces *pieces, real value, int piece)
+DL2C_OPTIONAL real dl2c_squashed(const dl2c_pieces *pieces, real value, int piece)
 {
   const real length = dl2c_length(pieces);
   if (!(length > 0.0)) return 2.0 * ((piece + 0.5) / pieces->count) - 1.0;
@@ -163,8 +163,8 @@ static real dl2c_squashed(const dl2c_pieces *pieces, real value, int piece)
 }
 
 /* The value, or where rounding makes it fail the next one towards the nearer end of its piece. */
-static real dl2c_settled(const dl2c_search *search, int place, const dl2c_pieces *pieces, int piece,
-                         real value)
+DL2C_OPTIONAL real dl2c_settled(const dl2c_search *search, int place, const dl2c_pieces *pieces, int piece,
+                                real value)
 {
   const real low = pieces->low[piece];
   const real high = pieces->high[piece];
@@ -177,8 +177,8 @@ static real dl2c_settled(const dl2c_search *search, int place, const dl2c_pieces
 }
 
 /* The value that an input takes at the request of the agent; *executed is how the action space writes it. */
-static real dl2c_requested(const dl2c_search *search, int place, int32_t map, real wanted,
-                           real *executed)
+DL2C_OPTIONAL real dl2c_requested(const dl2c_search *search, int place, int32_t map, real wanted,
+                                  real *executed)
 {
   const int input = PATHS[search->path].inputs[place].input;
   const bool squash = map == DL2C_MAP_SQUASH;
@@ -196,7 +196,7 @@ static real dl2c_requested(const dl2c_search *search, int place, int32_t map, re
 }
 
 /* The value that an input takes by chance, given a number in [0, 1). */
-static real dl2c_drawn(const dl2c_search *search, int place, real number)
+DL2C_OPTIONAL real dl2c_drawn(const dl2c_search *search, int place, real number)
 {
   dl2c_pieces pieces;
   int piece = 0;

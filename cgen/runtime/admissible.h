@@ -39,10 +39,10 @@ typedef struct dl2c_probes {
   bool passes[DL2C_NPROBE];
 } dl2c_probes;
 
-static bool dl2c_any(const dl2c_search *search, int place);
+DL2C_OPTIONAL bool dl2c_any(const dl2c_search *search, int place);
 
 /* Whether a value passes for the input at a place of the path, which is set to it. */
-static bool dl2c_passes(const dl2c_search *search, int place, real value)
+DL2C_OPTIONAL bool dl2c_passes(const dl2c_search *search, int place, real value)
 {
   const dl2c_input *met = &PATHS[search->path].inputs[place];
   search->u[met->input] = value;
@@ -62,7 +62,7 @@ static inline bool dl2c_refuses(const dl2c_search *search, int place, real low, 
 #endif
 }
 
-static bool dl2c_number_passes(const dl2c_search *search, int place, int64_t number)
+DL2C_OPTIONAL bool dl2c_number_passes(const dl2c_search *search, int place, int64_t number)
 {
   return dl2c_passes(search, place, dl2c_from_ordinal(number));
 }
@@ -71,8 +71,8 @@ static bool dl2c_number_passes(const dl2c_search *search, int place, int64_t num
  * Steps of 1, 2, 4, ... units in the last place towards a limit, until passing becomes `wanted`.
  * *last is the last value before, *there the first one where it is; false if there is none.
  */
-static bool dl2c_bracket(const dl2c_search *search, int place, int64_t here, int64_t limit,
-                         bool wanted, int64_t *last, int64_t *there)
+DL2C_OPTIONAL bool dl2c_bracket(const dl2c_search *search, int place, int64_t here, int64_t limit,
+                                bool wanted, int64_t *last, int64_t *there)
 {
   const int direction = limit > here ? 1 : -1;
   *last = *there = here;
@@ -86,7 +86,7 @@ static bool dl2c_bracket(const dl2c_search *search, int place, int64_t here, int
 }
 
 /* The passing value next to a failing one, between one of each. */
-static int64_t dl2c_bisected(const dl2c_search *search, int place, int64_t inside, int64_t outside)
+DL2C_OPTIONAL int64_t dl2c_bisected(const dl2c_search *search, int place, int64_t inside, int64_t outside)
 {
   while (dl2c_distance(inside, outside) > 1) {
     const int64_t middle =
@@ -100,7 +100,7 @@ static int64_t dl2c_bisected(const dl2c_search *search, int place, int64_t insid
 }
 
 /* The last passing value from a passing one towards a limit. */
-static int64_t dl2c_edge(const dl2c_search *search, int place, int64_t here, int64_t limit)
+DL2C_OPTIONAL int64_t dl2c_edge(const dl2c_search *search, int place, int64_t here, int64_t limit)
 {
   int64_t last;
   int64_t there;
@@ -113,8 +113,8 @@ static int64_t dl2c_edge(const dl2c_search *search, int place, int64_t here, int
  * pass, from a passing value on its inner side, up to `middle` if that passes, else to the limit
  * `inner`, else on its outer side. False if no tried value passes.
  */
-static bool dl2c_outermost(const dl2c_search *search, int place, real start, real middle,
-                           real inner, real outer, real *out)
+DL2C_OPTIONAL bool dl2c_outermost(const dl2c_search *search, int place, real start, real middle,
+                                  real inner, real outer, real *out)
 {
   const int64_t end = dl2c_ordinal(outer);
   int64_t here = dl2c_ordinal(start);
@@ -137,7 +137,7 @@ static bool dl2c_outermost(const dl2c_search *search, int place, real start, rea
  * The values of an input whose tests leave an interval between limits that are linear in it; false
  * if it is empty. `high` is NULL where only that is asked.
  */
-static bool dl2c_interval(const dl2c_search *search, int place, real *low, real *high)
+DL2C_OPTIONAL bool dl2c_interval(const dl2c_search *search, int place, real *low, real *high)
 {
   const int input = PATHS[search->path].inputs[place].input;
   real first = INPUT_LOW[input];
@@ -157,7 +157,7 @@ static bool dl2c_interval(const dl2c_search *search, int place, real *low, real 
 /*
  * Ends of the Box and roots, in order; a root outside counts as the nearer end. Returns how many.
  */
-static int dl2c_list_criticals(const dl2c_search *search, int input, real *critical)
+DL2C_OPTIONAL int dl2c_list_criticals(const dl2c_search *search, int input, real *critical)
 {
   const real low = critical[0] = INPUT_LOW[input];
   const real high = INPUT_HIGH[input];
@@ -176,7 +176,7 @@ static int dl2c_list_criticals(const dl2c_search *search, int input, real *criti
 }
 
 /* The values to try: ends of the Box and roots, and one value between each two neighbours. */
-static void dl2c_list_probes(const dl2c_search *search, int place, dl2c_probes *probes)
+DL2C_OPTIONAL void dl2c_list_probes(const dl2c_search *search, int place, dl2c_probes *probes)
 {
   real critical[NCRITICAL + 2];
   const int count =
@@ -195,7 +195,7 @@ static void dl2c_list_probes(const dl2c_search *search, int place, dl2c_probes *
 }
 
 /* Where neither a root nor its neighbours pass: replaces it by a value next to it that does. */
-static bool dl2c_try_nearby(const dl2c_search *search, int place, dl2c_probes *probes, int k)
+DL2C_OPTIONAL bool dl2c_try_nearby(const dl2c_search *search, int place, dl2c_probes *probes, int k)
 {
   if (!probes->critical[k] || k == 0 || k + 1 == probes->count) return false;
   if (probes->passes[k - 1] || probes->passes[k] || probes->passes[k + 1]) return false;
@@ -218,7 +218,7 @@ static bool dl2c_try_nearby(const dl2c_search *search, int place, dl2c_probes *p
  * The only values that an equality leaves to an input, in order. Negative where there is no such
  * equality, or it is void, else their number.
  */
-static int dl2c_pinned(const dl2c_search *search, int place, real *root)
+DL2C_OPTIONAL int dl2c_pinned(const dl2c_search *search, int place, real *root)
 {
   const int input = PATHS[search->path].inputs[place].input;
   const int found = model_pins(search->path, input, search->x, search->p, search->u, root);
@@ -235,7 +235,7 @@ static int dl2c_pinned(const dl2c_search *search, int place, real *root)
 }
 
 /* Whether some value of an input passes; of one that was met before, its own. */
-static bool dl2c_any(const dl2c_search *search, int place)
+DL2C_OPTIONAL bool dl2c_any(const dl2c_search *search, int place)
 {
   const int input = PATHS[search->path].inputs[place].input;
   if (search->given[input]) return dl2c_passes(search, place, search->u[input]);
@@ -262,8 +262,8 @@ static bool dl2c_any(const dl2c_search *search, int place)
 }
 
 /* The outermost passing value between a passing probe and a failing one, near the critical of them. */
-static real dl2c_end_between(const dl2c_search *search, int place, const dl2c_probes *probes,
-                             int inside, int outside)
+DL2C_OPTIONAL real dl2c_end_between(const dl2c_search *search, int place, const dl2c_probes *probes,
+                                    int inside, int outside)
 {
   const int64_t passing = probes->at[inside];
   const int64_t failing = probes->at[outside];
@@ -279,8 +279,8 @@ static real dl2c_end_between(const dl2c_search *search, int place, const dl2c_pr
  * All values of an input that pass; count 0 if there are none. Where only the one nearest to a value is
  * asked for, that is `wanted`, else NULL: an end of a piece whose other end is nearer is any value of it.
  */
-static void dl2c_admissible(const dl2c_search *search, int place, const real *wanted,
-                            dl2c_pieces *pieces)
+DL2C_OPTIONAL void dl2c_admissible(const dl2c_search *search, int place, const real *wanted,
+                                   dl2c_pieces *pieces)
 {
   pieces->count = 0;
   pieces->low[0] = pieces->high[0] = 0.0; /* no number is read before it is set, which compilers cannot see */
@@ -319,7 +319,7 @@ static void dl2c_admissible(const dl2c_search *search, int place, const real *wa
 }
 
 /* Whether every input of a path has a value that passes. */
-static bool dl2c_all_have_values(const dl2c_search *search)
+DL2C_OPTIONAL bool dl2c_all_have_values(const dl2c_search *search)
 {
   const dl2c_path *path = &PATHS[search->path];
   for (int place = 0; place < path->ninput; place++)

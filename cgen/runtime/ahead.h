@@ -46,8 +46,8 @@ static inline bool dl2c_surely(const dl2c_trial *trial, int path, bool drawn)
  *   ask: constants and solver   drawn: chance has decided something in the run
  *   enabled: (NPATH) open paths of the point where the run stands, used up   seen: (NMASK)
  */
-static bool dl2c_look(const dl2c_request *ask, dl2c_trial *trial, bool drawn, uint8_t *enabled,
-                      uint8_t *seen)
+DL2C_OPTIONAL bool dl2c_look(const dl2c_request *ask, dl2c_trial *trial, bool drawn, uint8_t *enabled,
+                             uint8_t *seen)
 {
   bool found = false;
   for (;;) {

@@ -101,6 +101,13 @@ static inline void dl2c_leave_upper_halves(void)
 #define DL2C_INLINE static inline
 #endif
 
+/* A function that some models do not call. Without optimisation GCC leaves it out only if it is inline. */
+#ifdef __OPTIMIZE__
+#define DL2C_OPTIONAL static
+#else
+#define DL2C_OPTIONAL static inline
+#endif
+
 /* For a function that several units of one model share. */
 #if defined(__GNUC__)
 #define DL2C_HIDDEN __attribute__((visibility("hidden")))

@@ -90,7 +90,7 @@ static void dl2c_stand(const dl2c_batch *b, int64_t i, dl2c_trial *trial, real *
 }
 
 /* Which paths of environment i have a run as far as masks look, and what they decide. */
-static void dl2c_look_from(dl2c_batch *b, int64_t i)
+DL2C_OPTIONAL void dl2c_look_from(dl2c_batch *b, int64_t i)
 {
   dl2c_trial trial;
   real p[NP + 1];

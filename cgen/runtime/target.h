@@ -72,7 +72,7 @@ static inline void dl2c_propose(dl2c_rng *rng, int count, bool along, real size,
 }
 
 /* A state of a block near a random target; false if none was found. */
-static bool dl2c_draw_near(dl2c_rng *rng, int block, real *x, real *p)
+DL2C_OPTIONAL bool dl2c_draw_near(dl2c_rng *rng, int block, real *x, real *p)
 {
   real low[NFREE + 1], high[NFREE + 1], target[NFREE + 1];
   real at[NFREE + 1] = {0.0}, next[NFREE + 1] = {0.0};
