@@ -46,6 +46,16 @@ def test_code_for_a_debugger_gives_the_same_bits(name: str) -> None:
     )
 
 
+def test_code_for_a_debugger_lacks_what_the_model_does_not_call() -> None:
+    names = (b"dl2c_admissible", b"dl2c_draw_near", b"dl2c_look_from")
+    without_inputs, with_inputs = (
+        find(build(f"example:{name}", debug=True).directory).read_bytes()
+        for name in ("forced_acceleration", "pendulum")
+    )
+    assert [name in without_inputs for name in names] == [False, False, False]
+    assert [name in with_inputs for name in names] == [True, False, False]
+
+
 def test_debug_is_the_last_word_on_optimisation() -> None:
     for native in (None, True, False):
         flags = find_compiler().flags(native, size=10**6, debug=True)
