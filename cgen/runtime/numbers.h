@@ -91,20 +91,16 @@ static inline void dl2c_leave_upper_halves(void)
 #endif
 
 /*
- * Inlined into each clone of its caller, so that it is compiled for the same instructions. Without
- * optimisation it is an ordinary function: that takes two thirds of the time to compile, and a debugger can
- * step into it.
+ * DL2C_INLINE: inlined into each clone of its caller, so that it is compiled for the same instructions.
+ * Without optimisation it is an ordinary function: that takes two thirds of the time to compile, and a
+ * debugger can step into it. DL2C_OPTIONAL: a function that some models do not call, which GCC leaves out
+ * without optimisation only if it is inline.
  */
 #ifdef __OPTIMIZE__
 #define DL2C_INLINE static inline __attribute__((always_inline))
-#else
-#define DL2C_INLINE static inline
-#endif
-
-/* A function that some models do not call. Without optimisation GCC leaves it out only if it is inline. */
-#ifdef __OPTIMIZE__
 #define DL2C_OPTIONAL static
 #else
+#define DL2C_INLINE static inline
 #define DL2C_OPTIONAL static inline
 #endif
 
