@@ -16,7 +16,6 @@ from dl2c.parse import build, comments, declarations, errors, placement
 from dl2c.parse.build import Reading
 from dl2c.parse.characters import check_controls, check_text
 from dl2c.parse.placement import Block, Statement
-from dl2c.parse.recovery import MAX_MISTAKES, Recovery
 from dl2c.parse.scan import Code, Comment, scan
 from dl2c.parse.sections import (
     OLD_SORT,
@@ -30,7 +29,7 @@ from dl2c.parse.sections import (
     sign_of_old_dialect,
     trimmed_end,
 )
-from dl2c.parse.syntax import parse_tree
+from dl2c.parse.syntax import MAX_MISTAKES, Recovery, parse_tree
 from dl2c.parse.tree import Annotation, Archive, Declaration, Entry, Formula, Truth
 from dl2c.source import Source, Span
 

@@ -17,8 +17,7 @@ from lark import Token, Tree
 from dl2c.diagnostics import CompileError, Diagnostic, together
 from dl2c.parse import errors
 from dl2c.parse import tree as ast
-from dl2c.parse.recovery import Recovery
-from dl2c.parse.syntax import Node
+from dl2c.parse.syntax import Node, Recovery
 from dl2c.source import Source, Span
 from dl2c.work import spend
 

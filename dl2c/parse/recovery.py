@@ -6,13 +6,9 @@ it fails because of the first one. The stand-in has the length of what it stands
 """
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from dl2c.diagnostics import Diagnostic
 from dl2c.parse.mistakes import NOTHING, Failure
-
-MAX_MISTAKES = 20
-"""Reported for one declaration or Problem."""
 
 MAX_TEXT = 100_000
 """Longer texts are not read again after a mistake."""
@@ -36,28 +32,6 @@ class _Level:
     opener: str
     place: int
     begin: int
-
-
-@dataclass(slots=True)
-class Recovery:
-    """Mistakes in declarations and Problems: the `problems`, and the ranges that stand-ins took the place of
-    (`gaps`). `lost` where declarations may be missing.
-    """
-
-    problems: list[Diagnostic] = field(default_factory=list[Diagnostic])
-    gaps: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])
-    lost: bool = False
-
-    def covers(self, found: Diagnostic) -> bool:
-        """Whether it is about a stand-in."""
-        return any(start < found.span.end and found.span.start < end for start, end in self.gaps)
-
-    def hides(self, found: Diagnostic) -> bool:
-        """Whether it is about a stand-in, or a name that what was there may have declared or written."""
-        if self.covers(found) or not found.code.startswith(("undeclared-", "undefined-")):
-            return self.covers(found)
-        name = re.compile(rf"\b{re.escape(found.span.text)}\b")
-        return self.lost or any(name.search(found.span.source.text, *gap) for gap in self.gaps)
 
 
 @dataclass(frozen=True, slots=True)

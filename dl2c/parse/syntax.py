@@ -5,14 +5,15 @@ than `MAX_DEPTH`. Syntax errors are raised as a `CompileError` in words of dL.
 """
 
 import json
+import re
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from fcntl import LOCK_EX, flock
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
-from typing import Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import lark
 from lark import Lark, Token, Tree
@@ -20,11 +21,13 @@ from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedTok
 from lark.utils import TextSlice
 
 from dl2c.diagnostics import CompileError, Diagnostic
-from dl2c.parse import errors, mistakes
-from dl2c.parse.recovery import MAX_MISTAKES, Recovery, without_mistake
+from dl2c.parse import errors
 from dl2c.parse.scan import Code
 from dl2c.storage import StorageError, private_folder
 from dl2c.work import spend
+
+if TYPE_CHECKING:
+    from dl2c.parse.mistakes import Failure
 
 Node: TypeAlias = Tree[Token]
 
@@ -32,6 +35,9 @@ STARTS = ("start_term", "start_formula", "start_value", "start_program", "declar
 
 MAX_DEPTH = 200
 """Deeper nested text is refused, so that no later stage can run out of stack."""
+
+MAX_MISTAKES = 20
+"""Reported for one declaration or Problem."""
 
 COUNTED = ("NAME", "NUMBER")
 """Words that count as work."""
@@ -42,6 +48,28 @@ _LEFT = frozenset({"sum", "product"})
 
 TABLES = "tables.json"
 """The parser's tables for one version of lark, written by tests/parse/tables.py."""
+
+
+@dataclass(slots=True)
+class Recovery:
+    """Mistakes in declarations and Problems: the `problems`, and the ranges that stand-ins took the place of
+    (`gaps`). `lost` where declarations may be missing.
+    """
+
+    problems: list[Diagnostic] = field(default_factory=list[Diagnostic])
+    gaps: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])
+    lost: bool = False
+
+    def covers(self, found: Diagnostic) -> bool:
+        """Whether it is about a stand-in."""
+        return any(start < found.span.end and found.span.start < end for start, end in self.gaps)
+
+    def hides(self, found: Diagnostic) -> bool:
+        """Whether it is about a stand-in, or a name that what was there may have declared or written."""
+        if self.covers(found) or not found.code.startswith(("undeclared-", "undefined-")):
+            return self.covers(found)
+        name = re.compile(rf"\b{re.escape(found.span.text)}\b")
+        return self.lost or any(name.search(found.span.source.text, *gap) for gap in self.gaps)
 
 
 @cache
@@ -115,11 +143,14 @@ def parse_tree(code: Code, start: int, end: int, symbol: str, recovery: Recovery
     return tree
 
 
-def _recovered(failure: mistakes.Failure, recovery: Recovery | None) -> Node:
+def _recovered(failure: "Failure", recovery: Recovery | None) -> Node:
     """The tree with stand-ins, if there is one and it is wanted. Else raises the first mistake, and those
     that are found when reading goes on behind it.
     """
-    found: list[Diagnostic] = [mistakes.explain(failure)]
+    from dl2c.parse.mistakes import closes_nothing, explain
+    from dl2c.parse.recovery import without_mistake
+
+    found: list[Diagnostic] = [explain(failure)]
     gaps: list[tuple[int, int]] = []
     lost = False
     while len(found) < MAX_MISTAKES and (resumed := without_mistake(failure)):
@@ -137,14 +168,16 @@ def _recovered(failure: mistakes.Failure, recovery: Recovery | None) -> Node:
             return tree
         except UnexpectedInput as problem:
             failure = _failure(problem, code, start, end, failure.symbol)
-        if failure.length == 0 or failure.place < resumed.after or mistakes.closes_nothing(failure):
+        if failure.length == 0 or failure.place < resumed.after or closes_nothing(failure):
             break
-        found.append(mistakes.explain(failure))
+        found.append(explain(failure))
     raise CompileError(found) from None
 
 
-def _failure(problem: UnexpectedInput, code: Code, start: int, end: int, symbol: str) -> mistakes.Failure:
+def _failure(problem: UnexpectedInput, code: Code, start: int, end: int, symbol: str) -> "Failure":
     """The facts of a lark exception. Terminal names become dL words in `mistakes`."""
+    from dl2c.parse.mistakes import Failure
+
     finish = start + len(code.text[start:end].rstrip())
     place, length, is_token = finish, 0, isinstance(problem, UnexpectedToken)
     match problem:
@@ -158,7 +191,7 @@ def _failure(problem: UnexpectedInput, code: Code, start: int, end: int, symbol:
             raise AssertionError(problem)
     parser = getattr(problem, "interactive_parser", None)
     accepted = frozenset[str](parser.accepts()) if parser is not None else frozenset[str]()
-    return mistakes.Failure(code, start, finish, place, length, is_token, accepted, symbol)
+    return Failure(code, start, finish, place, length, is_token, accepted, symbol)
 
 
 def _check_depth(tree: Node, code: Code) -> None:
