@@ -16,7 +16,6 @@ from dl2c.ir import model as ir
 from dl2c.ir.logic import conjunction, disjunction, folded, leaves, substituted, symbols
 from dl2c.ir.polynomial import Coefficients
 from dl2c.parse import tree
-from dl2c.quantifiers.eliminate import Quantifier, eliminated
 from dl2c.resolve import errors
 from dl2c.resolve.shape import statements
 from dl2c.source import Span
@@ -117,6 +116,8 @@ class Modality:
         }
 
     def _quantified(self, bound: ir.Symbol, body: ir.Formula, everything: bool) -> ir.Formula:
+        from dl2c.quantifiers.eliminate import Quantifier, eliminated
+
         try:
             return eliminated(Quantifier(everything, bound.name, bound, False, self.span), body)
         except CompileError:

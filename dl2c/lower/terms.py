@@ -18,7 +18,6 @@ from dl2c.ir.slack import Slacks, settled
 from dl2c.lower.modal import Modality, Scope
 from dl2c.parse import tree
 from dl2c.parse.errors import beyond_doubles
-from dl2c.quantifiers.eliminate import Quantifier, eliminated
 from dl2c.resolve.symbols import nodes
 from dl2c.source import Span
 from dl2c.work import spend
@@ -142,12 +141,7 @@ class _Lowering:
                 one = self.formula(tree.Imply(left, right), scope, negated)
                 return both((one, self.formula(tree.Imply(right, left), scope, negated)))
             case tree.Quantified():
-                name, child = formula.variable, formula.child
-                bound = _bound(name, scope)
-                body = self.formula(child, {**scope, name: bound}, negated)
-                everything = isinstance(formula, tree.Forall) != negated
-                nested = any(isinstance(n, tree.Quantified) for n in nodes(child))
-                return eliminated(Quantifier(everything, name, bound, nested, formula.span), body)
+                return self._quantified(formula, scope, negated)
             case tree.Modal():
                 everything = isinstance(formula, tree.Box) != negated
                 runs = Modality(everything, negated, formula.child, formula.span, self.formula, lower_term)
@@ -158,6 +152,16 @@ class _Lowering:
                 raise AssertionError("expansion and check_executable leave none of these")
             case _:
                 assert_never(formula)
+
+    def _quantified(self, formula: tree.Quantified, scope: Scope, negated: bool) -> ir.Formula:
+        from dl2c.quantifiers.eliminate import Quantifier, eliminated
+
+        name, child = formula.variable, formula.child
+        bound = _bound(name, scope)
+        body = self.formula(child, {**scope, name: bound}, negated)
+        everything = isinstance(formula, tree.Forall) != negated
+        nested = any(isinstance(n, tree.Quantified) for n in nodes(child))
+        return eliminated(Quantifier(everything, name, bound, nested, formula.span), body)
 
 
 def _bound(name: str, scope: Scope) -> ir.Symbol:

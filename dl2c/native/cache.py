@@ -7,7 +7,6 @@ cache, so it belongs to one user alone.
 """
 
 import hashlib
-import importlib.metadata
 import json
 import os
 import secrets
@@ -25,6 +24,7 @@ from dl2c.native.errors import NativeError
 from dl2c.native.sundials import find_sundials
 from dl2c.native.toolchain import cpu_features, find_compiler
 from dl2c.storage import ADVICE, DEFAULT_CAP, StorageError, cache_home, private_folder
+from dl2c.version import version_of
 
 GRACE = 60.0
 """Seconds for which the automatic pruning spares an entry, so that its user can load it."""
@@ -72,7 +72,7 @@ def build_key(sources: Mapping[str, str], options: Mapping[str, str], known: str
         "code": code_digest(),
         "compiler": (compiler.command, compiler.version),
         "flags": flags,
-        "casadi": _version("casadi"),
+        "casadi": version_of("casadi"),
         "sundials": find_sundials("system", compiler).version if options["sundials"] == "system" else "",
         "cpu": cpu_features() if any("native" in flag for flag in flags) else "",
     }
@@ -252,10 +252,3 @@ def _locked(root: Path, key: str, timeout: float = -1) -> Generator[None]:
 
 def _is_key(name: str) -> bool:
     return len(name) == KEY_LENGTH and "." not in name
-
-
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return ""

@@ -4,7 +4,6 @@
 `system`: an installed SUNDIALS, found by the compiler and linked into the model.
 """
 
-import importlib.metadata
 import importlib.util
 import os
 import subprocess
@@ -16,6 +15,7 @@ from typing import Any
 from dl2c.native.errors import CompilerFailed, NativeError
 from dl2c.native.toolchain import VERSION_SECONDS, Compiler, user_flags
 from dl2c.options import Provider
+from dl2c.version import version_of
 
 INSTALL_HINT = "install it with `apt install libsundials-dev`, or build without `--sundials system`"
 OLDEST = 6
@@ -49,7 +49,7 @@ def find_sundials(provider: Provider, compiler: Compiler) -> Sundials:
         link = tuple(f"-lsundials_{name}" for name in libraries)
         return Sundials("system", version, ("-DDL2C_SUNDIALS_SYSTEM",), link)
     casadi_library()
-    return Sundials("casadi", f"casadi {importlib.metadata.version('casadi')}")
+    return Sundials("casadi", f"casadi {version_of('casadi')}")
 
 
 def casadi_library() -> Path:

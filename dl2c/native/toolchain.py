@@ -5,7 +5,6 @@ are part of a model's meaning, so no flag that lets a compiler reorder arithmeti
 ever passed on.
 """
 
-import importlib.metadata
 import importlib.util
 import os
 import platform
@@ -26,7 +25,7 @@ from typing import IO
 
 from dl2c.native.errors import CompilerFailed, CompilerMissing, PlatformUnsupported
 from dl2c.progress import LOG
-from dl2c.version import install
+from dl2c.version import install, version_of
 
 CODE_FLAGS = ("-std=c11", "-O3", "-fno-trapping-math", "-fno-math-errno", "-fvisibility=hidden", "-fPIC")
 GCC_FLAGS = (
@@ -213,7 +212,7 @@ def host() -> dict[str, str]:
         "system": platform.system(),
         "libc": " ".join(platform.libc_ver()).strip() or platform.release(),
         "cpu": " ".join(name for name in WIDER if name in features),
-        "casadi": importlib.metadata.version("casadi"),
+        "casadi": version_of("casadi"),
     }
 
 

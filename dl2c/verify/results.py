@@ -5,7 +5,6 @@ values, this version of dl2c, and the versions of the solvers.
 """
 
 import hashlib
-import importlib.metadata
 import json
 import os
 from contextlib import suppress
@@ -118,6 +117,8 @@ def digest_of(theorem: "Theorem") -> str:
 
 
 def _version(name: str) -> str:
-    with suppress(importlib.metadata.PackageNotFoundError):
-        return importlib.metadata.version(name)
+    from importlib.metadata import PackageNotFoundError, version
+
+    with suppress(PackageNotFoundError):
+        return version(name)
     return ""

@@ -188,7 +188,7 @@ def test_key_depends_on_everything(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     keys.append(build_key(model, as_words(Options())))
     monkeypatch.setattr(cache, "code_digest", lambda: "another version")
     keys.append(build_key(model, as_words(Options())))
-    monkeypatch.setattr(cache, "_version", lambda package: "0.0")
+    monkeypatch.setattr(cache, "version_of", lambda package: "0.0")
     keys.append(build_key(model, as_words(Options())))
     other = tmp_path / "othercc"
     other.write_text("#!/bin/sh\necho othercc 1.0\n")
