@@ -31,7 +31,7 @@ def judge_functions(build: BuildPlan, leaves: Leaves) -> list[str]:
     facts = _fact_conditions(model, leaves)
     return [
         _facts(facts),
-        _facts_and_guards(facts, guard_conditions(build, 0, leaves)),
+        _facts_and_guards(build, facts, leaves),
         _revise(model),
         _precondition(build, leaves),
         _derive(leaves),
@@ -112,14 +112,17 @@ def _facts(facts: list[tuple[str, str]]) -> str:
     )
 
 
-def _facts_and_guards(facts: list[tuple[str, str]], guards: list[tuple[str, str]]) -> str:
+def _facts_and_guards(build: BuildPlan, facts: list[tuple[str, str]], leaves: Leaves) -> str:
     """Few enough share what they are made of."""
-    arguments = "x, p, stride, count"
-    calls = [f"model_facts({arguments}, row, facts);", f"model_guards(0, {arguments}, enabled);"]
+    if len(facts) + len(build.paths.of(0)) <= BYTE:
+        body = each_flag([*facts, *guard_conditions(build, 0, leaves)])
+    else:
+        arguments = "x, p, stride, count"
+        body = [f"model_facts({arguments}, row, facts);", f"model_guards(0, {arguments}, enabled);"]
     return function(
         f"DL2C_INLINE void model_facts_and_guards({LANES}, int64_t row, uint8_t *restrict facts, "
         "uint8_t *restrict enabled)",
-        each_flag([*facts, *guards]) if len(facts) + len(guards) <= BYTE else calls,
+        body,
         "Both of a post-state: what it is tested for, and which paths of point 0 pass their tests.   "
         "facts: (NFACT, row)   enabled: (paths, stride)",
     )
