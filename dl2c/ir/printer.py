@@ -5,7 +5,6 @@ What a person reads in `dl2c emit --stage ir` and in the comments of generated C
 
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
-from itertools import count
 from typing import assert_never
 
 from dl2c.ir.model import (
@@ -48,6 +47,8 @@ SHORT = 17
 
 def print_number(value: Fraction) -> str:
     """A decimal where the number has a short one, else the double it is, else a quotient."""
+    if value.denominator == 1:
+        return str(value.numerator)
     places = decimal_places(value)
     if places is None:
         return f"{value.numerator}/{value.denominator}"
@@ -55,18 +56,18 @@ def print_number(value: Fraction) -> str:
         return repr(float(value))
     whole = str(abs((value * 10**places).numerator)).rjust(places + 1, "0")
     sign = "-" if value < 0 else ""
-    return sign + (whole if places == 0 else f"{whole[:-places]}.{whole[-places:]}")
+    return f"{sign}{whole[:-places]}.{whole[-places:]}"
 
 
 def decimal_places(value: Fraction) -> int | None:
     """How many digits after the point the number has as a decimal; None where it is none."""
-    denominator = value.denominator
+    rest, places = value.denominator, 0
     for prime in (2, 5):
-        while denominator % prime == 0:
-            denominator //= prime
-    if denominator != 1:
-        return None
-    return next(places for places in count() if (value * 10**places).denominator == 1)
+        times = 0
+        while rest % prime == 0:
+            rest, times = rest // prime, times + 1
+        places = max(places, times)
+    return places if rest == 1 else None
 
 
 def print_term(term: Term) -> str:
