@@ -1,4 +1,5 @@
-"""One budget of work for compiling a model: processor time and memory, from reading to writing C.
+"""One budget of work for compiling a model: processor time and memory, from reading to writing C; and
+whether there is memory for PyTorch.
 
 Whatever may take long calls `spend` as it goes on. When the budget is used up, that raises `OutOfWork`,
 which the way into the compiler turns into a diagnostic that names the stage and the place. Without a
@@ -21,6 +22,9 @@ SECONDS = 18.0
 
 BYTES = 2 * 1024**3
 """By which the memory of the process may grow."""
+
+TORCH = 512 * 1024**2
+"""Bytes of address space that PyTorch takes while it is loaded, and its threads then."""
 
 CALLS = 256
 """Of `spend` between two looks at the clock."""
@@ -110,6 +114,21 @@ def _too_deep(budget: _Budget) -> Diagnostic:
     return error(
         "too-deep", "terms of this model are nested too deeply to compile", budget.span, label, advice
     )
+
+
+def require_memory_for_torch(size: int = TORCH) -> None:
+    """Call it before PyTorch is imported, which ends the process itself where it finds too little memory.
+
+    Raises `MemoryError` unless the process may have `size` more bytes of address space.
+    """
+    if "torch" in sys.modules:
+        return
+    import mmap
+
+    try:
+        mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, prot=0).close()
+    except OSError:
+        raise MemoryError(f"PyTorch takes {size // 1024**2} MB") from None
 
 
 def _memory() -> int:

@@ -16,12 +16,15 @@ from dl2c.commands.flags import Json
 from dl2c.commands.verbosity import quiet
 from dl2c.commands.waiting import progress, working
 from dl2c.training.run import ALGORITHMS, Algorithm, Run, Settings
+from dl2c.work import require_memory_for_torch
 
 if TYPE_CHECKING:
     from dl2c.training.provable import Taught, Verify
     from dl2c.training.run import Evaluation
 
 OUTPUT = Path("build/train")
+TRAINING = 1024**3
+"""Bytes of address space that PyTorch takes with the smallest of trainings."""
 
 Model = Annotated[
     str | None,
@@ -237,6 +240,7 @@ def _resumed(asked: dict[str, Any], folder: Path) -> tuple[dict[str, Any], Setti
 
 
 def _trained(wanted: Wanted) -> Run:
+    require_memory_for_torch(TRAINING)
     from dl2c.training.hyper import complete
     from dl2c.training.learning import train as learn
 

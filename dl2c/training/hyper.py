@@ -15,6 +15,7 @@ from difflib import get_close_matches
 from typing import Any, Union, cast, get_args, get_origin
 
 from dl2c.training.run import Algorithm, Settings, TrainingError
+from dl2c.work import require_memory_for_torch
 
 ON_POLICY: dict[str, Any] = {
     "learning_rate": 6e-3,
@@ -81,6 +82,7 @@ FRACTIONS = ("gamma", "gae_lambda", "tau")
 
 def constructor(algo: Algorithm) -> Any:
     """The class of Stable-Baselines3 or sb3-contrib, PPO with gradients in closed form."""
+    require_memory_for_torch()
     match algo:
         case "sac":
             from stable_baselines3 import SAC

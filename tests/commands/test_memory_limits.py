@@ -1,7 +1,7 @@
 """Commands with little memory: they work, or end in one line.
 
-With less than 450 MB of address space libraries crash, or say odd things, while they are loaded; PyTorch
-ends the process itself where it finds no room.
+With less than 450 MB of address space libraries crash, or say odd things, while they are loaded. PyTorch
+would end the process itself where it finds no memory.
 """
 
 import os
@@ -54,8 +54,6 @@ def limited(name: str, megabytes: int, folder: Path) -> int:
         [sys.executable, "-c", LIMITED, str(megabytes), *COMMANDS[name]], cwd=folder, env=environment,
         capture_output=True, text=True, timeout=280, check=False,
     )  # fmt: skip
-    if name in ("bench", "train") and "std::bad_alloc" in done.stderr:
-        return 1
     where = f"{name} with {megabytes} MB: {done.returncode}\n{done.stderr[-2000:]}"
     assert done.returncode in (0, 1), where
     assert not re.search(r"Traceback|internal error|Segmentation", done.stderr), where
@@ -67,7 +65,9 @@ def limited(name: str, megabytes: int, folder: Path) -> int:
     return done.returncode
 
 
-@pytest.mark.parametrize(("name", "megabytes"), [("build", 450), ("sample", 600), ("train", 450)])
+@pytest.mark.parametrize(
+    ("name", "megabytes"), [("build", 450), ("sample", 600), ("train", 450), ("train", 540)]
+)
 def test_little_memory_is_one_line(name: str, megabytes: int, tmp_path: Path) -> None:
     limited(name, megabytes, tmp_path)
 
@@ -80,7 +80,7 @@ def test_enough_memory_is_enough(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("megabytes", [450, 520, 600, 800, 1000])
+@pytest.mark.parametrize("megabytes", [450, 520, 540, 600, 700, 800, 850, 900, 1000, 1100, 1200])
 @pytest.mark.parametrize("name", COMMANDS)
 def test_any_memory_is_told_in_one_line(name: str, megabytes: int, tmp_path: Path) -> None:
     limited(name, megabytes, tmp_path)

@@ -26,6 +26,7 @@ from dl2c.experiments.bench.hand_written import HandWritten, is_there
 from dl2c.pipeline import step_model
 from dl2c.source import Source
 from dl2c.version import install
+from dl2c.work import require_memory_for_torch
 
 if TYPE_CHECKING:
     from dl2c.native.binding import Library
@@ -167,6 +168,7 @@ def vector_row(what: Subject, n: int) -> Row:
 
 def sb3_row(what: Subject, n: int) -> Row:
     """n environments as a Stable-Baselines3 VecEnv."""
+    require_memory_for_torch()
     from dl2c.env.sb3 import Dl2cVecEnv
 
     env: Any = Dl2cVecEnv(what.source, n, **what.options)
