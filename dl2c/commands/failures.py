@@ -63,7 +63,7 @@ def report(failure: BaseException) -> int:
             _line(f"{failure.strerror or failure}{name}")
             return USER
         case MemoryError():
-            _line(": ".join(("out of memory", *map(str, failure.args))))
+            _line(": ".join(filter(None, ("out of memory", str(failure)))))
             return USER
         case ImportError() | RuntimeError() if any(words in str(failure).lower() for words in STARVED):
             _line(f"out of memory: {failure}")

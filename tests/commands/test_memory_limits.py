@@ -10,7 +10,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from dl2c.commands.failures import report
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -70,6 +73,16 @@ def limited(name: str, megabytes: int, folder: Path) -> int:
 )
 def test_little_memory_is_one_line(name: str, megabytes: int, tmp_path: Path) -> None:
     limited(name, megabytes, tmp_path)
+
+
+def test_what_is_too_large_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    assert report(MemoryError()) == 1
+    with pytest.raises(MemoryError) as found:
+        np.empty(2**60, np.uint8)
+    assert report(found.value) == 1
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "error: out of memory"
+    assert re.fullmatch(r"error: out of memory: .*1\.00 EiB.*", second)
 
 
 def test_enough_memory_is_enough(tmp_path: Path) -> None:
