@@ -11,12 +11,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dl2c.ir.model import Symbol, Term
+from dl2c.symbolic.exclusive import exclusive
 from dl2c.symbolic.tape import Instruction, Tape, tape_of
 from dl2c.symbolic.terms import Builder, casadi
 
 ZERO = Instruction("constant", value=0.0)
 
 
+@exclusive
 def lie_tape(builder: Builder, term: Term, equations: Sequence[tuple[str, Term]], order: int = 1) -> Tape:
     """The tape of d^order/dt^order `term` along the ODE `equations`, pairs of a variable and its rate."""
     variables = casadi.vertcat(*(builder.term(Symbol(x, "variable")) for x, _ in equations))
@@ -27,6 +29,7 @@ def lie_tape(builder: Builder, term: Term, equations: Sequence[tuple[str, Term]]
     return tidied(tape_of(builder, graph))
 
 
+@exclusive
 def partial_tape(builder: Builder, term: Term, symbol: Symbol) -> Tape | None:
     """The tape of d `term` / d `symbol`; None where it is zero whatever the values are."""
     graph = casadi.jacobian(builder.term(term), builder.term(symbol))

@@ -10,6 +10,7 @@ from typing import Any
 
 from dl2c.ir.functions import FUNCTIONS, OF_DERIVATIVES
 from dl2c.ir.model import Formula, Symbol, Term
+from dl2c.symbolic.exclusive import exclusive
 from dl2c.symbolic.terms import Builder, Graph, casadi
 
 OPERATIONS: dict[int, str] = {
@@ -51,16 +52,19 @@ class Tape:
     result: int
 
 
+@exclusive
 def term_tape(builder: Builder, term: Term) -> Tape:
     """The tape of a term's value."""
     return tape_of(builder, builder.term(term))
 
 
+@exclusive
 def formula_tape(builder: Builder, formula: Formula) -> Tape:
     """The tape of a formula's truth, definedness included."""
     return tape_of(builder, builder.holds(formula))
 
 
+@exclusive
 def defined_tape(builder: Builder, terms: Sequence[Term]) -> Tape | None:
     """The tape of whether all terms are defined and finite; None if they always are."""
     if not any(builder.defined(t) for t in terms):

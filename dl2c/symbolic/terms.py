@@ -21,6 +21,7 @@ from dl2c.interval.arithmetic import evaluate as enclose
 from dl2c.ir.functions import FUNCTIONS
 from dl2c.ir.logic import ARITHMETIC, COMPARISONS, fold, operands, symbols
 from dl2c.ir.model import LARGEST_STATE, Binary, Call, Compare, Div, Formula, Neg, Number, Pow, Symbol, Term
+from dl2c.symbolic.exclusive import CASADI
 
 casadi: Any = untyped_casadi
 """CasADi publishes no types."""
@@ -48,6 +49,11 @@ class Builder:
     largest: float = LARGEST
     inputs: dict[Symbol, Graph] = field(default_factory=dict[Symbol, Graph])
     known: dict[int, tuple[Term, Graph]] = field(default_factory=dict[int, tuple[Term, Graph]])
+
+    def __del__(self) -> None:
+        with CASADI:
+            self.inputs.clear()
+            self.known.clear()
 
     def term(self, term: Term) -> Graph:
         """The graph of a term; equal objects give one node."""

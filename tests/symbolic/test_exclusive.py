@@ -1,0 +1,103 @@
+"""Threads that make tapes at once: CasADi has one of them at a time."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from threading import Thread
+from traceback import walk_tb
+from typing import Any
+
+import pytest
+
+from dl2c.ir.model import Add, Compare, Div, Mul, Number, Symbol
+from dl2c.symbolic.exclusive import CASADI
+from dl2c.symbolic.lie import lie_tape, partial_tape
+from dl2c.symbolic.tape import defined_tape, formula_tape, term_tape
+from dl2c.symbolic.terms import Builder, casadi
+
+X = Symbol("x", "variable")
+HALF = Number(Fraction(1, 2))
+TERM = Div(Mul(X, X), Add(X, HALF))
+
+TAPES: dict[str, Callable[[], object]] = {
+    "term": lambda: term_tape(Builder(), TERM),
+    "formula": lambda: formula_tape(Builder(), Compare("<=", TERM, HALF)),
+    "defined": lambda: defined_tape(Builder(), [TERM]),
+    "lie": lambda: lie_tape(Builder(), TERM, [("x", HALF)]),
+    "partial": lambda: partial_tape(Builder(), TERM, X),
+}
+
+MANY = """
+import time
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from random import Random
+
+from dl2c.ir.model import Number
+from dl2c.symbolic.tape import term_tape
+from dl2c.symbolic.terms import Builder
+
+
+def work(seed):
+    rng, end = Random(seed), time.monotonic() + 60
+    while time.monotonic() < end:
+        term_tape(Builder(), Number(rng.randrange(3) + Fraction(1, 2)))
+
+
+with ThreadPoolExecutor(3) as pool:
+    list(pool.map(work, range(3)))
+"""
+"""Constants that are made and dropped all the time; without turns this ends by a signal within a minute."""
+
+
+@pytest.mark.parametrize("kind", TAPES)
+def test_no_two_threads_are_in_casadi_at_once(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    inside: list[object] = []
+    together: list[int] = []
+    cse = casadi.cse
+
+    def slow(graph: Any) -> Any:
+        inside.append(graph)
+        together.append(len(inside))
+        time.sleep(0.01)
+        inside.pop()
+        return cse(graph)
+
+    monkeypatch.setattr(casadi, "cse", slow)
+    with ThreadPoolExecutor(3) as pool:
+        made = list(pool.map(lambda _: TAPES[kind](), range(6)))
+    assert len(together) == 6 and max(together) == 1
+    assert made == [TAPES[kind]()] * 6
+
+
+def test_expressions_are_dropped_in_turn_too() -> None:
+    builders = [Builder()]
+    term_tape(builders[0], TERM)
+    dropping = Thread(target=builders.clear)
+    with CASADI:
+        dropping.start()
+        dropping.join(0.2)
+        assert dropping.is_alive()
+    dropping.join(60)
+    assert not dropping.is_alive()
+
+
+def test_a_tape_that_fails_keeps_no_expression(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(graph: Any) -> Any:
+        raise MemoryError
+
+    monkeypatch.setattr(casadi, "cse", failing)
+    with pytest.raises(MemoryError) as failure:
+        term_tape(Builder(), TERM)
+    frames = [frame for frame, _ in walk_tb(failure.value.__traceback__)]
+    kept = [value for frame in frames for value in frame.f_locals.values()]
+    assert len(frames) >= 4 and not any(isinstance(value, casadi.SX) for value in kept)
+
+
+@pytest.mark.slow
+def test_threads_that_make_tapes_do_no_harm() -> None:
+    done = subprocess.run([sys.executable, "-c", MANY], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
