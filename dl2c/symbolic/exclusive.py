@@ -5,6 +5,7 @@ guards. Threads that make or drop expressions at once break the memory of the pr
 expressions of its own.
 """
 
+import os
 from collections.abc import Callable
 from functools import wraps
 from threading import RLock
@@ -13,6 +14,8 @@ from typing import ParamSpec, TypeVar
 
 CASADI = RLock()
 """Whoever makes, uses or drops an expression has it; the collector of garbage may drop some meanwhile."""
+
+os.register_at_fork(before=CASADI.acquire, after_in_parent=CASADI.release, after_in_child=CASADI.release)
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")

@@ -52,6 +52,37 @@ with ThreadPoolExecutor(3) as pool:
 """
 """Constants that are made and dropped all the time; without turns this ends by a signal within a minute."""
 
+FORKED = """
+import os
+import signal
+import time
+from threading import Event, Thread
+
+from dl2c.ir.model import Symbol
+from dl2c.symbolic.exclusive import CASADI
+from dl2c.symbolic.tape import term_tape
+from dl2c.symbolic.terms import Builder
+
+begun = Event()
+
+
+def busy():
+    with CASADI:
+        begun.set()
+        time.sleep(0.5)
+
+
+Thread(target=busy).start()
+begun.wait()
+if (child := os.fork()) == 0:
+    signal.alarm(60)
+    term_tape(Builder(), Symbol("x", "variable"))
+    os._exit(0)
+_, status = os.waitpid(child, 0)
+raise SystemExit(os.waitstatus_to_exitcode(status))
+"""
+"""A copy of the process, made while a thread that it does not have is in CasADi."""
+
 
 @pytest.mark.parametrize("kind", TAPES)
 def test_no_two_threads_are_in_casadi_at_once(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +128,16 @@ def test_a_tape_that_fails_keeps_no_expression(monkeypatch: pytest.MonkeyPatch) 
     assert len(frames) >= 4 and not any(isinstance(value, casadi.SX) for value in kept)
 
 
+def test_a_forked_copy_has_casadi_for_itself() -> None:
+    run(FORKED)
+
+
 @pytest.mark.slow
 def test_threads_that_make_tapes_do_no_harm() -> None:
-    done = subprocess.run([sys.executable, "-c", MANY], capture_output=True, text=True, check=False)
+    run(MANY)
+
+
+def run(program: str) -> None:
+    command = [sys.executable, "-W", "ignore", "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
