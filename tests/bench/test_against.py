@@ -1,6 +1,7 @@
 """What `make bench AGAINST=REV` says is true of trees that differ by a known factor."""
 
 import random
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 from bench import against, limits
 from bench.against import OVERHEADS, ROUNDS, Rates, missing, ratio_of, ratios, required_of, with_all
 from bench.processes import OWN, commands_of, with_another_reward
-from bench.worker import DOPRI
+from bench.worker import DOPRI, calls_of
 
 from dl2c.resolve.unreadable import read_file
 from dl2c.source import Source
@@ -34,6 +35,17 @@ def test_the_interval_holds_the_truth_nineteen_times_of_twenty() -> None:
         found = ratio_of("row", *rounds(2.0, seed), None)
         inside += found.low <= 2.0 <= found.high
     assert 360 <= inside <= 396
+
+
+def test_what_is_done_once_does_not_shorten_what_is_measured() -> None:
+    lasts = iter([0.05])
+
+    def run(calls: int) -> None:
+        until = time.process_time() + calls * 1e-3 + next(lasts, 0.0)
+        while time.process_time() < until:
+            pass
+
+    assert calls_of(run) >= 40
 
 
 def test_what_is_required_of_one_example_goes_before_what_is_of_all() -> None:
