@@ -65,8 +65,10 @@ def _shared(model: Path, n: int) -> Run:
 
 
 def calls_of(run: Run) -> int:
-    """How many calls take about `SLICE`; finding out warms the row up. Of two runs the shorter counts: what is
-    done once, such as a collection of garbage, may take longer than a thousand calls.
+    """How many calls take about `SLICE`; finding out warms the row up.
+
+    Of two runs the shorter counts: what happens once, such as a collection of garbage, may take longer than a
+    thousand calls.
     """
     calls = 1
     while (took := min(_seconds(run, calls), _seconds(run, calls))) < SLICE / 4:
