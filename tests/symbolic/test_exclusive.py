@@ -6,18 +6,23 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
+from pathlib import Path
 from threading import Thread
 from traceback import walk_tb
 from typing import Any
 
 import pytest
 
+from dl2c.configuration import resolve_options
 from dl2c.ir.model import Add, Compare, Div, Mul, Number, Symbol
+from dl2c.pipeline import Compilation
+from dl2c.source import Source
 from dl2c.symbolic.exclusive import CASADI
 from dl2c.symbolic.lie import lie_tape, partial_tape
 from dl2c.symbolic.tape import defined_tape, formula_tape, term_tape
 from dl2c.symbolic.terms import Builder, casadi
 
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 X = Symbol("x", "variable")
 HALF = Number(Fraction(1, 2))
 TERM = Div(Mul(X, X), Add(X, HALF))
@@ -102,6 +107,19 @@ def test_no_two_threads_are_in_casadi_at_once(kind: str, monkeypatch: pytest.Mon
         made = list(pool.map(lambda _: TAPES[kind](), range(6)))
     assert len(together) == 6 and max(together) == 1
     assert made == [TAPES[kind]()] * 6
+
+
+def test_threads_write_the_code_that_one_thread_writes() -> None:
+    names = ("waypoint", "pendulum", "dubins", "acc")
+    with ThreadPoolExecutor(3) as pool:
+        made = list(pool.map(written, names))
+    assert made == [written(name) for name in names]
+
+
+def written(example: str) -> dict[str, str]:
+    """The C of an example, from its text on."""
+    model = Compilation(Source.read(EXAMPLES / f"{example}.kyx"), resolve_options({}))
+    return model.emitted(model.claim())
 
 
 def test_expressions_are_dropped_in_turn_too() -> None:
